@@ -1,0 +1,89 @@
+"""The crowd: one array a column, and its first frame (chapter section 1.2, "Populating")."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .errors import CrowdError
+from .machine import StateMachine
+from .maps import LabelMap
+
+MOST_AGENTS = 10_000_000
+MOST_GROUPS = 255
+
+
+@dataclass(frozen=True)
+class Group:
+    """A character group (geometrical variety).
+
+    centre, radius: the bounding sphere over the whole action, metres: its centre stands on the agent's vertical axis
+    at the height `centre` above the feet, so that it holds for every heading. stride: metres walked in one cycle of
+    the action, 0 if the action plays by time. period: seconds in one cycle. vertices, triangles: of each LOD mesh,
+    finest first.
+    """
+
+    name: str
+    centre: float
+    radius: float
+    stride: float
+    period: float
+    vertices: tuple[int, ...] = ()
+    triangles: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """n agents at one time, world space.
+
+    x, y, z: (n,) float64, the feet, metres. heading: (n,) float32, radians from +x, counter-clockwise seen from above.
+    state, group: (n,) uint8. phase: (n,) float32 in [0, 1), the place in the action's cycle.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray
+    heading: np.ndarray
+    state: np.ndarray
+    group: np.ndarray
+    phase: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+
+def bounding_sphere(points: np.ndarray) -> tuple[float, float]:
+    """(centre, radius) of the smallest sphere on the z axis, up to the centre's choice at half height, that holds the
+    points (n, 3), metres: it holds them under every rotation about z."""
+    low, high = points[:, 2].min(), points[:, 2].max()
+    centre = (low + high) / 2
+    return float(centre), float(np.sqrt((points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - centre) ** 2).max()))
+
+
+def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap) -> Crowd:
+    """The crowd's first frame: `count` agents at random on the labels where `machine` lets them start.
+
+    The same arguments give the same crowd, bit for bit. State follows the machine's start weights; the group, of
+    `groups`, and the phase are uniform; the heading is that of the first move, uniform for those who stand.
+    """
+    if not 1 <= count <= MOST_AGENTS:
+        raise CrowdError(f"The crowd has {count} agents; set a count from 1 to {MOST_AGENTS}.")
+    if not 1 <= groups <= MOST_GROUPS:
+        raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")
+    open_cells = np.flatnonzero(machine.spawn[world.labels])
+    if not len(open_cells):
+        raise CrowdError("The map has no place where agents may start: paint a label whose spawn is true.")
+    random = np.random.Generator(np.random.PCG64(seed))
+    cell = open_cells[random.integers(len(open_cells), size=count)]
+    row, column = np.divmod(cell, world.labels.shape[1])
+    x = world.area.x_min + (column + random.random(count)) * world.cell[0]
+    y = world.area.y_min + (row + random.random(count)) * world.cell[1]
+    state = np.searchsorted(np.cumsum(machine.start)[:-1], random.random(count), side="right").astype(np.uint8)
+    group = random.integers(groups, size=count, dtype=np.uint8)
+    phase = random.random(count, dtype=np.float32)
+    first_move = machine.velocity[state, world.at(x, y)]
+    heading = np.where(
+        first_move.any(axis=1),
+        np.arctan2(first_move[:, 1], first_move[:, 0]),
+        random.uniform(-np.pi, np.pi, count),
+    ).astype(np.float32)
+    return Crowd(x, y, np.full(count, world.area.z), heading, state, group, phase)

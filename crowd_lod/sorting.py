@@ -1,0 +1,34 @@
+"""LOD sorting: one contiguous bucket of agents a LOD (chapter section 1.4)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Buckets:
+    """Visible agents by LOD. order: (m,) intp, agent indices, finest LOD first, in agent order within a LOD.
+    offsets: (n + 1,) intp: LOD k is order[offsets[k]:offsets[k + 1]]."""
+
+    order: np.ndarray
+    offsets: np.ndarray
+
+    def __getitem__(self, level: int) -> np.ndarray:
+        return self.order[self.offsets[level] : self.offsets[level + 1]]
+
+    @property
+    def counts(self) -> np.ndarray:
+        """Agents in each LOD, (n,) intp."""
+        return np.diff(self.offsets)
+
+
+def sort(visible: np.ndarray, ids: np.ndarray, count: int) -> Buckets:
+    """Buckets of the visible agents. visible: (n,) bool; ids: (n,) uint8 LOD ids below `count`.
+
+    One pass: NumPy's stable sort of uint8 is a radix sort, the counting sort of the chapter's future work.
+    """
+    agents = np.flatnonzero(visible)
+    seen = ids[agents]
+    offsets = np.zeros(count + 1, np.intp)
+    np.cumsum(np.bincount(seen, minlength=count), out=offsets[1:])
+    return Buckets(agents[np.argsort(seen, kind="stable")], offsets)

@@ -1,0 +1,190 @@
+"""The commands: one implementation for the shell and for `blender --command crowd_lod`."""
+
+import argparse
+import contextlib
+import json
+import sys
+from pathlib import Path
+
+import bpy
+
+from .. import sample_scenes
+from ..crowd_lod import __version__
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.shot import parse_frames
+from . import scene as io
+from .preview import Preview, preview
+
+
+def from_blender(argv: list[str]) -> int:
+    """`blender [FILE] --command crowd_lod ARGV`: the exit code. Without a SCENE the file that is open is meant."""
+    return _run(argv, "blender -b [FILE] --command crowd_lod")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """`crowd-lod ARGV` in the shell: the exit code."""
+    from .. import register, unregister
+
+    register()
+    try:
+        return _run(sys.argv[1:] if argv is None else argv, "crowd-lod")
+    finally:
+        unregister()
+
+
+def _run(argv: list[str], program: str) -> int:
+    try:
+        args = _parser(program).parse_args(argv)
+    except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
+        return int(end.code or 0)
+    try:
+        result = args.run(args, [program, *argv])
+    except CrowdError as error:
+        print(f"crowd-lod: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("crowd-lod: stopped; the output folder is as it was.", file=sys.stderr)
+        return 130
+    print(json.dumps(result, allow_nan=False) if args.json else result["summary"])
+    return 0
+
+
+def _parser(program: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=program, description="Plan and preview level of detail for crowds.")
+    parser.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    command = _command(
+        commands,
+        program,
+        "preview",
+        "render each frame by LOD and from above, with a table and a plan",
+        "preview plaza --frames 1:120 --step 10 --out plaza_preview",
+    )
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
+    command.add_argument("--out", type=Path, metavar="DIR", help="the folder for pictures, frames.csv and plan.json")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--width", type=int, metavar="PIXELS", help="of the pictures (default: the scene's, 960)")
+    command.add_argument("--engine", choices=("workbench", "cycles", "eevee"), help="(default: the scene's, workbench)")
+    command.add_argument("--color", choices=("lod", "material"), help="tint by LOD, or true materials")
+    command.set_defaults(run=_preview)
+
+    command = _command(
+        commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend"
+    )
+    command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
+    command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: NAME.blend)")
+    command.set_defaults(run=_sample)
+    return parser
+
+
+def _command(commands, program: str, name: str, about: str, example: str) -> argparse.ArgumentParser:
+    command = commands.add_parser(name, help=about, description=about.capitalize() + ".", epilog=f"example: {program} {example}")
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
+    return command
+
+
+def _scene(command: argparse.ArgumentParser, program: str) -> None:
+    names = ", ".join(sample_scenes.NAMES)
+    command.add_argument(
+        "scene",
+        metavar="SCENE",
+        nargs="?" if program.startswith("blender") else None,
+        help=f"a .blend file, or a sample's name: {names}",
+    )
+
+
+def open_scene(name: str | None) -> bpy.types.Scene:
+    """Open the .blend file, or make the sample, called `name`; None is what is open already."""
+    if name in sample_scenes.NAMES:
+        # an empty file of the user's own start-up: the factory's would switch this extension off while it runs
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+        scene = bpy.context.scene
+        sample_scenes.make(name, scene)
+    elif name is not None:
+        path = Path(name)
+        if not path.is_file():
+            raise CrowdError(f"There is no file {name}, and no sample of that name: give a .blend file, or one of {', '.join(sample_scenes.NAMES)}.")
+        try:
+            with io.quiet():
+                bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+        except RuntimeError as error:
+            raise CrowdError(f"Blender cannot open {name}: {_first_line(error)}") from None
+    return bpy.context.scene
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0].removeprefix("Error: ")
+
+
+def _preview(args, command: list[str]) -> dict:
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    if args.seed is not None:
+        if not 0 <= args.seed < 2**31:
+            raise CrowdError(f"The seed is {args.seed}; give a whole number from 0 to {2**31 - 1}.")
+        settings.seed = args.seed
+    if args.width is not None and not 16 <= args.width <= 8192:
+        raise CrowdError(f"The width is {args.width} pixels; give one from 16 to 8192.")
+    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    folder = (args.out or Path(f"{stem}_preview")).absolute()
+    wanted = Preview(
+        frames=parse_frames(args.frames or settings.frames, settings.step if args.step is None else args.step),
+        folder=folder,
+        width=args.width or settings.width,
+        engine=(args.engine or settings.engine).upper(),
+        colour=(args.color or settings.colour).upper(),
+    )
+    plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
+    rows = plan["frames"]
+    least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
+    return {
+        "out": str(folder),
+        "frames": rows,
+        "seconds": plan["seconds"],
+        "summary": (
+            f"{len(rows)} frames of {rows[0]['agents']:,} agents in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{folder}"
+        ),
+    }
+
+
+def _sample(args, command: list[str]) -> dict:
+    path = (args.out or Path(f"{args.name}.blend")).absolute()
+    if path.suffix != ".blend":
+        raise CrowdError(f"The file {path.name} must end in .blend.")
+    open_scene(args.name)
+    beside = path.with_name(f".{path.name}.part")
+    try:
+        with io.quiet():
+            bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True)
+        beside.replace(path)
+    except (RuntimeError, OSError) as error:
+        beside.unlink(missing_ok=True)
+        raise CrowdError(f"The file {path} cannot be written: {_first_line(error)}") from None
+    return {"out": str(path), "summary": str(path)}
+
+
+def _finish(steps, what: str, quiet: bool):
+    """Run the generator of progress to its end with a bar on stderr; what it returns."""
+    with contextlib.ExitStack() as stack:
+        bar = None
+        if not quiet:
+            with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
+                from tqdm import tqdm
+
+                bar = stack.enter_context(tqdm(total=100, desc=what, bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"))
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as end:
+                return end.value
+            if bar is not None:
+                bar.update(100 * progress - bar.n)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

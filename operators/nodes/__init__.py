@@ -1,0 +1,1 @@
+"""Geometry-node groups, one a file."""

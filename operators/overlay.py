@@ -1,0 +1,253 @@
+"""The viewport overlay: draws the current frame's plan, and keeps it for the sidebar."""
+
+import sys
+import time as clock
+import traceback
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.camera import Camera
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame, plan
+from .points import Drawing, drawing
+from .populate import groups_of, policy_of, trajectory_of
+from .scene import read_camera
+
+SHADERS = Path(__file__).parent.parent / "shaders"
+POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
+LINE_PIXELS = 1.5
+# Seconds between two looks at what has no cheap mark of change: the map's pixels, the state machine's text.
+LOOK_AGAIN = 1.0
+
+
+@dataclass
+class Shown:
+    """What the viewport shows of a scene: a frame of a trajectory, or a problem, ready for the user.
+
+    crowd_inputs, frame_inputs: what it follows from, as values that compare. looked: when the trajectory was last
+    compared with the map and the state machine, seconds. batches: on the GPU.
+    """
+
+    crowd_inputs: tuple = ()
+    frame_inputs: tuple = ()
+    looked: float = 0.0
+    trajectory: Trajectory | None = None
+    frame: Frame | None = None
+    batches: "Batches | None" = None
+    problem: str | None = None
+
+
+_handlers = []
+_shaders = {}
+_shown: dict[int, Shown] = {}  # by the scene's session_uid
+_failure: str | None = None
+
+
+def register():
+    global _failure
+    _failure = None
+    _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW"))
+
+
+def unregister():
+    while _handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
+    _shown.clear()
+    _shaders.clear()
+
+
+def latest(scene: bpy.types.Scene) -> Frame | None:
+    """The frame that the viewport shows of `scene`, or None."""
+    shown = shown_of(scene)
+    return shown and shown.frame
+
+
+def shown_of(scene: bpy.types.Scene) -> Shown | None:
+    """What the viewport shows of `scene`; None while its overlay is off, or was never drawn."""
+    return _shown.get(scene.session_uid) if scene.crowd_lod.overlay else None
+
+
+def problem(scene: bpy.types.Scene) -> str | None:
+    """A sentence saying why nothing is drawn for `scene`, or None."""
+    shown = shown_of(scene)
+    return _failure or (shown and shown.problem)
+
+
+def _draw():
+    """POST_VIEW: whatever goes wrong ends here, and is told once."""
+    global _failure
+    context = bpy.context
+    if not context.scene.crowd_lod.overlay or not context.space_data.overlay.show_overlays:
+        return
+    try:
+        batches = _follow(context).batches
+        if batches is not None:
+            paint(batches, context.preferences.system.ui_scale)
+    except Exception as error:
+        traceback.print_exc()
+        _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
+        print(f"Crowd LOD: {_failure}", file=sys.stderr)
+        unregister()
+        _redraw_sidebars(context)
+
+
+def _follow(context) -> Shown:
+    """What to show of the context's scene, computed only where its inputs have changed."""
+    scene = context.scene
+    before = _shown.get(scene.session_uid)
+    shown = _shown_now(scene, context.view_layer.depsgraph, before)
+    if shown is not before:
+        for gone in _shown.keys() - {each.session_uid for each in bpy.data.scenes}:
+            del _shown[gone]
+        _shown[scene.session_uid] = shown
+        _redraw_sidebars(context)
+    return shown
+
+
+def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
+    looked = clock.monotonic()
+    try:
+        crowd_inputs = _crowd_inputs(scene)
+        camera, policy = read_camera(scene, depsgraph), policy_of(scene.crowd_lod)
+        time = scene.frame_current + scene.frame_subframe
+        frame_inputs = time, policy, _values(camera)
+        known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
+        if known is not None and looked < before.looked + LOOK_AGAIN:
+            trajectory, looked = known, before.looked
+        else:
+            trajectory = trajectory_of(scene)
+        if trajectory is known and before.frame_inputs == frame_inputs:
+            before.looked = looked
+            return before
+        frame = plan(trajectory, camera, policy, time)
+        batches = Batches(drawing(frame, trajectory.groups, policy))
+        return Shown(crowd_inputs, frame_inputs, looked, trajectory, frame, batches)
+    except CrowdError as error:
+        if before is not None and before.problem == str(error):
+            return before
+        return Shown(problem=str(error))
+
+
+def _crowd_inputs(scene) -> tuple:
+    """What the trajectory follows from, but for the map's pixels and the state machine's text."""
+    settings = scene.crowd_lod
+    blocks = (block and block.session_uid for block in (settings.map_image, settings.machine))
+    numbers = settings.count, settings.seed, settings.first_frame, scene.render.fps, scene.render.fps_base
+    return groups_of(settings), *blocks, *numbers, *settings.centre, *settings.size
+
+
+def _values(camera: Camera) -> tuple:
+    vectors = np.stack([camera.origin, camera.X, camera.Y, camera.Z]).tobytes()
+    return camera.kind, vectors, camera.window, camera.near, camera.far
+
+
+def _redraw_sidebars(context):
+    for area in context.screen.areas:
+        if area.type == "VIEW_3D":
+            for region in area.regions:
+                if region.type == "UI":
+                    region.tag_redraw()
+
+
+class Batches:
+    """A drawing on the GPU. Needs a GPU context, as all below."""
+
+    def __init__(self, what: Drawing):
+        from gpu.types import GPUBatch, GPUVertBuf, GPUVertFormat
+        from gpu_extras.batch import batch_for_shader
+
+        self.origin, self.diameter = what.origin, what.diameter
+        form = GPUVertFormat()
+        columns = {"position": what.positions, "colour": what.colours, "size": what.sizes}
+        for name, values in columns.items():
+            form.attr_add(id=name, comp_type="F32", len=values[0].size, fetch_mode="FLOAT")
+        buffer = GPUVertBuf(format=form, len=len(what.positions))
+        for name, values in columns.items():
+            buffer.attr_fill(name, np.ascontiguousarray(values, np.float32))
+        self.points = GPUBatch(type="POINTS", buf=buffer)
+        columns = {"pos": what.lines.reshape(-1, 3), "color": what.line_colours.reshape(-1, 4)}
+        self.lines = batch_for_shader(_line_shader(), "LINES", columns) if len(what.lines) else None
+
+
+def paint(batches: Batches, ui_scale: float) -> None:
+    """Draw into the active framebuffer with the matrices of gpu.matrix. ui_scale: pixels of this screen per nominal
+    pixel of POINT_PIXELS and LINE_PIXELS."""
+    import gpu
+    from mathutils import Matrix
+
+    _, _, width, height = gpu.state.viewport_get()
+    projection = np.array(gpu.matrix.get_projection_matrix(), np.float64)
+    view = np.array(gpu.matrix.get_model_view_matrix(), np.float64)
+    view[:3, 3] += view[:3, :3] @ batches.origin
+    matrix = projection @ view
+    with _gpu_state():
+        shader = _point_shader()
+        shader.bind()
+        shader.uniform_float("matrix", Matrix(matrix.tolist()))
+        shader.uniform_float("pixels_per_metre", float(projection[1, 1] * height / 2))
+        shader.uniform_float("diameter", batches.diameter)
+        shader.uniform_float("bounds", [pixels * ui_scale for pixels in POINT_PIXELS])
+        batches.points.draw(shader)
+        if batches.lines is not None:
+            shader = _line_shader()
+            with gpu.matrix.push_pop():
+                gpu.matrix.load_matrix(Matrix(view.tolist()))
+                shader.bind()
+                shader.uniform_float("viewportSize", (width, height))
+                shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
+                batches.lines.draw(shader)
+
+
+@contextmanager
+def _gpu_state():
+    """Depth-tested, blended, points as large as the shader says; afterwards as it was."""
+    import gpu
+
+    depth_test, depth_mask, blend = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
+    try:
+        gpu.state.depth_test_set("LESS_EQUAL")
+        gpu.state.depth_mask_set(True)
+        gpu.state.blend_set("ALPHA")
+        gpu.state.program_point_size_set(True)
+        yield
+    finally:
+        gpu.state.program_point_size_set(False)
+        gpu.state.blend_set(blend)
+        gpu.state.depth_mask_set(depth_mask)
+        gpu.state.depth_test_set(depth_test)
+
+
+def _point_shader():
+    if "points" not in _shaders:
+        from gpu import shader
+        from gpu.types import GPUShaderCreateInfo, GPUStageInterfaceInfo
+
+        between = GPUStageInterfaceInfo("crowd_lod_points")
+        between.flat("VEC4", "tint")
+        info = GPUShaderCreateInfo()
+        info.push_constant("MAT4", "matrix")
+        info.push_constant("FLOAT", "pixels_per_metre")  # at a distance of 1 m; orthographic: anywhere
+        info.push_constant("FLOAT", "diameter")  # metres
+        info.push_constant("VEC2", "bounds")  # pixels
+        info.vertex_in(0, "VEC3", "position")
+        info.vertex_in(1, "VEC4", "colour")
+        info.vertex_in(2, "FLOAT", "size")
+        info.vertex_out(between)
+        info.fragment_out(0, "VEC4", "result")
+        info.vertex_source((SHADERS / "points.vert.glsl").read_text(encoding="utf-8"))
+        info.fragment_source((SHADERS / "points.frag.glsl").read_text(encoding="utf-8"))
+        _shaders["points"] = shader.create_from_info(info)
+    return _shaders["points"]
+
+
+def _line_shader():
+    if "lines" not in _shaders:
+        from gpu import shader
+
+        _shaders["lines"] = shader.from_builtin("POLYLINE_FLAT_COLOR")
+    return _shaders["lines"]

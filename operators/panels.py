@@ -1,0 +1,238 @@
+"""The sidebar: draws only. The panels stand in the order of the work."""
+
+import textwrap
+
+import bpy
+
+from ..crowd_lod.meshes import missing_library
+from . import overlay
+
+# Name and icon of each LOD's colour in operators.levels.TINTS.
+COLOURS = (
+    ("red", "STRIP_COLOR_01"),
+    ("green", "STRIP_COLOR_04"),
+    ("blue", "STRIP_COLOR_05"),
+    ("orange", "STRIP_COLOR_02"),
+    ("sky", "COLORSET_08_VEC"),
+    ("yellow", "STRIP_COLOR_03"),
+    ("purple", "STRIP_COLOR_06"),
+    ("gray", "STRIP_COLOR_09"),
+)
+STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting"}
+MOST_ROWS = 12  # of a table of groups
+
+
+class _Sidebar:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Crowd LOD"
+
+
+class _Step(_Sidebar):
+    """A step of the work; `body(context, layout, settings)` draws it."""
+
+    bl_parent_id = "CROWDLOD_PT_main"
+
+    def draw(self, context):
+        self.layout.use_property_split = True
+        self.layout.use_property_decorate = False
+        self.body(context, self.layout, context.scene.crowd_lod)
+
+
+class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
+    bl_label = "Crowd LOD"
+
+    def draw(self, context):
+        layout = self.layout
+        problem = overlay.problem(context.scene)
+        shown = overlay.shown_of(context.scene)
+        if problem:
+            _say(context, layout, problem, "ERROR")
+        elif shown:
+            _figures(layout, shown.frame)
+        elif len(context.scene.crowd_lod.groups):
+            layout.prop(context.scene.crowd_lod, "overlay", text="Overlay and Figures", toggle=True, icon="OVERLAY")
+        else:
+            _say(context, layout, "Choose the characters, then press Populate.", "INFO")
+
+
+def _figures(layout, frame):
+    agents, visible = len(frame.crowd), len(frame.buckets.order)
+    rows = [
+        ("Frame", f"{frame.time:g}", "BLANK1"),
+        ("Agents", f"{agents:,}", "BLANK1"),
+        ("Visible", f"{visible:,}", "HIDE_OFF"),
+        ("Culled", f"{agents - visible:,}  ({(agents - visible) / agents:.1%})", "HIDE_ON"),
+    ]
+    for level, count in enumerate(frame.buckets.counts):
+        name, icon = COLOURS[level]
+        rows.append((f"LOD {level}, {name}", f"{count:,}", icon))
+    if frame.full_triangles:
+        rows += [("Vertices", _share(frame.vertices, frame.full_vertices), "VERTEXSEL")]
+        rows += [("Triangles", _share(frame.triangles, frame.full_triangles), "MESH_DATA")]
+    icon = "TIME"
+    for stage, milliseconds in frame.milliseconds.items():
+        rows.append((STAGES[stage], f"{milliseconds:.2f} ms", icon))
+        icon = "BLANK1"
+    column = layout.column(align=True)
+    for name, value, icon in rows:
+        split = column.split(factor=0.45)
+        split.label(text=name, icon=icon)
+        split.label(text=value)
+
+
+def _share(drawn: int, full: int) -> str:
+    return f"{_short(drawn)} of {_short(full)}  ({drawn / full:.1%})"
+
+
+def _short(number: int) -> str:
+    """Three digits and a letter: 12,345,678 is 12.3 M."""
+    for unit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
+        if number >= 10 * unit:
+            return f"{number / unit:.3g} {letter}"
+    return f"{number:,}"
+
+
+class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
+    bl_label = "Crowd"
+
+    def body(self, context, layout, settings):
+        row = layout.row(heading="Sample Scene")
+        for name in ("chapter", "plaza"):
+            row.operator("crowd_lod.sample", text=name.capitalize()).name = name
+        layout.prop(settings, "characters")
+        layout.prop(settings, "forward")
+        layout.prop(settings, "count")
+        layout.prop(settings, "seed")
+        layout.prop(settings, "centre")
+        layout.prop(settings, "size")
+        layout.operator("crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD")
+        if len(settings.groups):
+            rows = [(g.name, _length(context, g.radius), _length(context, g.stride)) for g in settings.groups]
+            _table(layout, ("Group", "Radius", "Stride"), rows)
+
+
+class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
+    bl_label = "Behavior"
+
+    def body(self, context, layout, settings):
+        layout.label(text="Label map")
+        layout.template_ID(settings, "map_image", open="image.open")
+        layout.label(text="State machine")
+        layout.template_ID(settings, "machine", new="text.new", open="text.open")
+        layout.prop(settings, "first_frame")
+        shown = overlay.shown_of(context.scene)
+        if shown and shown.trajectory:
+            machine = shown.trajectory.machine
+            layout.label(text=f"{machine.name}: {len(machine.states)} states, {len(machine.labels)} labels")
+            layout.label(text=f"At the map's edge: {machine.edge}")
+
+
+class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
+    bl_label = "Camera"
+
+    def body(self, context, layout, settings):
+        layout.prop(context.scene, "camera", text="Active Camera")
+        camera = context.scene.camera
+        if camera is None or camera.type != "CAMERA":
+            _say(context, layout, "The scene needs an active camera.", "ERROR")
+        else:
+            column = layout.column(align=True)
+            column.prop(camera.data, "clip_start")
+            column.prop(camera.data, "clip_end", text="End")
+        layout.prop(settings, "margin_kind")
+        if settings.margin_kind == "FIXED":
+            layout.prop(settings, "margin", text=" ")
+
+
+class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
+    bl_label = "Levels of Detail"
+
+    def body(self, context, layout, settings):
+        problem = missing_library()
+        if problem:
+            _say(context, layout, problem, "ERROR")
+        layout.prop(settings, "level_count")
+        layout.prop(settings, "metric")
+        layout.use_property_split = False
+        camera = context.scene.camera
+        far = camera.data.clip_end if camera is not None and camera.type == "CAMERA" else None
+        grid = layout.column(align=True)
+        _cells(grid, ("", "Ratio", "From", "Distance"))
+        for level in range(settings.level_count):
+            cells = _cells(grid, (f"LOD {level}",), icon=COLOURS[level][1], columns=4)
+            cells.prop(settings, "ratios", index=level, text="")
+            if level == 0:
+                cells.label(text="near")
+                cells.label(text="")
+            else:
+                cells.prop(settings, "thresholds", index=level - 1, text="")
+                threshold = settings.thresholds[level - 1]
+                cells.label(text=_length(context, far * threshold) if far else "no camera")
+        layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
+        if settings.levels is not None:
+            shown = range(settings.level_count)
+            rows = [(g.name, *(f"{_short(g.vertices[k])}/{_short(g.triangles[k])}" for k in shown)) for g in settings.groups]
+            layout.label(text="Vertices/triangles")
+            _table(layout, ("Group", *(f"LOD {k}" for k in shown)), rows)
+
+
+class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
+    bl_label = "Preview"
+
+    def body(self, context, layout, settings):
+        for name in ("overlay", "frames", "step", "width", "engine", "colour", "above", "folder"):
+            layout.prop(settings, name)
+        layout.operator("crowd_lod.preview", icon="RENDER_ANIMATION")
+
+
+class CROWDLOD_PT_build(_Step, bpy.types.Panel):
+    bl_label = "Build"
+
+    def body(self, context, layout, settings):
+        layout.operator("crowd_lod.build", icon="GEOMETRY_NODES")
+        row = layout.row()
+        row.enabled = settings.build is not None
+        row.operator("crowd_lod.remove_build", icon="TRASH")
+
+
+def _length(context, metres: float) -> str:
+    units = context.scene.unit_settings
+    return bpy.utils.units.to_string(units.system, "LENGTH", metres * units.scale_length, precision=3)
+
+
+def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]):
+    box = layout.box().column(align=True)
+    _cells(box, head)
+    for row in rows[:MOST_ROWS]:
+        _cells(box, row)
+    if len(rows) > MOST_ROWS:
+        box.label(text=f"and {len(rows) - MOST_ROWS} more")
+
+
+def _cells(layout, texts: tuple[str, ...], icon: str = "NONE", columns: int = 0):
+    """A row of equal columns with these texts in the first of them."""
+    cells = layout.grid_flow(row_major=True, columns=columns or len(texts), even_columns=True, align=True)
+    for number, text in enumerate(texts):
+        cells.label(text=text, icon=icon if number == 0 else "NONE")
+    return cells
+
+
+def _say(context, layout, sentence: str, icon: str):
+    """A sentence, broken into lines that fit the sidebar."""
+    letters = int(context.region.width / context.preferences.system.ui_scale / 7.2) - 5
+    column = layout.column(align=True)
+    column.alert = icon == "ERROR"
+    for number, line in enumerate(textwrap.wrap(sentence, max(20, letters))):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1")
+
+
+CLASSES = (
+    CROWDLOD_PT_main,
+    CROWDLOD_PT_crowd,
+    CROWDLOD_PT_behaviour,
+    CROWDLOD_PT_camera,
+    CROWDLOD_PT_levels,
+    CROWDLOD_PT_preview,
+    CROWDLOD_PT_build,
+)

@@ -1,0 +1,215 @@
+"""From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
+
+import hashlib
+
+import bpy
+import numpy as np
+
+from ..crowd_lod import machine as machines
+from ..crowd_lod.agents import MOST_GROUPS, Group, bounding_sphere, populate
+from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.camera import Camera
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame, plan
+from ..crowd_lod.levels import MOST_LEVELS, LevelPolicy
+from ..crowd_lod.maps import Area, LabelMap, edge_map, labels_from_colours
+from . import scene as io
+from .operator import Reporting
+
+# Poses at which the bounding sphere is measured, over the action's whole length.
+POSES = 16
+# Trajectories by the digest of all they depend on: a cache, never the truth.
+_trajectories: dict[bytes, Trajectory] = {}
+MOST_TRAJECTORIES = 4
+
+
+def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
+    """(name, mesh objects, origin in world metres) of each character group, in natural order of their names.
+
+    A group is a child collection of the characters' collection, or one of its objects with all that is parented to it.
+    """
+    top = scene.crowd_lod.characters
+    if top is None:
+        raise CrowdError(
+            f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
+        )
+    groups = [(child.name, list(child.all_objects), tuple(child.instance_offset)) for child in top.children]
+    own = set(top.objects)
+    for root in top.objects:
+        if root.parent not in own:
+            groups.append((root.name, [root, *root.children_recursive], tuple(root.matrix_world.translation)))
+    groups = [(name, [o for o in objects if o.type == "MESH"], origin) for name, objects, origin in groups]
+    if not groups:
+        raise CrowdError(f"The collection {top.name} is empty: put the characters in it, one child collection or object each.")
+    for name, objects, _ in groups:
+        if not any(len(o.data.polygons) for o in objects):
+            raise CrowdError(f"The character group {name} in {top.name} holds no mesh with faces: give it one, or take it out.")
+    if len(groups) > MOST_GROUPS:
+        raise CrowdError(f"The collection {top.name} holds {len(groups)} character groups; use at most {MOST_GROUPS}.")
+    return sorted(groups, key=lambda group: group[0].casefold())
+
+
+def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    """The armatures that deform `objects`, by modifier or parent."""
+    found = {}
+    for item in objects:
+        for armature in (item.parent, *(m.object for m in item.modifiers if m.type == "ARMATURE")):
+            if armature is not None and armature.type == "ARMATURE":
+                found[armature.name] = armature
+    return list(found.values())
+
+
+def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
+    """Every character group with its bounding sphere, stride and period; what is known of its LOD meshes is kept."""
+    settings = scene.crowd_lod
+    fps = scene.render.fps / scene.render.fps_base
+    known = {group.name: group for group in groups_of(settings)}
+    measured = []
+    for name, objects, origin in characters_of(scene):
+        first, last = _action_range(objects)
+        centre, radius = _bounds(objects, origin, np.linspace(first, last, POSES if last > first else 1))
+        stride = _custom(settings.characters, name, "stride")
+        sizes = (known[name].vertices, known[name].triangles) if name in known else ((), ())
+        measured.append(Group(name, centre, radius, stride, (last - first) / fps, *sizes))
+    return tuple(measured)
+
+
+def store_groups(settings, groups: tuple[Group, ...]) -> None:
+    """Keep the measured groups in the scene's settings."""
+    settings.groups.clear()
+    for group in groups:
+        entry = settings.groups.add()
+        for name in ("name", "centre", "radius", "stride", "period"):
+            setattr(entry, name, getattr(group, name))
+        for name in ("vertices", "triangles"):
+            values = getattr(group, name)
+            setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
+
+
+def _action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
+    animated = [*objects, *armatures_of(objects)]
+    actions = [o.animation_data.action for o in animated if o.animation_data and o.animation_data.action]
+    if not actions:
+        return 1.0, 1.0
+    return min(a.frame_range[0] for a in actions), max(a.frame_range[1] for a in actions)
+
+
+def _bounds(objects: list[bpy.types.Object], origin, frames: np.ndarray) -> tuple[float, float]:
+    """(centre, radius) of the sphere that holds the objects at all `frames`; about the group's origin."""
+    with io.scratch():
+        stage = bpy.data.scenes.new("Crowd LOD measure")
+        for item in {*objects, *armatures_of(objects)}:
+            stage.collection.objects.link(item)
+        points = []
+        for frame in frames:
+            stage.frame_set(int(frame), subframe=float(frame % 1))
+            depsgraph = stage.view_layers[0].depsgraph
+            points += [io.world_points(item.evaluated_get(depsgraph)) for item in objects]
+        points = np.concatenate(points) - np.array(origin)
+    if not np.isfinite(points).all():
+        raise CrowdError(f"The character {objects[0].name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
+    return bounding_sphere(points)
+
+
+def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
+    """The custom property `key` of the group called `name`, or 0."""
+    owner = top.children.get(name) or top.objects.get(name)
+    value = owner.get(key, 0.0)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
+        raise CrowdError(f'The custom property "{key}" of the character group {name} is {value!r}: set a number of metres, or remove it.')
+    return float(value)
+
+
+def machine_of(settings) -> machines.StateMachine:
+    """The state machine of the settings; the chapter's where none is chosen."""
+    if settings.machine is None:
+        return machines.load_preset("chapter")
+    return machines.parse(settings.machine.as_string(), settings.machine.name)
+
+
+def world_of(settings, machine: machines.StateMachine) -> LabelMap:
+    """The label map of the settings."""
+    (x, y, z), (width, depth) = settings.centre, settings.size
+    area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
+    if settings.map_image is None:
+        return edge_map(area, machine.labels)
+    pixels = io.read_pixels(settings.map_image)[..., :3]
+    return LabelMap(labels_from_colours(pixels, machine.label_colours, machine.labels, settings.map_image.name), area)
+
+
+def groups_of(settings) -> tuple[Group, ...]:
+    """The measured groups of the settings."""
+    count = settings.level_count
+    return tuple(
+        Group(
+            g.name,
+            g.centre,
+            g.radius,
+            g.stride,
+            g.period,
+            tuple(n for n in g.vertices[:count] if n),
+            tuple(n for n in g.triangles[:count] if n),
+        )
+        for g in settings.groups
+    )
+
+
+def policy_of(settings) -> LevelPolicy:
+    """The LOD policy of the settings."""
+    return LevelPolicy(
+        thresholds=tuple(round(t, 6) for t in settings.thresholds[: settings.level_count - 1]),
+        metric=settings.metric,
+        margin=settings.margin if settings.margin_kind == "FIXED" else None,
+    )
+
+
+def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:
+    """The crowd of the scene over time, kept as long as nothing it depends on changes; of `groups`, or of those that
+    the settings hold."""
+    settings = scene.crowd_lod
+    groups = groups or groups_of(settings)
+    if not groups:
+        raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
+    machine = machine_of(settings)
+    world = world_of(settings, machine)
+    seconds = scene.render.fps_base / scene.render.fps
+    key = (machine.text, world.area, world.labels.shape, groups, settings.count, settings.seed, settings.first_frame, seconds)
+    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes()).digest()
+    if digest not in _trajectories:
+        start = populate(settings.count, settings.seed, len(groups), machine, world)
+        while len(_trajectories) >= MOST_TRAJECTORIES:
+            _trajectories.pop(next(iter(_trajectories)))
+        _trajectories[digest] = Trajectory(start, machine, world, groups, seconds, settings.first_frame)
+    return _trajectories[digest]
+
+
+def frame_of(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, time: float | None = None, camera: Camera | None = None
+) -> Frame:
+    """The plan of the crowd at `time` (the scene's own if None) from `camera` (the active one as `depsgraph` has it)."""
+    if time is None:
+        time = scene.frame_current + scene.frame_subframe
+    return plan(trajectory_of(scene), camera or io.read_camera(scene, depsgraph), policy_of(scene.crowd_lod), time)
+
+
+def forget() -> None:
+    """Drop the cache."""
+    _trajectories.clear()
+
+
+class CROWDLOD_OT_populate(Reporting, bpy.types.Operator):
+    """Measure the characters and place the crowd at its first frame"""
+
+    bl_idname = "crowd_lod.populate"
+    bl_label = "Populate"
+
+    def run(self, context):
+        settings = context.scene.crowd_lod
+        groups = measure_groups(context.scene)
+        crowd = trajectory_of(context.scene, groups).start
+        store_groups(settings, groups)
+        settings.overlay = True
+        return f"{len(crowd):,} agents in {len(groups)} character groups."
+
+
+CLASSES = (CROWDLOD_OT_populate,)

@@ -1,0 +1,271 @@
+"""The batch preview: two pictures and a row of figures for each frame, a plan, a contact sheet."""
+
+import hashlib
+import json
+import platform
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..crowd_lod import __version__, report
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame
+from ..crowd_lod.shot import parse_frames
+from . import above, build
+from . import scene as io
+from .levels import TINTS, make_levels
+from .operator import Stepwise
+from .populate import frame_of, machine_of, measure_groups, policy_of, store_groups, trajectory_of
+
+MOST_IN_SHEET = 24  # frames on the contact sheet
+THUMBNAIL = 480  # pixels wide, at least
+
+
+@dataclass(frozen=True)
+class Preview:
+    """What to preview. frames: increasing. width: of the pictures, pixels. colour: LOD or MATERIAL. engine: WORKBENCH,
+    CYCLES or EEVEE."""
+
+    frames: list[int]
+    folder: Path
+    width: int = 960
+    engine: str = "WORKBENCH"
+    colour: str = "LOD"
+
+
+def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iterator[float]:
+    """Write the preview of `scene` into the wanted folder; yields the progress, 0 to 1, and returns the plan's dict.
+
+    All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
+    command: what plan.json says the run was started with.
+    """
+    with report.staged(wanted.folder) as folder, io.scratch():
+        started = clock.perf_counter()
+        stage = _stage(scene, wanted)
+        if stage.crowd_lod.levels is None:
+            for part in make_levels(stage):
+                yield 0.1 * part
+        else:
+            store_groups(stage.crowd_lod, measure_groups(stage))
+        build.build(stage)
+        tint = _tint_material() if wanted.engine != "WORKBENCH" else None
+        drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
+        if tint is not None:
+            drawing.data.materials.append(_vertex_colour_material())
+        view = None
+        stage.collection.objects.link(drawing)
+        layer = stage.view_layers[0]
+        rows, pictures = [], []
+        for done, number in enumerate(wanted.frames):
+            stage.frame_set(number)
+            frame = frame_of(stage, layer.depsgraph)
+            ticks = [clock.perf_counter()]
+            main = folder / f"main_{number:04d}.png"
+            drawing.hide_render = True
+            stage.render.stamp_note_text = _caption(frame)
+            layer.material_override = tint if wanted.colour == "LOD" else None
+            _shade(stage, "OBJECT" if wanted.colour == "LOD" else "TEXTURE", "STUDIO")
+            _render(stage, main)
+            ticks.append(clock.perf_counter())
+
+            camera = stage.camera
+            view = stage.crowd_lod.above or view or above.straight_down(stage, trajectory_of(stage).world.area, frame.camera)
+            layer.update()
+            above.draw(
+                drawing.data,
+                frame,
+                np.array([g.centre for g in trajectory_of(stage).groups]),
+                policy_of(stage.crowd_lod),
+                io.camera_from(view, stage.render, layer.depsgraph),
+            )
+            drawing.hide_render = False
+            layer.material_override = None
+            _shade(stage, "VERTEX", "FLAT")
+            built, stage.crowd_lod.build = stage.crowd_lod.build, None
+            built.hide_render, stage.camera = True, view
+            _render(stage, folder / f"above_{number:04d}.png")
+            built.hide_render, stage.camera, stage.crowd_lod.build = False, camera, built
+            ticks.append(clock.perf_counter())
+
+            rows.append(report.row(number, frame, dict(zip(("main", "above"), np.diff(ticks) * 1000, strict=True))))
+            pictures.append((main, folder / f"above_{number:04d}.png"))
+            yield 0.1 + 0.85 * (done + 1) / len(wanted.frames)
+        plan = _plan(stage, scene, wanted, command, rows)
+        plan["seconds"] = round(clock.perf_counter() - started, 3)
+        (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
+        (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
+        io.save_png(folder / "contact_sheet.png", _sheet(pictures))
+        yield 1.0
+        return plan
+
+
+def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
+    """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
+    if scene.camera is None:
+        io.read_camera(scene, None)
+    stage = scene.copy()
+    stage.name = "Crowd LOD preview"
+    built, stage.crowd_lod.build = stage.crowd_lod.build, None
+    if built is not None and built.name in stage.collection.children:
+        stage.collection.children.unlink(built)
+    render = stage.render
+    render.engine = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}[wanted.engine]
+    height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
+    render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
+    render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
+    render.use_motion_blur = False
+    render.image_settings.file_format = "PNG"
+    render.image_settings.color_mode, render.image_settings.color_depth = "RGB", "8"
+    for name in dir(render):
+        if name.startswith("use_stamp_"):
+            setattr(render, name, name in ("use_stamp_frame", "use_stamp_note"))
+    render.use_stamp = render.use_stamp_labels = True
+    render.stamp_font_size = max(8, wanted.width // 48)
+    render.stamp_background = (0, 0, 0, 0.6)
+    stage.cycles.samples = min(stage.cycles.samples, 16) if hasattr(stage, "cycles") else 0
+    stage.display.render_aa = "8"
+    if wanted.colour == "LOD":
+        stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
+        stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
+        stage.world = _world()
+    return stage
+
+
+def _world() -> bpy.types.World:
+    world = bpy.data.worlds.new("Crowd LOD preview")
+    world.color = (0.55, 0.58, 0.62)
+    return world
+
+
+def _tint_material() -> bpy.types.Material:
+    """A material in each object's own colour."""
+    return _material("Crowd LOD tint", "ShaderNodeObjectInfo", "Color", "ShaderNodeBsdfDiffuse")
+
+
+def _vertex_colour_material() -> bpy.types.Material:
+    """A material in the mesh's own colours, unlit."""
+    return _material("Crowd LOD colours", "ShaderNodeVertexColor", "Color", "ShaderNodeEmission")
+
+
+def _material(name: str, source: str, socket: str, shader: str) -> bpy.types.Material:
+    material = bpy.data.materials.new(name)
+    material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    colour, surface, output = (tree.nodes.new(kind) for kind in (source, shader, "ShaderNodeOutputMaterial"))
+    tree.links.new(colour.outputs[socket], surface.inputs["Color"])
+    tree.links.new(surface.outputs[0], output.inputs["Surface"])
+    return material
+
+
+def _shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
+    shading = stage.display.shading
+    shading.color_type, shading.light = colour, light
+    shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = False
+    shading.show_specular_highlight = False
+
+
+def _render(stage: bpy.types.Scene, path: Path) -> None:
+    stage.render.filepath = str(path)
+    # by override: with the operator's own argument `scene`, Blender renders the frame of the scene in the window
+    with io.quiet(), bpy.context.temp_override(scene=stage):
+        bpy.ops.render.render(write_still=True)
+    if not path.is_file():
+        raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
+
+
+def _caption(frame: Frame) -> str:
+    seen = int(frame.visible.sum())
+    counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
+    return f"{len(frame.crowd):,} agents  {seen:,} visible ({seen / len(frame.crowd):.0%})  {counts}  {frame.triangles:,} triangles"
+
+
+def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
+    """Main picture and picture from above side by side, two frames a row; of a long shot, frames at even distances."""
+    chosen = np.unique(np.linspace(0, len(pictures) - 1, min(len(pictures), MOST_IN_SHEET)).round().astype(int))
+    shrunk = [report.shrink(io.load_pixels(path), THUMBNAIL) for i in chosen for path in pictures[i]]
+    return report.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
+
+
+def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -> dict:
+    """All that is needed to repeat the run, and what came of it."""
+    settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
+    machine = machine_of(settings)
+    labels = trajectory.world.labels
+    area = trajectory.world.area
+    file = Path(bpy.data.filepath) if bpy.data.filepath else None
+    return {
+        "version": report.PLAN_VERSION,
+        "command": command,
+        "made_with": {
+            "crowd_lod": __version__,
+            "blender": bpy.app.version_string,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+        },
+        "scene": {
+            "name": scene.name,
+            "file": str(file) if file else None,
+            "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else None,
+        },
+        "crowd": {
+            "count": settings.count,
+            "seed": settings.seed,
+            "area": {"x": [area.x_min, area.x_max], "y": [area.y_min, area.y_max], "z": area.z},
+            "forward": settings.forward,
+            "first_frame": settings.first_frame,
+            "frames_per_second": 1 / trajectory.seconds_per_frame,
+            "groups": [vars(group) for group in trajectory.groups],
+        },
+        "map": {
+            "image": settings.map_image.name if settings.map_image else None,
+            "cells": list(labels.shape[::-1]),
+            "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
+        },
+        "machine": json.loads(machine.text),
+        "camera": stage.camera.name,
+        "levels": {
+            "metric": policy.metric,
+            "margin": policy.margin,
+            "ratios": [round(r, 6) for r in settings.ratios[: policy.count]],
+            "thresholds": list(policy.thresholds),
+            "tints": TINTS[: policy.count],
+        },
+        "preview": {
+            "frames": wanted.frames,
+            "width": wanted.width,
+            "height": stage.render.resolution_y,
+            "engine": wanted.engine,
+            "colour": wanted.colour,
+        },
+        "frames": rows,
+    }
+
+
+class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
+    """Render pictures by LOD and from above, with a table and a plan, into a folder"""
+
+    bl_idname = "crowd_lod.preview"
+    bl_label = "Preview"
+    bl_options = {"REGISTER"}
+
+    def steps(self, context):
+        settings = context.scene.crowd_lod
+        if settings.folder.startswith("//") and not bpy.data.filepath:
+            raise CrowdError(f"The output folder {settings.folder} is beside a file that was never saved: save it, or choose a folder.")
+        wanted = Preview(
+            frames=parse_frames(settings.frames, settings.step),
+            folder=Path(bpy.path.abspath(settings.folder)),
+            width=settings.width,
+            engine=settings.engine,
+            colour=settings.colour,
+        )
+        yield from preview(context.scene, wanted, ["sidebar"])
+        return f"{len(wanted.frames)} frames are in {wanted.folder}."
+
+
+CLASSES = (CROWDLOD_OT_preview,)

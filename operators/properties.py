@@ -1,0 +1,117 @@
+"""Settings, stored in the scene."""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ..crowd_lod.agents import MOST_AGENTS
+from ..crowd_lod.levels import MOST_LEVELS
+
+
+class CrowdLodGroup(bpy.types.PropertyGroup):
+    """What was measured of one character group (`name` is its name)."""
+
+    centre: FloatProperty(name="Centre", unit="LENGTH", description="Height of the bounding sphere's centre")
+    radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
+    period: FloatProperty(name="Period", description="Seconds in a cycle of the action")
+    vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
+    triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
+
+
+class CrowdLodSettings(bpy.types.PropertyGroup):
+    """The crowd of a scene. Everything a plan depends on is here or in the scene itself."""
+
+    characters: PointerProperty(
+        type=bpy.types.Collection,
+        name="Characters",
+        description="Collection whose children, collections or objects, are the character groups",
+    )
+    forward: EnumProperty(
+        name="Forward",
+        description="The way the characters face where they stand",
+        items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", ""), ("X", "+X", ""), ("-X", "-X", "")],
+    )
+    count: IntProperty(name="Agents", default=1000, min=0, soft_max=1_000_000, max=MOST_AGENTS)
+    seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
+    centre: FloatVectorProperty(name="Centre", size=3, subtype="TRANSLATION", description="Centre of the crowd's ground")
+    size: FloatVectorProperty(name="Size", size=2, default=(60, 60), subtype="XYZ", unit="LENGTH", min=0)
+    map_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Map",
+        description="Label map over the ground: each pixel in the color of a label; none is a plane with two edges",
+    )
+    machine: PointerProperty(
+        type=bpy.types.Text, name="State Machine", description="State machine as JSON; none is the chapter's, walk to and fro"
+    )
+    first_frame: IntProperty(name="Start Frame", default=1, description="Before it the crowd stands where it was populated")
+    level_count: IntProperty(name="Levels", default=3, min=1, max=MOST_LEVELS, description="LOD meshes per character")
+    ratios: FloatVectorProperty(
+        name="Ratio",
+        size=MOST_LEVELS,
+        min=0.001,
+        max=1,
+        default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
+        description="Part of the triangles that each LOD keeps",
+    )
+    thresholds: FloatVectorProperty(
+        name="Threshold",
+        size=MOST_LEVELS - 1,
+        min=0,
+        max=1,
+        default=(0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0),
+        description="Part of the camera's far distance at which the next LOD begins",
+    )
+    metric: EnumProperty(
+        name="Distance",
+        items=[
+            ("AXIS", "Along the View", "Depth, which size on screen depends on (the chapter's)"),
+            ("RADIAL", "From the Camera", "Straight distance; panoramic cameras always use it"),
+        ],
+    )
+    margin_kind: EnumProperty(
+        name="Margin",
+        items=[
+            ("DERIVED", "From Bounds", "Widen the frustum just so far that no character that may touch a pixel is dropped"),
+            ("FIXED", "Fixed", "Widen the frustum by a distance of your own (the chapter's); may drop characters"),
+        ],
+    )
+    margin: FloatProperty(name="Margin", default=1.0, min=0, unit="LENGTH")
+    colour: EnumProperty(
+        name="Color",
+        items=[
+            ("LOD", "By LOD", "Red, green, blue from near to far"),
+            ("MATERIAL", "Materials", "The characters' own materials"),
+        ],
+    )
+    engine: EnumProperty(
+        name="Engine",
+        items=[("WORKBENCH", "Workbench", ""), ("CYCLES", "Cycles", ""), ("EEVEE", "EEVEE", "")],
+    )
+    above: PointerProperty(
+        type=bpy.types.Object,
+        name="View From Above",
+        poll=lambda _, candidate: candidate.type == "CAMERA",
+        description="Camera of the second picture; none looks straight down on crowd and frustum",
+    )
+    frames: StringProperty(name="Frames", default="1:120", description="A range A:B or a list 1,40,80")
+    step: IntProperty(name="Step", default=10, min=1)
+    width: IntProperty(name="Width", default=960, min=16, max=8192, subtype="PIXEL", description="Width of the pictures")
+    folder: StringProperty(name="Output", default="//crowd_lod", subtype="DIR_PATH")
+    overlay: BoolProperty(name="Overlay", description="Draw the crowd as points, tinted by LOD, in the viewport")
+    # what the steps made and measured; found by pointer, so a rename does not lose it
+    groups: CollectionProperty(type=CrowdLodGroup)
+    levels: PointerProperty(type=bpy.types.Collection)
+    build: PointerProperty(type=bpy.types.Collection)
+
+
+CLASSES = (CrowdLodGroup, CrowdLodSettings)

@@ -1,0 +1,231 @@
+"""bpy <-> NumPy: the only file that copies between them."""
+
+import os
+import sys
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..crowd_lod.agents import Crowd
+from ..crowd_lod.camera import Camera, referential, window
+from ..crowd_lod.errors import CrowdError
+
+EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+
+
+def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Width and height of the rendered image in pixels."""
+    percent = render.resolution_percentage
+    return max(1, render.resolution_x * percent // 100), max(1, render.resolution_y * percent // 100)
+
+
+def read_camera(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """The scene's active camera as `depsgraph` has evaluated it."""
+    if scene.camera is None:
+        raise CrowdError(f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties.")
+    if scene.camera.type != "CAMERA":
+        raise CrowdError(f"{scene.camera.name}, the active camera of {scene.name}, is no camera: choose a camera object.")
+    return camera_from(scene.camera, scene.render, depsgraph)
+
+
+def camera_from(camera: bpy.types.Object, render: bpy.types.RenderSettings, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """`camera` as `depsgraph` has evaluated it, filming with `render`."""
+    evaluated = camera.evaluated_get(depsgraph)
+    data = evaluated.data
+    if not 0 <= data.clip_start < data.clip_end:
+        raise CrowdError(
+            f"The camera {camera.name} clips from {data.clip_start:g} to {data.clip_end:g} m: the end must lie behind the start."
+        )
+    pixels = image_size(render)
+    origin, X, Y, Z = referential(np.array(evaluated.matrix_world), camera.name)
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    return Camera(
+        kind=data.type if data.type in ("PERSP", "ORTHO") else "PANO",
+        origin=origin,
+        X=X,
+        Y=Y,
+        Z=Z,
+        window=window(
+            data.ortho_scale if data.type == "ORTHO" else sensor / data.lens,
+            data.sensor_fit,
+            pixels,
+            (render.pixel_aspect_x, render.pixel_aspect_y),
+            (data.shift_x, data.shift_y),
+        ),
+        near=data.clip_start,
+        far=data.clip_end,
+        pixels=pixels,
+    )
+
+
+def camera_at(scene: bpy.types.Scene, time: float) -> Camera:
+    """The scene's active camera as it will be at `time`, in frames; the scene stays at its own time."""
+    with scratch():
+        stage = bpy.data.scenes.new("Crowd LOD camera")
+        stage.collection.objects.link(scene.camera)
+        stage.frame_set(int(time // 1), subframe=time % 1)
+        return camera_from(scene.camera, scene.render, stage.view_layers[0].depsgraph)
+
+
+def read_pixels(image: bpy.types.Image) -> np.ndarray:
+    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels."""
+    width, height = image.size
+    if not width * height or not image.has_data and not len(image.pixels):
+        path = bpy.path.abspath(image.filepath) or "no file"
+        raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
+    values = np.empty(width * height * image.channels, np.float32)
+    image.pixels.foreach_get(values)
+    values = values.reshape(height, width, image.channels)
+    if image.channels < 3:
+        values = values[..., :1].repeat(3, axis=2)
+    pixels = np.full((height, width, 4), 255, np.uint8)
+    pixels[..., : values.shape[2]] = np.rint(values.clip(0, 1) * 255)
+    return pixels
+
+
+def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
+    """A new packed image from (rows, columns, 3) uint8, bottom row first."""
+    rows, columns = pixels.shape[:2]
+    image = bpy.data.images.new(name, columns, rows)
+    values = np.ones((rows, columns, 4), np.float32)
+    values[..., :3] = pixels / np.float32(255)
+    image.pixels.foreach_set(values.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def save_png(path, pixels: np.ndarray) -> None:
+    """Write (rows, columns, 4) uint8, bottom row first, as a PNG with these very values."""
+    rows, columns = pixels.shape[:2]
+    image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
+    try:
+        image.pixels.foreach_set((pixels / np.float32(255)).ravel())
+        image.filepath_raw, image.file_format = str(path), "PNG"
+        image.save()
+    finally:
+        bpy.data.images.remove(image)
+
+
+def load_pixels(path) -> np.ndarray:
+    """The picture in the file `path` as (rows, columns, 4) uint8, bottom row first."""
+    image = bpy.data.images.load(str(path))
+    try:
+        return read_pixels(image)
+    finally:
+        bpy.data.images.remove(image)
+
+
+def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(points (n, 3) float32, triangles (m, 3) int32 vertex indices, corners (m, 3) int32 loop indices, faces (m,) int32
+    polygon index of each triangle) of the mesh, in its own space."""
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    triangles, corners = np.empty((count, 3), np.int32), np.empty((count, 3), np.int32)
+    faces = np.empty(count, np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
+    mesh.loop_triangles.foreach_get("loops", corners.ravel())
+    mesh.loop_triangles.foreach_get("polygon_index", faces)
+    return points, triangles, corners, faces
+
+
+def new_mesh(name: str, points: np.ndarray, triangles: np.ndarray) -> bpy.types.Mesh:
+    """A mesh from points (n, 3) and triangles (m, 3)."""
+    mesh = bpy.data.meshes.new(name)
+    fill_mesh(mesh, points, triangles)
+    return mesh
+
+
+def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> None:
+    """Make `mesh` hold points (n, 3) and triangles (m, 3), and nothing else."""
+    mesh.clear_geometry()
+    mesh.vertices.add(len(points))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points, np.float32).ravel())
+    mesh.loops.add(triangles.size)
+    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(triangles, np.int32).ravel())
+    mesh.polygons.add(len(triangles))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, triangles.size, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+
+
+def write_agents(mesh: bpy.types.Mesh, crowd: Crowd, agents: np.ndarray) -> None:
+    """Make `mesh` one loose vertex for each of `agents` (m,), world space, with the attributes heading and phase
+    (FLOAT), group and the stable id (INT)."""
+    mesh.clear_geometry()
+    mesh.vertices.add(len(agents))
+    points = np.empty((len(agents), 3), np.float32)
+    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
+        points[:, axis] = column[agents]
+    mesh.vertices.foreach_set("co", points.ravel())
+    columns = {
+        "heading": ("FLOAT", crowd.heading[agents]),
+        "phase": ("FLOAT", crowd.phase[agents]),
+        "group": ("INT", crowd.group[agents].astype(np.int32)),
+        "id": ("INT", agents.astype(np.int32)),
+    }
+    for name, (kind, values) in columns.items():
+        mesh.attributes.new(name, kind, "POINT").data.foreach_set("value", values)
+    mesh.update_tag()
+
+
+def set_node_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
+    """Set the node group's input called `name` on its modifier, in the way of this Blender."""
+    socket = next(s for s in modifier.node_group.interface.items_tree if s.item_type == "SOCKET" and s.name == name)
+    if bpy.app.version >= (5, 2, 0):
+        getattr(modifier.properties.inputs, socket.identifier).value = value
+    else:
+        modifier[socket.identifier] = value
+
+
+def rotation(forward: str) -> float:
+    """Radians about z that turn a character that faces `forward` (X, Y, -X, -Y) to +x, which is heading 0."""
+    return {"X": 0.0, "Y": -np.pi / 2, "-X": np.pi, "-Y": np.pi / 2}[forward]
+
+
+def world_points(evaluated: bpy.types.Object) -> np.ndarray:
+    """Vertices (n, 3) float64 of an evaluated object's mesh, world space."""
+    mesh = evaluated.to_mesh()
+    try:
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        mesh.vertices.foreach_get("co", points.ravel())
+    finally:
+        evaluated.to_mesh_clear()
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def look_at(camera: bpy.types.Object, origin, X, Y, Z) -> None:
+    """Place `camera` at `origin` (3,) with the referential X, Y, Z."""
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2], matrix[:3, 3] = X, Y, -np.asarray(Z), origin
+    camera.matrix_world = Matrix(matrix.tolist())
+
+
+@contextmanager
+def scratch():
+    """Everything that is made inside, of whatever kind, is gone afterwards, also after an error."""
+    before = set(bpy.data.user_map())
+    try:
+        yield
+    finally:
+        bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+
+
+
+
+@contextmanager
+def quiet():
+    """Blender's own lines of progress, which it writes past Python, go nowhere; stdout is the command's."""
+    sys.stdout.flush()
+    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)

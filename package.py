@@ -1,0 +1,99 @@
+"""Build the extension's zip: `./crowd-lod package`.
+
+Fetches the wheels that blender_manifest.toml lists, then validates and builds with Blender's own tool: the one of the
+Blender that the environment variable BLENDER names, or else the copy that ships inside the bpy module.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tomllib
+from importlib.util import find_spec
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+WHEELS = ROOT / "wheels"
+
+
+class Failure(Exception):
+    """What the user has to know, in one sentence."""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        prog="crowd-lod package", description="Build the extension's zip for Blender."
+    )
+    parser.add_argument(
+        "--out", type=Path, default=ROOT / "dist", metavar="DIR", help="the zip's folder (%(default)s)"
+    )
+    out = parser.parse_args().out.resolve()
+
+    manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
+    fetch([Path(wheel).name for wheel in manifest["wheels"]])
+    out.mkdir(parents=True, exist_ok=True)
+    archive = out / f"{manifest['id']}-{manifest['version']}.zip"
+    extension_tool("validate", ROOT)
+    extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
+    extension_tool("validate", archive)
+    print(archive)
+
+
+def fetch(names: list[str]) -> None:
+    """Make the folder of wheels hold these files and no others."""
+    WHEELS.mkdir(exist_ok=True)
+    for stale in WHEELS.iterdir():
+        if stale.name not in names:
+            stale.unlink()
+    for name in names:
+        if (WHEELS / name).exists():
+            continue
+        package, version, python, abi, platforms = name.removesuffix(".whl").split("-")
+        target = [f"--platform={platform}" for platform in platforms.split(".")]
+        if abi != "none":  # a compiled wheel; a pure one fits every Python
+            target += [f"--python-version={python[2]}.{python[3:]}", f"--abi={abi}"]
+        run(
+            f"could not fetch {name}; is the network there?",
+            *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"),
+            *(*target, f"--dest={WHEELS}", f"{package}=={version}"),
+        )
+        if not (WHEELS / name).exists():
+            raise Failure(
+                f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}"
+            )
+
+
+def extension_tool(action: str, *arguments: str | Path) -> None:
+    if blender := os.environ.get("BLENDER"):
+        tool = [blender, "--factory-startup", "--command", "extension"]
+    else:
+        tool = [sys.executable, str(bundled_tool())]
+    run(f"Blender's extension tool refused to {action}:", *tool, action, *map(str, arguments))
+
+
+def bundled_tool() -> Path:
+    """The script behind `blender --command extension`, which needs no Blender."""
+    bpy = find_spec("bpy")
+    found = Path(bpy.origin).parent.rglob("bl_pkg/cli/blender_ext.py") if bpy else iter(())
+    if script := next(found, None):
+        return script
+    raise Failure("the bpy module has no extension tool here; set BLENDER to Blender's executable")
+
+
+def run(failure: str, *command: str) -> None:
+    try:
+        result = subprocess.run(
+            command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=ROOT
+        )
+    except OSError as error:
+        raise Failure(f"could not start {command[0]} ({error.strerror})") from error
+    if result.returncode:
+        words = (result.stderr + result.stdout).strip().splitlines() or [f"exit status {result.returncode}"]
+        raise Failure(f"{failure} {words[-1]}")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except (Failure, OSError) as failure:
+        sys.exit(f"crowd-lod package: {failure}")

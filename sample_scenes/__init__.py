@@ -1,0 +1,19 @@
+"""Sample scenes, made by scripts: deterministic, and small.
+
+"chapter" is the scene of the chapter's figure 1.5, "plaza" a town square with walls and a camera in flight.
+"""
+
+# No bpy up here: the plaza's plan, NumPy alone, is tested without Blender.
+from ..crowd_lod.errors import CrowdError
+
+NAMES = ("chapter", "plaza")
+
+
+def make(name: str, scene) -> None:
+    """Fill `scene` (bpy.types.Scene), new and empty, with the sample scene `name`: objects, characters, camera, world,
+    timeline and the crowd's settings. Nothing else in the file changes."""
+    if name not in NAMES:
+        raise CrowdError(f"There is no sample scene {name!r}; there are {', '.join(NAMES)}.")
+    from . import chapter, plaza
+
+    {"chapter": chapter, "plaza": plaza}[name].make(scene)

@@ -1,0 +1,58 @@
+"""The scene of the chapter's figure 1.5: 4,096 agents on a plane walk right to the edge, turn, and walk left."""
+
+import bpy
+import numpy as np
+
+from ..crowd_lod.machine import parse, preset_text
+from ..operators import scene as io
+from .characters import make_characters
+from .scenery import add, aim, camera, child, film, material, tile
+
+SIZE = 80  # metres, and cells of the map, along x and y
+
+
+def make(scene: bpy.types.Scene) -> None:
+    """Fill the new scene."""
+    film(scene)
+    machine = bpy.data.texts.new("chapter.json")
+    machine.from_string(preset_text("chapter"))
+    machine.cursor_set(0)
+    table = parse(machine.as_string(), "chapter")
+    labels = np.full((SIZE, SIZE), table.labels.index("ground"), np.uint8)
+    labels[:, 0], labels[:, -1] = table.labels.index("left edge"), table.labels.index("right edge")
+    characters = child(scene, "Characters", hidden=True)
+    make_characters(characters, speed=1.25)
+    build_ground(child(scene, "Scenery"))
+
+    # The main camera stands at one corner: the near agents and both flanks are culled.
+    scene.camera = camera(scene, "Main camera", near=0.5, far=90.0)
+    aim(scene.camera, (-30, -46, 9), (2, 0, 0))
+    above = camera(scene, "Auxiliary camera", near=1.0, far=400.0)
+    aim(above, (-40, -110, 95), (0, -2, 0))
+
+    settings = scene.crowd_lod
+    settings.characters, settings.forward = characters, "X"
+    settings.count, settings.seed = 4096, 1
+    settings.centre, settings.size = (0, 0, 0), (SIZE, SIZE)
+    settings.map_image = io.write_image("Chapter map", table.label_colours[labels])
+    settings.machine = machine
+    settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
+    settings.level_count = 3
+    settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.3, 0.6)
+    settings.metric, settings.margin_kind, settings.colour = "AXIS", "DERIVED", "LOD"
+    settings.above = above
+
+
+def build_ground(scenery: bpy.types.Collection) -> None:
+    """The plane in tiles of 4 m, and the two edges' strips in the colours of their labels."""
+    tones = [material("Ground light", (0.42, 0.42, 0.40)), material("Ground dark", (0.36, 0.36, 0.35))]
+    left, right = material("Left edge", (0.53, 0.02, 0.02)), material("Right edge", (0.02, 0.02, 0.53))
+    around = material("Around", (0.24, 0.25, 0.24))
+    half, pitch = SIZE // 2, 4
+    parts = [(tile(-400, -400, 400, 400, -0.05), around)]
+    for x in range(-half, half, pitch):
+        for y in range(-half, half, pitch):
+            parts.append((tile(x, y, x + pitch, y + pitch), tones[(x + y) // pitch % 2]))
+    parts.append((tile(-half, -half, 1 - half, half, 0.01), left))
+    parts.append((tile(half - 1, -half, half, half, 0.01), right))
+    add(scenery, "Ground", parts)

@@ -1,0 +1,157 @@
+"""What the sample scenes are made of: shapes, materials, light, and a camera on keyframes. World metres, z up."""
+
+from math import cos, pi, radians, sin
+
+import bpy
+from mathutils import Vector
+
+# A shape is (points, faces): corners in world metres, and for each face the indices of its corners, normals outward.
+Shape = tuple[list[tuple[float, float, float]], list[tuple[int, ...]]]
+
+SUN = Vector((-0.45, -0.55, 0.70)).normalized()  # towards it
+SKY = (0.42, 0.60, 0.85)
+
+
+def box(x0, y0, x1, y1, z0, z1, inset=0.0) -> Shape:
+    """A box; `inset` metres smaller on each side at its top, as a hipped roof is."""
+    low = [(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)]
+    high = [(x0 + inset, y0 + inset, z1), (x1 - inset, y0 + inset, z1)]
+    high += [(x1 - inset, y1 - inset, z1), (x0 + inset, y1 - inset, z1)]
+    around = [(i, (i + 1) % 4, (i + 1) % 4 + 4, i + 4) for i in range(4)]
+    return low + high, [(3, 2, 1, 0), (4, 5, 6, 7), *around]
+
+
+def tile(x0, y0, x1, y1, z=0.0) -> Shape:
+    """A level rectangle at the height z, facing up."""
+    return [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], [(0, 1, 2, 3)]
+
+
+def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Shape:
+    """The solid of revolution about the vertical through (x, y) of the profile (radius, z), from its bottom up."""
+    points, faces = [], []
+    turns = [(cos(2 * pi * i / sides), sin(2 * pi * i / sides)) for i in range(sides)]
+    for radius, z in profile:
+        points += [(x + radius * c, y + radius * s, z) for c, s in turns]
+    for ring in range(len(profile) - 1):
+        a, b = ring * sides, (ring + 1) * sides
+        faces += [(a + i, a + (i + 1) % sides, b + (i + 1) % sides, b + i) for i in range(sides)]
+    top = (len(profile) - 1) * sides
+    return points, [tuple(reversed(range(sides))), *faces, tuple(range(top, top + sides))]
+
+
+def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
+    """Panes on the four sides of the box, `out` metres before the wall, one every `spacing` metres and `storey`."""
+    points, faces = [], []
+    corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
+    for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True):
+        length = abs(bx - ax) + abs(by - ay)
+        dx, dy = (bx - ax) / length, (by - ay) / length
+        for column in range(int(length // spacing)):
+            middle = (column + 0.5) * length / (length // spacing)
+            for row in range(int((z1 - z0) // storey)):
+                bottom = z0 + row * storey + (0.9 if row else 0.0)
+                top = z0 + row * storey + 2.6
+                for along, z in ((-0.55, bottom), (0.55, bottom), (0.55, top), (-0.55, top)):
+                    s = middle + along
+                    points.append((ax + dx * s + dy * out, ay + dy * s - dx * out, z))
+                faces.append(tuple(range(len(points) - 4, len(points))))
+    return points, faces
+
+
+def material(name: str, colour: tuple[float, float, float], roughness=0.8) -> bpy.types.Material:
+    """A new material of one linear RGB colour, the same in the viewport and in a render."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    made.diffuse_color = (*colour, 1.0)
+    made.roughness = roughness
+    shader = next(node for node in made.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+    shader.inputs["Base Color"].default_value = (*colour, 1.0)
+    shader.inputs["Roughness"].default_value = roughness
+    return made
+
+
+def add(collection: bpy.types.Collection, name: str, parts: list[tuple[Shape, bpy.types.Material]]) -> bpy.types.Object:
+    """One new object in `collection` whose mesh is all the `parts`, each in its material."""
+    points, faces, slots = [], [], []
+    materials = list(dict.fromkeys(look for _, look in parts))
+    for (corners, polygons), look in parts:
+        first = len(points)
+        points += corners
+        faces += [tuple(first + corner for corner in polygon) for polygon in polygons]
+        slots += [materials.index(look)] * len(polygons)
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(points, [], faces)
+    for look in materials:
+        mesh.materials.append(look)
+    mesh.polygons.foreach_set("material_index", slots)
+    mesh.update()
+    made = bpy.data.objects.new(name, mesh)
+    collection.objects.link(made)
+    return made
+
+
+def child(scene: bpy.types.Scene, name: str, hidden=False) -> bpy.types.Collection:
+    """A new collection of the scene; `hidden` leaves it out of the scene's view layers."""
+    made = bpy.data.collections.new(name)
+    scene.collection.children.link(made)
+    for layer in scene.view_layers:
+        layer.layer_collection.children[made.name].exclude = hidden
+    return made
+
+
+def film(scene: bpy.types.Scene) -> None:
+    """Five seconds at 24 frames a second, 960 x 540 pixels, a clear day: sun with shadows, blue sky."""
+    scene.frame_start, scene.frame_end = 1, 120
+    scene.frame_set(1)
+    render = scene.render
+    render.fps, render.fps_base = 24, 1.0
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 960, 540, 100
+    scene.view_settings.view_transform = "Standard"
+    shading = scene.display.shading
+    shading.background_type, shading.color_type = "WORLD", "MATERIAL"
+    shading.show_shadows, shading.shadow_intensity = True, 0.35
+    scene.display.light_direction = (SUN.x, SUN.z, -SUN.y)  # this setting has y up
+    sun = bpy.data.lights.new("Sun", "SUN")
+    sun.energy, sun.angle, sun.color = 3.0, radians(0.5), (1.0, 0.94, 0.85)
+    lamp = bpy.data.objects.new("Sun", sun)
+    lamp.location = 100 * SUN
+    lamp.rotation_euler = SUN.to_track_quat("Z", "Y").to_euler()
+    scene.collection.objects.link(lamp)
+    world = bpy.data.worlds.new("Sky")
+    world.use_nodes = True
+    world.color = SKY
+    sky = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    sky.inputs["Color"].default_value = (*SKY, 1.0)
+    scene.world = world
+
+
+def camera(scene: bpy.types.Scene, name: str, near: float, far: float, lens=35.0) -> bpy.types.Object:
+    """A new camera that sees from `near` to `far` metres; `lens`: focal length in millimetres."""
+    data = bpy.data.cameras.new(name)
+    data.clip_start, data.clip_end, data.lens = near, far, lens
+    made = bpy.data.objects.new(name, data)
+    scene.collection.objects.link(made)
+    return made
+
+
+def aim(item: bpy.types.Object, location, target) -> None:
+    """Stand the camera `item` at `location` and look at `target`, upright."""
+    item.location = location
+    item.rotation_euler = (Vector(target) - Vector(location)).to_track_quat("-Z", "Y").to_euler()
+
+
+def animate(block: bpy.types.ID, frames: list[float], curves: dict[tuple[str, int], list[float]]) -> None:
+    """Keyframes for `block`: at each of `frames` the value that `curves` gives for (data path, index), smooth between."""
+    action = bpy.data.actions.new(block.name)
+    slot = action.slots.new(block.id_type, block.name)
+    bag = action.layers.new("Layer").strips.new(type="KEYFRAME").channelbag(slot, ensure=True)
+    for (path, index), values in curves.items():
+        curve = bag.fcurves.new(path, index=index)
+        curve.keyframe_points.add(len(frames))
+        for key, frame, value in zip(curve.keyframe_points, frames, values, strict=True):
+            key.co = frame, value
+            key.interpolation = "BEZIER"
+            key.handle_left_type = key.handle_right_type = "AUTO_CLAMPED"
+        curve.update()
+    block.animation_data_create().action = action
+    block.animation_data.action_slot = slot

@@ -1,0 +1,194 @@
+"""The sample characters' walk: a pose for every frame of one cycle, solved so that the feet never slide.
+
+NumPy alone, in the character's own space: metres, walking along +x on the spot, so that the ground and the
+foot on it move along -x. A limb's turn is a 3x3 matrix from rest to pose in that space, not relative to the
+parent bone.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+STRIKE = 0.23  # where the foot lands, in strides before the place it has at rest
+STANCE = 0.6  # of the cycle, from the heel's strike to the toe's leaving
+FLAT, HEEL_OFF = 0.08, 0.30  # the sole is flat in between; the heel bears before, the ball after
+STRIKE_PITCH, LEAVE_PITCH = -17, 62  # of the foot, degrees, toes down positive
+REACH = 0.996  # of the leg's length at most: the knee never quite straightens
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """Poses at whole frames 0 to period, the last equal to the first.
+
+    turns: bone name > (period + 1, 3, 3). shift: (period + 1, 3) the hips' way from their rest place, metres.
+    stride: metres walked in one cycle.
+    """
+
+    turns: dict
+    shift: np.ndarray
+    stride: float
+
+
+def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
+    """The walk of a skeleton (body.Body's joints), over `period` frames and `stride` metres."""
+    phase = np.arange(period + 1) % period / period  # 0: the left heel strikes
+    k = joints["head"][2][2] / 1.75
+    swing, lean = np.cos(2 * np.pi * phase), np.sin(2 * np.pi * (phase - 0.05))
+    zero = np.zeros_like(phase)
+
+    hips = yaw(np.radians(-6) * swing) @ roll(np.radians(2.5) * lean)
+    turns = {
+        "hips": hips,
+        "spine": yaw(np.radians(-1) * swing) @ pitch(zero + np.radians(2)),
+        "chest": yaw(np.radians(6) * swing) @ pitch(zero + np.radians(4)) @ roll(np.radians(-1) * lean),
+        "neck": yaw(np.radians(2) * swing) @ pitch(zero + np.radians(3)),
+        "head": pitch(np.radians(1.5) * np.cos(4 * np.pi * phase)),
+    }
+    arm_swing = np.radians(8 + 12 * min(1.0, stride / (1.5 * joints["thigh.L"][1][2])))
+    for tag, side in ((".L", 1), (".R", -1)):
+        forward = -side * swing  # the arm goes with the other leg
+        out = roll(zero + side * np.radians(-24))
+        shoulder = turns["chest"] @ pitch(-np.radians(3) - arm_swing * forward)
+        bend = np.radians(18) + np.radians(10) * forward
+        turns["upper_arm" + tag] = shoulder @ out
+        turns["forearm" + tag] = shoulder @ pitch(-bend) @ roll(zero + side * np.radians(-28))
+        turns["hand" + tag] = shoulder @ pitch(-bend - np.radians(6)) @ roll(zero + side * np.radians(-30))
+
+    late = {".L": 0.0, ".R": 0.5}
+    feet = {tag: foot_path(joints, tag, (phase + late[tag]) % 1, stride) for tag in late}
+    shift = np.stack([zero, 0.018 * k * lean, -0.024 * k * np.cos(4 * np.pi * (phase - 0.03))], 1)
+    shift[:, 2] -= max(overreach(joints, tag, hips, shift, feet[tag][0]) for tag in feet)
+    for tag, (ankle, foot, toe) in feet.items():
+        hip = hip_joint(joints, tag, hips, shift)
+        turns["thigh" + tag], turns["shin" + tag] = bend_leg(joints, tag, hip, ankle)
+        turns["foot" + tag], turns["toe" + tag] = pitch(foot), pitch(toe)
+    return Cycle(turns, shift, stride)
+
+
+def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):
+    """Where the ankle is, (n, 3), and how the foot and the toes are pitched, (n,) radians, toes down
+    positive.
+
+    phase: (n,) in [0, 1), 0 when this foot's heel strikes.
+    """
+    _, ankle, ball = joints["foot" + tag]
+    ankle, ball = ankle[[0, 2]], np.array([ball[0], 0.0])
+    heel = np.array([-0.24 * ball[0], 0.0])
+    toes = joints["toe" + tag][2][0] - ball[0]
+
+    times = [0, FLAT, HEEL_OFF, STANCE, 0.70, 0.88, 1]
+    degrees = [STRIKE_PITCH, 0, 0, LEAVE_PITCH, LEAVE_PITCH + 4, -8, STRIKE_PITCH]
+    foot = np.radians(ease(phase, times, degrees))
+    toe = np.where(phase < HEEL_OFF, foot, 0.0)
+    relax = ease(phase, [STANCE, 0.78], [0, 1])
+    toe = np.where(phase > STANCE, foot * relax, toe)
+
+    def turned(point, angle=foot):  # a point of the foot, from the ankle, (..., 2)
+        x, z = point - ankle
+        return np.stack([x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)], -1)
+
+    # The foot's place is the ground's under its rest place: it moves at a constant speed while the foot
+    # stands, and the foot rolls about its heel or its ball, which stay put on that ground.
+    place = stride * (STRIKE - np.minimum(phase, STANCE))
+    rolled = np.where(phase < FLAT, (turned(heel) - heel)[:, 0], (turned(ball) - ball)[:, 0])
+    start = stride * (STRIKE - STANCE) - (turned(ball, np.radians(LEAVE_PITCH)) - ball)[0]
+    end = stride * STRIKE - (turned(heel, np.radians(STRIKE_PITCH)) - heel)[0]
+    t = np.clip((phase - STANCE) / (1 - STANCE), 0, 1)
+    slope = -0.55 * stride * (1 - STANCE)  # still going back as it leaves, and a little as it comes down
+    flight = hermite(t, start, end, slope, 0.5 * slope)
+    x = np.where(phase > STANCE, flight, place - rolled)
+
+    tip = turned(ball)[:, 1] - toes * np.sin(toe)
+    lowest = np.minimum(np.minimum(turned(ball)[:, 1], turned(heel)[:, 1]), tip)
+    clearance = 0.022 * (ankle[1] / 0.075) * np.sin(np.pi * t) ** 2
+    y = np.full_like(x, 0.8 * joints["foot" + tag][1][1])
+    return np.stack([x, y, clearance - lowest], 1), foot, toe
+
+
+def hip_joint(joints: dict, tag: str, hips: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """The hip joint's place, (n, 3)."""
+    root = joints["hips"][1]
+    return root + shift + hips @ (joints["thigh" + tag][1] - root)
+
+
+def leg_lengths(joints: dict, tag: str) -> tuple[float, float]:
+    _, hip, knee = joints["thigh" + tag]
+    return np.linalg.norm(knee - hip), np.linalg.norm(joints["shin" + tag][2] - knee)
+
+
+def overreach(joints, tag, hips, shift, ankle) -> float:
+    """How far the hips have to come down for this leg to reach its foot in every frame."""
+    way = hip_joint(joints, tag, hips, shift) - ankle
+    limit = REACH * sum(leg_lengths(joints, tag))
+    return float((way[:, 2] - np.sqrt(limit**2 - way[:, 0] ** 2 - way[:, 1] ** 2)).max())
+
+
+def bend_leg(joints, tag, hip, ankle) -> tuple[np.ndarray, np.ndarray]:
+    """The thigh's and the shin's turns that bring the ankle there, the knee in front: the law of cosines."""
+    thigh, shin = leg_lengths(joints, tag)
+    way = ankle - hip
+    distance = np.linalg.norm(way, axis=1)
+    way /= distance[:, None]
+    side = unit(np.cross([1.0, 0, 0], way))
+    front = np.cross(way, side)  # at right angles to the way, in the leg's plane
+    front *= np.sign(front[:, [0]])
+    along = (thigh**2 - shin**2 + distance**2) / (2 * distance)
+    knee = hip + way * along[:, None] + front * np.sqrt(thigh**2 - along**2)[:, None]
+    _, hip0, knee0 = joints["thigh" + tag]
+    ankle0 = joints["shin" + tag][2]
+    lateral = np.array([0, 1.0, 0])
+    return (
+        frame(knee - hip, side) @ frame(knee0 - hip0, lateral).T,
+        frame(ankle - knee, side) @ frame(ankle0 - knee0, lateral).T,
+    )
+
+
+def frame(axis, side) -> np.ndarray:
+    """Columns: the axis, the side made square to it, and the third. (..., 3, 3)."""
+    axis = unit(axis)
+    side = unit(side - axis * (side * axis).sum(-1, keepdims=True))
+    return np.stack([axis, side, np.cross(axis, side)], -1)
+
+
+def unit(v):
+    return v / np.linalg.norm(v, axis=-1, keepdims=True)
+
+
+def hermite(t, a, b, slope_a, slope_b):
+    """From a to b with these slopes at the ends, for t from 0 to 1."""
+    return (
+        (2 * t**3 - 3 * t**2 + 1) * a + (t**3 - 2 * t**2 + t) * slope_a
+        + (3 * t**2 - 2 * t**3) * b + (t**3 - t**2) * slope_b
+    )  # fmt: skip
+
+
+def ease(phase, times, values):
+    """Smooth steps from value to value, level at each."""
+    i = np.clip(np.searchsorted(times, phase, side="right") - 1, 0, len(times) - 2)
+    times, values = np.asarray(times), np.asarray(values, float)
+    t = np.clip((phase - times[i]) / (times[i + 1] - times[i]), 0, 1)
+    return values[i] + (values[i + 1] - values[i]) * t * t * (3 - 2 * t)
+
+
+def pitch(angle):
+    """About +y: forwards and down is positive."""
+    return rotation(angle, 2, 0)
+
+
+def roll(angle):
+    """About +x: the left side up is positive."""
+    return rotation(angle, 1, 2)
+
+
+def yaw(angle):
+    """About +z: to the left is positive."""
+    return rotation(angle, 0, 1)
+
+
+def rotation(angle, i: int, j: int) -> np.ndarray:
+    """(n, 3, 3) turns of axis i towards axis j by (n,) radians."""
+    matrix = np.zeros((len(angle), 3, 3))
+    matrix[:, range(3), range(3)] = 1
+    matrix[:, i, i] = matrix[:, j, j] = np.cos(angle)
+    matrix[:, j, i], matrix[:, i, j] = np.sin(angle), -np.sin(angle)
+    return matrix

@@ -1,0 +1,62 @@
+"""Which tests can run here. The folder says what a test needs:
+
+tests/core     nothing but NumPy and fast-simplification
+tests/blender  the bpy module
+tests/gpu      the bpy module of Blender 5.1 or later, and an OpenGL that starts without a window
+tests/ui       a full Blender, named by the environment variable BLENDER
+
+A file whose needs are not met is skipped with the reason, before it is imported. CROWD_LOD_REQUIRE=core,gpu makes it
+an error instead when none of a named group's tests can run: CI sets it, so that nothing is skipped in silence.
+"""
+
+import functools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+
+
+def group(path: Path) -> str:
+    return path.relative_to(TESTS).parts[0]
+
+
+@functools.cache
+def obstacle(group: str) -> str | None:
+    """Why this group's tests cannot run here, if so."""
+    if group == "ui":
+        return None if os.environ.get("BLENDER") else "the environment variable BLENDER names no Blender"
+    if group not in ("blender", "gpu"):
+        return None
+    try:
+        import bpy
+    except ImportError as error:
+        return f"no bpy module: {error}"
+    if group == "gpu":
+        if bpy.app.version < (5, 1, 0):
+            return f"Blender {bpy.app.version_string} has no GPU without a window"
+        trial = [sys.executable, "-c", "import bpy, gpu; gpu.init()"]  # without a driver it aborts, or worse
+        if status := subprocess.call(trial, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL):
+            return f"gpu.init() finds no OpenGL here: a trial ended with status {status}"
+    return None
+
+
+class Unavailable(pytest.Module):
+    def collect(self):
+        name = group(self.path)
+        pytest.skip(f"tests/{name}: {obstacle(name)}")
+
+
+def pytest_pycollect_makemodule(module_path, parent):
+    if obstacle(group(module_path)):
+        return Unavailable.from_parent(parent, path=module_path)
+
+
+def pytest_collection_modifyitems(items):
+    required = {name for name in os.environ.get("CROWD_LOD_REQUIRE", "").split(",") if name}
+    for name in sorted(required - {group(item.path) for item in items}):
+        reason = obstacle(name) or "there is none"
+        raise pytest.UsageError(f"CROWD_LOD_REQUIRE: no test of tests/{name} can run: {reason}")

@@ -1,0 +1,48 @@
+import dataclasses
+
+import numpy as np
+import pytest
+
+from crowd_lod_extension.crowd_lod.agents import bounding_sphere, populate
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.machine import load_preset
+from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+
+MACHINE = load_preset("chapter")
+WORLD = edge_map(Area(-10, 5, 30, 25, 2.0), MACHINE.labels)
+
+
+def test_same_seed_same_crowd_bit_for_bit_and_another_seed_another():
+    a, b, c = (populate(5000, seed, 3, MACHINE, WORLD) for seed in (7, 7, 8))
+    for field in dataclasses.fields(a):
+        assert getattr(a, field.name).tobytes() == getattr(b, field.name).tobytes()
+    assert (a.x != c.x).any()
+
+
+def test_crowd_starts_where_it_may_and_spreads_evenly():
+    crowd = populate(20_000, 1, 3, MACHINE, WORLD)
+    assert MACHINE.spawn[WORLD.at(crowd.x, crowd.y)].all()
+    assert (crowd.y >= 5).all() and (crowd.y < 25).all() and (crowd.z == 2).all()
+    assert (crowd.state == 0).all()  # the chapter's start: all walk right
+    assert (crowd.heading == 0).all()
+    assert ((crowd.phase >= 0) & (crowd.phase < 1)).all()
+    # 20,000 fair draws into 3 groups and 4 quarters stay within 5 standard deviations
+    assert abs(np.bincount(crowd.group, minlength=3) - 20_000 / 3).max() < 5 * np.sqrt(20_000 * 2 / 9)
+    quarters = np.bincount((crowd.x > 10) * 2 + (crowd.y > 15), minlength=4)
+    assert abs(quarters - 5000).max() < 5 * np.sqrt(20_000 * 3 / 16)
+
+
+@pytest.mark.parametrize("count", [0, -1, 10_000_001])
+def test_impossible_counts_are_refused(count):
+    with pytest.raises(CrowdError, match="agents"):
+        populate(count, 0, 1, MACHINE, WORLD)
+
+
+def test_bounding_sphere_holds_the_points_at_every_heading():
+    points = np.random.default_rng(3).normal(size=(500, 3)) * (0.3, 0.2, 0.9) + (0.1, 0, 0.9)
+    centre, radius = bounding_sphere(points)
+    for angle in np.linspace(0, 6, 13):
+        c, s = np.cos(angle), np.sin(angle)
+        turned = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        distance = np.linalg.norm(turned - (0, 0, centre), axis=1).max()
+        assert distance == pytest.approx(radius, rel=1e-12)

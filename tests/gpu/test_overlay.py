@@ -1,0 +1,175 @@
+"""The overlay's points and lines, drawn without a window and read back."""
+
+from dataclasses import replace
+
+import bpy
+import gpu
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from mathutils import Matrix, Vector
+
+from crowd_lod_extension.crowd_lod.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.camera import Camera, Window, frustum_corners
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy
+from crowd_lod_extension.crowd_lod.machine import load_preset
+from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+from crowd_lod_extension.operators.levels import TINTS
+from crowd_lod_extension.operators.overlay import POINT_PIXELS, Batches, paint
+from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
+
+WIDTH, HEIGHT = 320, 240
+GROUPS = (Group("adult", 0.9, 1.0, 0.0, 1.0), Group("child", 0.6, 0.7, 0.0, 1.0))
+POLICY = LevelPolicy((0.25, 0.5))
+# Feet, group, and the LOD, None for culled, seen by a camera at (0, 0, 1) that looks along +y as far as 40 m.
+AGENTS = (
+    ((0.0, 5.0, 0.0), 0, 0),
+    ((2.0, 9.0, 0.0), 1, 0),
+    ((-3.0, 15.0, 0.0), 0, 1),
+    ((4.0, 30.0, 0.0), 1, 2),
+    ((-9.0, 5.0, 0.0), 0, None),  # beside the frustum
+    ((3.0, -4.0, 0.0), 0, None),  # behind the camera
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def context():
+    gpu.init()
+
+
+def planned(shift=(0.0, 0.0, 0.0)):
+    """The drawing of AGENTS, all of it moved by `shift`."""
+    feet = np.array([at for at, _, _ in AGENTS]) + shift
+    n = len(AGENTS)
+    crowd = Crowd(
+        *np.ascontiguousarray(feet.T),
+        heading=np.zeros(n, np.float32),
+        state=np.zeros(n, np.uint8),
+        group=np.array([group for _, group, _ in AGENTS], np.uint8),
+        phase=np.zeros(n, np.float32),
+    )
+    machine = load_preset("chapter")
+    world = edge_map(Area(-50, -50, 50, 50), machine.labels)
+    eye = np.array([0.0, 0.0, 1.0]) + shift
+    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
+    camera = Camera("PERSP", eye, *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
+    frame = plan(Trajectory(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
+    found = [int(level) if seen else None for level, seen in zip(frame.levels, frame.visible, strict=True)]
+    assert found == [level for _, _, level in AGENTS]
+    return frame, drawing(frame, GROUPS, POLICY)
+
+
+def without_lines(what):
+    return replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
+
+
+@pytest.fixture
+def viewer():
+    """A function that makes a camera of this kind, above and behind AGENTS, which sees them all."""
+    made = []
+
+    def make(kind):
+        data = bpy.data.cameras.new("viewer")
+        data.type, data.ortho_scale, data.lens, data.clip_end = kind, 60.0, 24.0, 500.0
+        item = bpy.data.objects.new("viewer", data)
+        made.append(item)
+        bpy.context.scene.collection.objects.link(item)
+        eye, target = Vector((-12.0, -22.0, 20.0)), Vector((0.0, 10.0, 0.0))
+        turn = (target - eye).to_track_quat("-Z", "Y").to_matrix().to_4x4()
+        item.matrix_world = Matrix.Translation(eye) @ turn
+        render = bpy.context.scene.render
+        render.resolution_x, render.resolution_y, render.resolution_percentage = WIDTH, HEIGHT, 100
+        bpy.context.view_layer.update()
+        return item
+
+    yield make
+    for item in made:
+        bpy.data.cameras.remove(item.data)
+
+
+def picture(what, viewer, depth=1.0):
+    """What the overlay draws, (HEIGHT, WIDTH, 4) float32, bottom row first, over black at this depth."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    canvas = gpu.types.GPUOffScreen(WIDTH, HEIGHT, format="RGBA32F")
+    try:
+        with canvas.bind():
+            buffer = gpu.state.active_framebuffer_get()
+            buffer.clear(color=(0, 0, 0, 1), depth=depth)
+            with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+                gpu.matrix.load_matrix(viewer.matrix_world.inverted())
+                gpu.matrix.load_projection_matrix(viewer.calc_matrix_camera(depsgraph, x=WIDTH, y=HEIGHT))
+                paint(Batches(what), 1.0)
+            pixels = buffer.read_color(0, 0, WIDTH, HEIGHT, 4, 0, "FLOAT")
+        return np.asarray(memoryview(pixels), np.float32).reshape(HEIGHT, WIDTH, 4).copy()
+    finally:
+        canvas.free()
+
+
+def pixel(viewer, position) -> tuple[int, int]:
+    """Row and column of a world position in the viewer's picture."""
+    x, y, depth = world_to_camera_view(bpy.context.scene, viewer, Vector(position))
+    assert 0 < x < 1 and 0 < y < 1 and depth > 0
+    return int(y * HEIGHT), int(x * WIDTH)
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_points_stand_where_the_agents_do_in_the_tint_of_their_lod(viewer, kind):
+    viewer = viewer(kind)
+    seen = picture(without_lines(planned()[1]), viewer)
+    rows, columns = np.mgrid[:HEIGHT, :WIDTH]
+    free = np.ones((HEIGHT, WIDTH), bool)
+    for feet, group, level in AGENTS:
+        row, column = pixel(viewer, np.add(feet, (0, 0, GROUPS[group].centre)))
+        colour = np.multiply(CULLED[:3], CULLED[3]) if level is None else TINTS[level]
+        assert seen[row, column, :3] == pytest.approx(colour, abs=0.02)
+        free &= np.hypot(rows - row, columns - column) > POINT_PIXELS[1] / 2 + 1
+    assert (seen[free] == (0, 0, 0, 1)).all()
+
+
+def test_points_shrink_with_distance_down_to_a_least_size(viewer):
+    viewer = viewer("PERSP")
+    seen = picture(without_lines(planned()[1]), viewer)
+    red, blue = ((seen[..., channel] > 0.3).sum() for channel in (0, 2))
+    assert red > blue >= 0.6 * (POINT_PIXELS[0] * GROUPS[1].radius) ** 2 * np.pi / 4
+
+
+def test_what_stands_in_front_hides_the_points(viewer):
+    seen = picture(planned()[1], viewer("PERSP"), depth=0.0)
+    assert (seen == (0, 0, 0, 1)).all()
+
+
+def test_lines_run_along_the_frustum_and_where_each_lod_begins(viewer):
+    frame, what = planned()
+    viewer = viewer("PERSP")
+    seen = picture(what, viewer)
+    camera = frame.camera
+    expected = [(camera.far, FRUSTUM[:3]), (10.0, TINTS[1]), (20.0, TINTS[2])]
+    for distance, colour in expected:
+        left_bottom, right_bottom = frustum_corners(camera, distance)[:2]
+        row, column = pixel(viewer, 0.7 * left_bottom + 0.3 * right_bottom)
+        near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)
+        assert np.abs(near - colour).max(axis=1).min() < 0.1
+
+
+def test_the_gpu_is_left_as_it_was(viewer):
+    before = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
+    picture(planned()[1], viewer("PERSP"))
+    assert (gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()) == before
+
+
+def test_far_from_the_worlds_origin_the_points_are_as_exact():
+    _, here = planned()
+    _, there = planned((4_000_000.0, -2_000_000.0, 0.0))
+    assert there.positions == pytest.approx(here.positions, abs=1e-4)
+    assert there.lines == pytest.approx(here.lines, abs=1e-4)
+    assert there.positions.dtype == np.float32
+
+
+def test_points_are_in_order_of_lod_and_those_culled_last():
+    _, what = planned()
+    tints = [tuple(np.float32(c) for c in (*TINTS[level], 1.0)) for level in (0, 0, 1, 2)]
+    assert [tuple(c) for c in what.colours[:4]] == tints
+    assert (what.colours[4:] == np.float32(CULLED)).all()
+    assert (what.sizes[4:] < what.sizes[0]).all() and what.sizes[0] == 1

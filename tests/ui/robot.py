@@ -1,0 +1,163 @@
+"""Eyes and hands of session.py: presses buttons and keys in Blender's window, takes pictures, compares."""
+
+import os
+import shutil
+import subprocess
+import time
+from contextlib import contextmanager
+
+import bpy
+
+PATIENCE = 300.0  # seconds until a button's work counts as hung
+KINDS = (
+    "actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds"
+).split()
+pictures = []
+
+
+class Counted:
+    """How many draw handlers are in the viewport; Blender does not tell."""
+
+    def __init__(self):
+        self.count = 0
+        space = bpy.types.SpaceView3D
+        add, remove = space.draw_handler_add, space.draw_handler_remove
+
+        def counted_add(*arguments):
+            self.count += 1
+            return add(*arguments)
+
+        def counted_remove(*arguments):
+            remove(*arguments)
+            self.count -= 1
+
+        space.draw_handler_add, space.draw_handler_remove = counted_add, counted_remove
+
+
+def start(folder):
+    global draw_handlers, _folder
+    _folder = folder
+    draw_handlers = Counted()
+    bpy.context.preferences.view.show_splash = False
+    toggle("bl_ext.user_default.crowd_lod")
+
+
+def window() -> bpy.types.Window:
+    return bpy.context.window_manager.windows[0]
+
+
+def view_3d() -> bpy.types.Area:
+    return next(area for area in window().screen.areas if area.type == "VIEW_3D")
+
+
+def sidebar(area) -> bpy.types.Region:
+    return next(region for region in area.regions if region.type == "UI")
+
+
+@contextmanager
+def over(kind="WINDOW"):
+    """The context of a mouse over the viewport (WINDOW) or its sidebar (UI)."""
+    area = view_3d()
+    region = next(region for region in area.regions if region.type == kind)
+    with bpy.context.temp_override(window=window(), area=area, region=region):
+        yield
+
+
+def press(button: str, /, escape_after: float | None = None, **properties):
+    """Press the button of the operator; wait until its work is done, or press Esc after some seconds. Returns FINISHED
+    or CANCELLED, MODAL where Blender keeps to itself how it ended, or what it raised."""
+    module, function = button.split(".")
+    try:
+        with over():
+            status = getattr(getattr(bpy.ops, module), function)("INVOKE_DEFAULT", True, **properties)
+    except RuntimeError as error:
+        return f"CANCELLED: {error}"
+    began = time.monotonic()
+    escaped = False
+    while button in (f"{o.bl_idname.replace('_OT_', '.').lower()}" for o in window().modal_operators):
+        if escape_after is not None and not escaped and time.monotonic() - began > escape_after:
+            key("ESC")
+            escaped = True
+        if time.monotonic() - began > PATIENCE:
+            raise TimeoutError(button)
+        yield 0.1
+    return "MODAL" if "RUNNING_MODAL" in status else next(iter(status))
+
+
+def key(name: str):
+    """Type a key with the mouse over the viewport."""
+    area = view_3d()
+    x, y = area.x + area.width // 4, area.y + area.height // 2
+    window().event_simulate(type=name, value="PRESS", x=x, y=y)
+    window().event_simulate(type=name, value="RELEASE", x=x, y=y)
+
+
+def dismiss():
+    """Close a message box, if there is one."""
+    key("ESC")
+    yield 0.3
+
+
+def scroll(pixels: int):
+    """Scroll the sidebar down."""
+    with over("UI"):
+        bpy.ops.view2d.scroll_down(deltay=-pixels)
+
+
+def undo():
+    with over():
+        bpy.ops.ed.undo()
+
+
+def redo():
+    with over():
+        bpy.ops.ed.redo()
+
+
+def toggle(module: str):
+    """Disable the add-on and enable it again."""
+    bpy.ops.preferences.addon_disable(module=module)
+    bpy.ops.preferences.addon_enable(module=module)
+
+
+def picture(name: str):
+    """Save a picture of the window, or, where there is no ImageMagick, the one that Blender takes of itself."""
+    yield 0.4
+    path = _folder / f"{name}.png"
+    if shutil.which("import") and os.environ.get("DISPLAY"):
+        subprocess.call(["import", "-window", "root", str(path)])
+    else:
+        with over():
+            bpy.ops.screen.screenshot(filepath=str(path))
+    pictures.append(path.name)
+
+
+def snapshot() -> dict[str, list]:
+    """The file's data-blocks by kind and name, and the crowd's settings."""
+    found = {kind: sorted(block.name for block in getattr(bpy.data, kind)) for kind in KINDS}
+    settings = window().scene.crowd_lod
+    found["settings"] = [f"{name}: {_value(settings, name)}" for name in settings.bl_rna.properties.keys()]
+    return found
+
+
+def _value(settings, name: str) -> str:
+    value = getattr(settings, name)
+    return str([*value] if hasattr(value, "__len__") and not isinstance(value, str) else value)
+
+
+def changes(before: dict[str, list]) -> dict[str, list]:
+    """What is new or gone since the snapshot."""
+    after = snapshot()
+    return {k: sorted(set(before[k]) ^ set(after[k])) for k in before if before[k] != after[k]}
+
+
+def leftovers() -> dict[str, int]:
+    """Counts of all that an add-on could leave on Blender."""
+    handlers = {name: value for name, value in vars(bpy.app.handlers).items() if isinstance(value, list)}
+    return {
+        **{name: len(functions) for name, functions in handlers.items()},
+        "draw handlers": draw_handlers.count,
+        "operators": len(dir(bpy.ops.crowd_lod)),
+        "panels": len([name for name in dir(bpy.types) if name.startswith("CROWDLOD_PT_")]),
+        "scene properties": len(bpy.types.Scene.bl_rna.properties),
+    }

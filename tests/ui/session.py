@@ -1,0 +1,252 @@
+"""What a user does, in a real Blender window: blender --python session.py -- FOLDER.
+
+Presses every button, as the sidebar does, waits until its work is done, looks at what came of it, takes a picture, and
+writes all it saw to FOLDER/results.json, which test_window.py judges. Only bpy and the standard library.
+"""
+
+import json
+import sys
+import time
+import traceback
+from pathlib import Path
+
+import bpy
+
+sys.path.insert(0, str(Path(__file__).parent))
+import robot  # noqa: E402
+
+FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
+MODULE = "bl_ext.user_default.crowd_lod"
+results = {}
+
+
+def session():
+    """Yields the seconds to wait before going on."""
+    area = robot.view_3d()
+    area.spaces[0].show_region_ui = True
+    yield 0.5
+    robot.sidebar(area).active_panel_category = "Crowd LOD"
+    yield 0.5
+    for step in (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza):
+        started = time.monotonic()
+        results[step.__name__] = yield from step()
+        results[step.__name__]["seconds"] = round(time.monotonic() - started, 1)
+
+
+def scene():
+    return robot.window().scene
+
+
+def settings():
+    return scene().crowd_lod
+
+
+def overlay():
+    return sys.modules[f"{MODULE}.operators.overlay"]
+
+
+def shown():
+    """The figures at the top of the sidebar."""
+    frame = overlay().latest(scene())
+    if frame is None:
+        return {"problem": overlay().problem(scene())}
+    return {"time": frame.time, "visible": int(frame.visible.sum()), "counts": frame.buckets.counts.tolist()}
+
+
+def empty():
+    """Each button in a scene without anything: an error, and the scene is as it was."""
+    yield from robot.picture("01_empty")
+    found = {}
+    for name in ("populate", "make_levels", "build", "preview", "remove_build"):
+        before = robot.snapshot()
+        status = yield from robot.press(f"crowd_lod.{name}")
+        found[name] = {"status": status, "changed": robot.changes(before)}
+        yield from robot.dismiss()
+    return {"buttons": found}
+
+
+def sample():
+    status = yield from robot.press("crowd_lod.sample", name="chapter")
+    status = [status, (yield from robot.press("crowd_lod.populate"))]
+    yield 1.0
+    yield from robot.picture("02_populated")
+    return {"status": status, "scene": scene().name, "overlay": settings().overlay, **shown()}
+
+
+def timeline():
+    """The overlay follows the frame, the camera and the settings, and computes nothing while all stands still."""
+    found = {}
+    scene().frame_set(60)
+    yield 1.0
+    found["frame 60"] = shown()
+    first = overlay().latest(scene())
+    for _ in range(5):
+        robot.view_3d().tag_redraw()
+        yield 0.3
+    found["idle"] = overlay().latest(scene()) is first
+    scene().camera.location.x += 15
+    yield 1.0
+    found["camera moved"] = shown()
+    scene().camera.location.x -= 15
+    settings().thresholds[0] = 0.5
+    yield 1.0
+    found["threshold"] = shown()
+    settings().thresholds[0] = 0.7
+    yield 1.0
+    found["thresholds crossed"] = shown()
+    yield from robot.picture("03_thresholds_crossed")
+    settings().thresholds[0] = 0.3
+    space = robot.view_3d().spaces[0].region_3d
+    space.view_perspective = "CAMERA"
+    yield 1.0
+    yield from robot.picture("04_through_the_camera")
+    space.view_perspective = "PERSP"
+    space.view_distance = 150
+    yield 1.0
+    yield from robot.picture("05_from_afar")
+    found["back"] = shown()
+    return found
+
+
+def levels():
+    status = yield from robot.press("crowd_lod.make_levels")
+    yield 1.0
+    robot.scroll(700)
+    yield from robot.picture("06_levels")
+    top = settings().levels
+    return {
+        "status": status,
+        "levels": [sorted(group.name for group in level.children) for level in top.children],
+        "groups": sorted(g.name for g in settings().groups),
+        "triangles": [[g.triangles[k] for k in range(settings().level_count)] for g in settings().groups],
+    }
+
+
+def build():
+    """Build, undo, redo, another frame, remove."""
+    status = yield from robot.press("crowd_lod.build")
+    yield 1.0
+    found = {"status": status, "points": points(), **shown()}
+    yield from robot.picture("07_built")
+    robot.undo()
+    yield 1.0
+    found["undone"] = {"build": settings().build is None, "levels": settings().levels is not None, "points": points()}
+    robot.redo()
+    yield 1.0
+    found["redone"] = points()
+    scene().frame_set(90)
+    yield 1.0
+    found["frame 90"] = {"points": points(), **shown()}
+    before = robot.snapshot()
+    found["removed"] = yield from robot.press("crowd_lod.remove_build")
+    found["points removed"] = points()
+    found["changed"] = robot.changes(before)
+    return found
+
+
+def points():
+    """Agents in each LOD's point object, or None without a build."""
+    top = settings().build
+    return top and [len(each.data.vertices) for each in sorted(top.objects, key=lambda each: each["crowd_lod_level"])]
+
+
+def preview():
+    settings().folder, settings().frames, settings().width = str(FOLDER / "preview"), "1,60", 320
+    before = robot.snapshot()
+    status = yield from robot.press("crowd_lod.preview")
+    yield from robot.picture("08_preview_done")
+    files = sorted(path.name for path in (FOLDER / "preview").iterdir())
+    return {"status": status, "files": files, "changed": robot.changes(before)}
+
+
+def escape():
+    """Esc in the middle of a long preview."""
+    settings().folder, settings().frames = str(FOLDER / "escaped"), "1:200"
+    settings().step = 1
+    before = robot.snapshot()
+    status = yield from robot.press("crowd_lod.preview", escape_after=3.0)
+    yield from robot.picture("09_escaped")
+    return {"status": status, "changed": robot.changes(before), "folder": (FOLDER / "escaped").exists()}
+
+
+def no_camera():
+    """Buttons and overlay without a camera, then with one again."""
+    camera, scene().camera = scene().camera, None
+    settings().frames = "1,60"
+    yield 1.0
+    found = {"overlay": shown(), "buttons": {}}
+    yield from robot.picture("10_no_camera")
+    for name in ("build", "preview"):
+        before = robot.snapshot()
+        status = yield from robot.press(f"crowd_lod.{name}")
+        found["buttons"][name] = {"status": status, "changed": robot.changes(before)}
+        yield from robot.picture(f"11_no_camera_{name}")
+        yield from robot.dismiss()
+    scene().camera = camera
+    yield 1.0
+    found["camera is back"] = shown()
+    return found
+
+
+def breakage():
+    """An unforeseen error while drawing: told once, and the viewport goes on."""
+    module, real = overlay(), overlay().drawing
+
+    def broken(*_):
+        raise ZeroDivisionError("made by the test")
+
+    module.drawing = broken
+    scene().frame_set(61)
+    yield 1.0
+    found = {"problem": module.problem(scene()), "handlers": robot.draw_handlers.count}
+    yield from robot.picture("12_broken")
+    module.drawing = real
+    robot.toggle(MODULE)
+    settings().overlay = True
+    yield 1.0
+    found["afterwards"] = shown()
+    return found
+
+
+def repeat():
+    """Disabling and enabling leaves nothing behind; neither does a scene that goes."""
+    before = robot.leftovers()
+    for _ in range(20):
+        robot.toggle(MODULE)
+        yield 0.05
+    after = robot.leftovers()
+    name = scene().name
+    others = [other for other in bpy.data.scenes if other is not scene()]
+    robot.window().scene = others[0]
+    bpy.data.scenes.remove(bpy.data.scenes[name])
+    yield 1.0
+    return {"before": before, "after": after, "scene": scene().name, "cached": len(overlay()._shown)}
+
+
+def plaza():
+    status = yield from robot.press("crowd_lod.sample", name="plaza")
+    status = [status, (yield from robot.press("crowd_lod.populate"))]
+    yield 1.0
+    robot.view_3d().spaces[0].region_3d.view_perspective = "CAMERA"
+    yield 1.0
+    yield from robot.picture("13_plaza")
+    return {"status": status, **shown()}
+
+
+def go_on(steps):
+    def tick():
+        try:
+            return next(steps)
+        except StopIteration:
+            pass
+        except BaseException:
+            results["traceback"] = traceback.format_exc()
+        results["pictures"] = robot.pictures
+        (FOLDER / "results.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+        bpy.ops.wm.quit_blender()
+
+    return tick
+
+
+robot.start(FOLDER)
+bpy.app.timers.register(go_on(session()), first_interval=1.0, persistent=True)
