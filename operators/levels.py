@@ -81,6 +81,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
             block.name = re.sub(r"\.\d+$", "", block.name)  # free again, now that the earlier LODs are gone
     scene.collection.children.link(top)
     for view_layer in scene.view_layers:
+        view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels = top
     store_groups(settings, tuple(made))

@@ -23,6 +23,7 @@ from .populate import characters_of, frame_of, machine_of, measure_groups, polic
 
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}
 MOST_IN_SHEET = 24  # frames on the contact sheet
+GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 THUMBNAIL = 480  # pixels wide, at least
 
 
@@ -138,8 +139,12 @@ def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
 
 
 def _world() -> bpy.types.World:
+    """An even light grey sky, in every engine."""
     world = bpy.data.worlds.new("Crowd LOD preview")
-    world.color = (0.55, 0.58, 0.62)
+    world.color = GREY
+    world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (*GREY, 1.0)
     return world
 
 

@@ -1,9 +1,8 @@
 """Every test starts in an empty file with the extension registered."""
 
+import bpy
 import crowd_lod_extension
 import pytest
-
-import bpy
 
 
 @pytest.fixture(scope="package", autouse=True)
