@@ -181,7 +181,7 @@ def _render(stage: bpy.types.Scene, path: Path) -> None:
 def _caption(frame: Frame) -> str:
     seen = int(frame.visible.sum())
     counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
-    return f"{len(frame.crowd):,} agents  {seen:,} visible ({seen / len(frame.crowd):.0%})  {counts}  {frame.triangles:,} tris"
+    return f"{len(frame.crowd):,} agents  {seen:,} visible ({seen / len(frame.crowd):.1%})  {counts}  {frame.triangles:,} tris"
 
 
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
