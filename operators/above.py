@@ -3,15 +3,15 @@
 import bpy
 import numpy as np
 
-from ..crowd_lod.camera import Camera, frustum_corners
+from ..crowd_lod.camera import Camera
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.maps import Area
 from . import scene as io
 from .levels import TINTS
+from .points import frustum_lines
 
 CULLED = (0.25, 0.25, 0.25)
-FRUSTUM = (0.9, 0.75, 0.0)
 ARROW_PIXELS, LINE_PIXELS = 5.0, 2.0
 ARROW_METRES = 0.7
 
@@ -79,18 +79,8 @@ def _arrows(frame: Frame, centre: np.ndarray, view: Camera) -> tuple[np.ndarray,
 
 
 def _frustum(camera: Camera, policy: LevelPolicy, view: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 4, 3) corners of ribbons that face `view`, and their colours (m, 3): the frustum's edges, and a rectangle
-    where each LOD begins, in its tint."""
-    if camera.kind == "PANO":
-        return np.empty((0, 4, 3)), np.empty((0, 3))
-    near, far = frustum_corners(camera, camera.near), frustum_corners(camera, camera.far)
-    segments = [*zip(near, far, strict=True), *_loop(far)]
-    tints = [FRUSTUM] * len(segments)
-    for level, threshold in enumerate(policy.thresholds, start=1):
-        ring = _loop(frustum_corners(camera, camera.far * threshold))
-        segments += ring
-        tints += [TINTS[level]] * len(ring)
-    ends = np.array(segments)
+    """(m, 4, 3) corners of ribbons that face `view`, and their colours (m, 3): the overlay's lines, made solid."""
+    ends, colours = frustum_lines(camera, policy)
     along = ends[:, 1] - ends[:, 0]
     aside = np.cross(along, view.Z)
     length = np.linalg.norm(aside, axis=1, keepdims=True)
@@ -98,8 +88,4 @@ def _frustum(camera: Camera, policy: LevelPolicy, view: Camera) -> tuple[np.ndar
     ends, aside = ends[keep], aside[keep] / length[keep]
     half = [aside * (LINE_PIXELS / 2 * _pixel(view, ends[:, i]))[:, None] for i in range(2)]
     ribbons = np.stack([ends[:, 0] - half[0], ends[:, 1] - half[1], ends[:, 1] + half[1], ends[:, 0] + half[0]], axis=1)
-    return ribbons, np.array(tints)[keep]
-
-
-def _loop(corners: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    return [(corners[i], corners[(i + 1) % 4]) for i in range(4)]
+    return ribbons, colours[keep, 0, :3]

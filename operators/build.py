@@ -131,6 +131,8 @@ class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
     bl_label = "Remove Build"
 
     def run(self, context):
+        if context.scene.crowd_lod.build is None:
+            raise CrowdError(f"The scene {context.scene.name} has no build to remove.")
         remove_build(context.scene.crowd_lod)
         return "The build is removed."
 

@@ -26,7 +26,7 @@ TINTS = (
     (0.09, 0.46, 0.81),
     (0.87, 0.78, 0.05),
     (0.60, 0.19, 0.38),
-    (0.25, 0.25, 0.25),
+    (0.90, 0.90, 0.90),
 )
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 

@@ -51,7 +51,8 @@ _failure: str | None = None
 def register():
     global _failure
     _failure = None
-    _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW"))
+    if not bpy.app.background:  # nothing is drawn there
+        _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW"))
 
 
 def unregister():
@@ -59,6 +60,8 @@ def unregister():
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
     _shown.clear()
     _shaders.clear()
+    if bpy.app.timers.is_registered(_redraw_sidebars):
+        bpy.app.timers.unregister(_redraw_sidebars)
 
 
 def latest(scene: bpy.types.Scene) -> Frame | None:
@@ -90,10 +93,12 @@ def _draw():
             paint(batches, context.preferences.system.ui_scale)
     except Exception as error:
         traceback.print_exc()
-        _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
+        _failure = (
+            f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
+        )
         print(f"Crowd LOD: {_failure}", file=sys.stderr)
         unregister()
-        _redraw_sidebars(context)
+        _redraw_sidebars_soon()
 
 
 def _follow(context) -> Shown:
@@ -105,7 +110,7 @@ def _follow(context) -> Shown:
         for gone in _shown.keys() - {each.session_uid for each in bpy.data.scenes}:
             del _shown[gone]
         _shown[scene.session_uid] = shown
-        _redraw_sidebars(context)
+        _redraw_sidebars_soon()
     return shown
 
 
@@ -146,12 +151,19 @@ def _values(camera: Camera) -> tuple:
     return camera.kind, vectors, camera.window, camera.near, camera.far
 
 
-def _redraw_sidebars(context):
-    for area in context.screen.areas:
-        if area.type == "VIEW_3D":
-            for region in area.regions:
-                if region.type == "UI":
-                    region.tag_redraw()
+def _redraw_sidebars_soon():
+    # from within a drawing Blender would forget the request
+    if not bpy.app.timers.is_registered(_redraw_sidebars):
+        bpy.app.timers.register(_redraw_sidebars)
+
+
+def _redraw_sidebars():
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()
 
 
 class Batches:
@@ -170,8 +182,16 @@ class Batches:
         for name, values in columns.items():
             buffer.attr_fill(name, np.ascontiguousarray(values, np.float32))
         self.points = GPUBatch(type="POINTS", buf=buffer)
-        columns = {"pos": what.lines.reshape(-1, 3), "color": what.line_colours.reshape(-1, 4)}
+        columns = {"pos": what.lines.reshape(-1, 3), "color": _encoded(what.line_colours).reshape(-1, 4)}
         self.lines = batch_for_shader(_line_shader(), "LINES", columns) if len(what.lines) else None
+
+
+def _encoded(linear: np.ndarray) -> np.ndarray:
+    """sRGB from linear RGBA (..., 4) float32: Blender's own shaders take it, and undo it for the viewport."""
+    encoded = linear.copy()
+    rgb = linear[..., :3]
+    encoded[..., :3] = np.where(rgb < 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    return encoded
 
 
 def paint(batches: Batches, ui_scale: float) -> None:

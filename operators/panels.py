@@ -15,8 +15,8 @@ COLOURS = (
     ("orange", "STRIP_COLOR_02"),
     ("sky", "COLORSET_08_VEC"),
     ("yellow", "STRIP_COLOR_03"),
-    ("purple", "STRIP_COLOR_06"),
-    ("gray", "STRIP_COLOR_09"),
+    ("pink", "STRIP_COLOR_07"),
+    ("white", "STRIP_COLOR_09"),
 )
 STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting"}
 MOST_ROWS = 12  # of a table of groups
@@ -76,19 +76,19 @@ def _figures(layout, frame):
         icon = "BLANK1"
     column = layout.column(align=True)
     for name, value, icon in rows:
-        split = column.split(factor=0.45)
+        split = column.split(factor=0.48)
         split.label(text=name, icon=icon)
         split.label(text=value)
 
 
 def _share(drawn: int, full: int) -> str:
-    return f"{_short(drawn)} of {_short(full)}  ({drawn / full:.1%})"
+    return f"{_short(drawn)} of {_short(full)}"
 
 
 def _short(number: int) -> str:
     """Three digits and a letter: 12,345,678 is 12.3 M."""
-    for unit, letter in ((1e9, "G"), (1e6, "M"), (1e3, "k")):
-        if number >= 10 * unit:
+    for least, unit, letter in ((1e9, 1e9, "G"), (1e6, 1e6, "M"), (1e4, 1e3, "k")):
+        if number >= least:
             return f"{number / unit:.3g} {letter}"
     return f"{number:,}"
 
@@ -97,14 +97,15 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
     bl_label = "Crowd"
 
     def body(self, context, layout, settings):
-        row = layout.row(heading="Sample Scene")
+        layout.label(text="Sample scenes")
+        row = layout.row()
         for name in ("chapter", "plaza"):
             row.operator("crowd_lod.sample", text=name.capitalize()).name = name
         layout.prop(settings, "characters")
         layout.prop(settings, "forward")
         layout.prop(settings, "count")
         layout.prop(settings, "seed")
-        layout.prop(settings, "centre")
+        layout.prop(settings, "centre", text="Center")
         layout.prop(settings, "size")
         layout.operator("crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD")
         if len(settings.groups):
@@ -158,9 +159,9 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
         camera = context.scene.camera
         far = camera.data.clip_end if camera is not None and camera.type == "CAMERA" else None
         grid = layout.column(align=True)
-        _cells(grid, ("", "Ratio", "From", "Distance"))
+        _cells(grid, ("LOD", "Ratio", "From", "Distance"))
         for level in range(settings.level_count):
-            cells = _cells(grid, (f"LOD {level}",), icon=COLOURS[level][1], columns=4)
+            cells = _cells(grid, (str(level),), icon=COLOURS[level][1], columns=4)
             cells.prop(settings, "ratios", index=level, text="")
             if level == 0:
                 cells.label(text="near")
@@ -168,21 +169,23 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             else:
                 cells.prop(settings, "thresholds", index=level - 1, text="")
                 threshold = settings.thresholds[level - 1]
-                cells.label(text=_length(context, far * threshold) if far else "no camera")
+                cells.label(text=_length(context, far * threshold) if far else "?")
         layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
         if settings.levels is not None:
-            shown = range(settings.level_count)
-            rows = [(g.name, *(f"{_short(g.vertices[k])}/{_short(g.triangles[k])}" for k in shown)) for g in settings.groups]
-            layout.label(text="Vertices/triangles")
-            _table(layout, ("Group", *(f"LOD {k}" for k in shown)), rows)
+            for group in settings.groups[: MOST_ROWS // settings.level_count]:
+                sizes = zip(group.vertices, group.triangles, strict=True)
+                rows = [(f"LOD {k}", f"{v:,}", f"{t:,}") for k, (v, t) in enumerate(sizes) if v]
+                _table(layout, (group.name, "Vertices", "Triangles"), rows)
 
 
 class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
     bl_label = "Preview"
 
     def body(self, context, layout, settings):
-        for name in ("overlay", "frames", "step", "width", "engine", "colour", "above", "folder"):
+        for name in ("overlay", "frames", "step", "width", "engine", "colour"):
             layout.prop(settings, name)
+        layout.prop(settings, "above", text="From Above")
+        layout.prop(settings, "folder")
         layout.operator("crowd_lod.preview", icon="RENDER_ANIMATION")
 
 

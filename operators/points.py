@@ -11,7 +11,7 @@ from ..crowd_lod.levels import LevelPolicy
 from .levels import TINTS
 
 # Linear RGBA.
-CULLED = (0.25, 0.25, 0.25, 0.5)
+CULLED = (0.45, 0.45, 0.45, 0.6)
 FRUSTUM = (0.9, 0.75, 0.0, 1.0)
 CULLED_SIZE = 0.6  # of a visible agent's
 WIDTH = 0.6  # of a point, in radii of the agent's sphere

@@ -20,7 +20,7 @@ from ..crowd_lod.levels import MOST_LEVELS
 class CrowdLodGroup(bpy.types.PropertyGroup):
     """What was measured of one character group (`name` is its name)."""
 
-    centre: FloatProperty(name="Centre", unit="LENGTH", description="Height of the bounding sphere's centre")
+    centre: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's centre")
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
     stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", description="Seconds in a cycle of the action")
@@ -43,7 +43,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     count: IntProperty(name="Agents", default=1000, min=0, soft_max=1_000_000, max=MOST_AGENTS)
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
-    centre: FloatVectorProperty(name="Centre", size=3, subtype="TRANSLATION", description="Centre of the crowd's ground")
+    centre: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Centre of the crowd's ground")
     size: FloatVectorProperty(name="Size", size=2, default=(60, 60), subtype="XYZ", unit="LENGTH", min=0)
     map_image: PointerProperty(
         type=bpy.types.Image,
@@ -57,6 +57,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     level_count: IntProperty(name="Levels", default=3, min=1, max=MOST_LEVELS, description="LOD meshes per character")
     ratios: FloatVectorProperty(
         name="Ratio",
+        precision=3,
         size=MOST_LEVELS,
         min=0.001,
         max=1,
@@ -65,6 +66,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     thresholds: FloatVectorProperty(
         name="Threshold",
+        precision=3,
         size=MOST_LEVELS - 1,
         min=0,
         max=1,

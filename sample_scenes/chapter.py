@@ -53,6 +53,6 @@ def build_ground(scenery: bpy.types.Collection) -> None:
     for x in range(-half, half, pitch):
         for y in range(-half, half, pitch):
             parts.append((tile(x, y, x + pitch, y + pitch), tones[(x + y) // pitch % 2]))
-    parts.append((tile(-half, -half, 1 - half, half, 0.01), left))
-    parts.append((tile(half - 1, -half, half, half, 0.01), right))
+    parts.append((tile(-half, -half, 1 - half, half, 0.05), left))
+    parts.append((tile(half - 1, -half, half, half, 0.05), right))
     add(scenery, "Ground", parts)

@@ -5,7 +5,7 @@ import crowd_lod_extension
 import pytest
 
 
-@pytest.fixture(scope="package", autouse=True)
+@pytest.fixture(scope="module", autouse=True)
 def registered():
     crowd_lod_extension.register()
     yield

@@ -7,8 +7,6 @@ import gpu
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
-from mathutils import Matrix, Vector
-
 from crowd_lod_extension.crowd_lod.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera, Window, frustum_corners
@@ -17,8 +15,9 @@ from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
 from crowd_lod_extension.operators.levels import TINTS
-from crowd_lod_extension.operators.overlay import POINT_PIXELS, Batches, paint
+from crowd_lod_extension.operators.overlay import POINT_PIXELS, Batches, _encoded, paint
 from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
+from mathutils import Matrix, Vector
 
 WIDTH, HEIGHT = 320, 240
 GROUPS = (Group("adult", 0.9, 1.0, 0.0, 1.0), Group("child", 0.6, 0.7, 0.0, 1.0))
@@ -145,8 +144,9 @@ def test_lines_run_along_the_frustum_and_where_each_lod_begins(viewer):
     viewer = viewer("PERSP")
     seen = picture(what, viewer)
     camera = frame.camera
-    expected = [(camera.far, FRUSTUM[:3]), (10.0, TINTS[1]), (20.0, TINTS[2])]
-    for distance, colour in expected:
+    expected = [(camera.far, FRUSTUM), (10.0, (*TINTS[1], 1.0)), (20.0, (*TINTS[2], 1.0))]
+    for distance, linear in expected:
+        colour = _encoded(np.array(linear, np.float32))[:3]
         left_bottom, right_bottom = frustum_corners(camera, distance)[:2]
         row, column = pixel(viewer, 0.7 * left_bottom + 0.3 * right_bottom)
         near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)

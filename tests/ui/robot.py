@@ -1,5 +1,6 @@
 """Eyes and hands of session.py: presses buttons and keys in Blender's window, takes pictures, compares."""
 
+import faulthandler
 import os
 import shutil
 import subprocess
@@ -8,6 +9,7 @@ from contextlib import contextmanager
 
 import bpy
 
+MODULE = "bl_ext.user_default.crowd_lod"
 PATIENCE = 300.0  # seconds until a button's work counts as hung
 KINDS = (
     "actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds"
@@ -36,10 +38,12 @@ class Counted:
 
 def start(folder):
     global draw_handlers, _folder
+    faulthandler.enable()
     _folder = folder
-    draw_handlers = Counted()
     bpy.context.preferences.view.show_splash = False
-    toggle("bl_ext.user_default.crowd_lod")
+    bpy.ops.preferences.addon_disable(module=MODULE)
+    draw_handlers = Counted()
+    bpy.ops.preferences.addon_enable(module=MODULE)
 
 
 def window() -> bpy.types.Window:
@@ -84,6 +88,13 @@ def press(button: str, /, escape_after: float | None = None, **properties):
     return "MODAL" if "RUNNING_MODAL" in status else next(iter(status))
 
 
+def until(condition, limit: float = 30.0):
+    """Wait until the condition holds; at the limit go on, the results will tell."""
+    began = time.monotonic()
+    while not condition() and time.monotonic() - began < limit:
+        yield 0.2
+
+
 def key(name: str):
     """Type a key with the mouse over the viewport."""
     area = view_3d()
@@ -98,10 +109,15 @@ def dismiss():
     yield 0.3
 
 
-def scroll(pixels: int):
-    """Scroll the sidebar down."""
-    with over("UI"):
-        bpy.ops.view2d.scroll_down(deltay=-pixels)
+def scroll(notches: int):
+    """Turn the wheel over the sidebar: down, or up where negative."""
+    region = sidebar(view_3d())
+    x, y = region.x + region.width // 3, region.y + region.height // 2
+    window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
+    yield 0.3
+    for _ in range(abs(notches)):
+        window().event_simulate(type="WHEELDOWNMOUSE" if notches > 0 else "WHEELUPMOUSE", value="PRESS", x=x, y=y)
+    yield 0.3
 
 
 def undo():
@@ -114,10 +130,10 @@ def redo():
         bpy.ops.ed.redo()
 
 
-def toggle(module: str):
-    """Disable the add-on and enable it again."""
-    bpy.ops.preferences.addon_disable(module=module)
-    bpy.ops.preferences.addon_enable(module=module)
+def toggle():
+    """Disable the extension and enable it again."""
+    bpy.ops.preferences.addon_disable(module=MODULE)
+    bpy.ops.preferences.addon_enable(module=MODULE)
 
 
 def picture(name: str):
@@ -153,7 +169,8 @@ def changes(before: dict[str, list]) -> dict[str, list]:
 
 def leftovers() -> dict[str, int]:
     """Counts of all that an add-on could leave on Blender."""
-    handlers = {name: value for name, value in vars(bpy.app.handlers).items() if isinstance(value, list)}
+    handlers = {name: getattr(bpy.app.handlers, name) for name in dir(bpy.app.handlers)}
+    handlers = {name: value for name, value in handlers.items() if isinstance(value, list)}
     return {
         **{name: len(functions) for name, functions in handlers.items()},
         "draw handlers": draw_handlers.count,

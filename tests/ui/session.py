@@ -16,7 +16,6 @@ sys.path.insert(0, str(Path(__file__).parent))
 import robot  # noqa: E402
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
-MODULE = "bl_ext.user_default.crowd_lod"
 results = {}
 
 
@@ -28,6 +27,7 @@ def session():
     robot.sidebar(area).active_panel_category = "Crowd LOD"
     yield 0.5
     for step in (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza):
+        print(f"--- {step.__name__}", flush=True)
         started = time.monotonic()
         results[step.__name__] = yield from step()
         results[step.__name__]["seconds"] = round(time.monotonic() - started, 1)
@@ -42,7 +42,29 @@ def settings():
 
 
 def overlay():
-    return sys.modules[f"{MODULE}.operators.overlay"]
+    return sys.modules[f"{robot.MODULE}.operators.overlay"]
+
+
+def listen():
+    """Note the frame of the figures whenever the sidebar draws them."""
+    panels = sys.modules[f"{robot.MODULE}.operators.panels"]
+    draw = panels._figures
+
+    def figures(layout, frame):
+        results["sidebar"] = frame.time
+        draw(layout, frame)
+
+    panels._figures = figures
+
+
+def after(change):
+    """Do it, wait until the viewport has followed; what it and the sidebar show then."""
+    before = overlay().shown_of(scene())
+    change()
+    yield from robot.until(lambda: overlay().shown_of(scene()) is not before)
+    frame = overlay().latest(scene())
+    yield from robot.until(lambda: frame is None or results["sidebar"] == frame.time)
+    return shown()
 
 
 def shown():
@@ -50,7 +72,12 @@ def shown():
     frame = overlay().latest(scene())
     if frame is None:
         return {"problem": overlay().problem(scene())}
-    return {"time": frame.time, "visible": int(frame.visible.sum()), "counts": frame.buckets.counts.tolist()}
+    return {
+        "time": frame.time,
+        "sidebar": results.get("sidebar"),
+        "visible": int(frame.visible.sum()),
+        "counts": frame.buckets.counts.tolist(),
+    }
 
 
 def empty():
@@ -66,36 +93,28 @@ def empty():
 
 
 def sample():
+    listen()
     status = yield from robot.press("crowd_lod.sample", name="chapter")
     status = [status, (yield from robot.press("crowd_lod.populate"))]
-    yield 1.0
+    yield from robot.until(lambda: results.get("sidebar"))
     yield from robot.picture("02_populated")
     return {"status": status, "scene": scene().name, "overlay": settings().overlay, **shown()}
 
 
 def timeline():
     """The overlay follows the frame, the camera and the settings, and computes nothing while all stands still."""
-    found = {}
-    scene().frame_set(60)
-    yield 1.0
-    found["frame 60"] = shown()
+    found = {"frame 60": (yield from after(lambda: scene().frame_set(60)))}
     first = overlay().latest(scene())
     for _ in range(5):
         robot.view_3d().tag_redraw()
         yield 0.3
     found["idle"] = overlay().latest(scene()) is first
-    scene().camera.location.x += 15
-    yield 1.0
-    found["camera moved"] = shown()
-    scene().camera.location.x -= 15
-    settings().thresholds[0] = 0.5
-    yield 1.0
-    found["threshold"] = shown()
-    settings().thresholds[0] = 0.7
-    yield 1.0
-    found["thresholds crossed"] = shown()
+    found["camera moved"] = yield from after(lambda: move(15))
+    yield from after(lambda: move(-15))
+    found["threshold"] = yield from after(lambda: threshold(0.5))
+    found["thresholds crossed"] = yield from after(lambda: threshold(0.7))
     yield from robot.picture("03_thresholds_crossed")
-    settings().thresholds[0] = 0.3
+    found["back"] = yield from after(lambda: threshold(0.3))
     space = robot.view_3d().spaces[0].region_3d
     space.view_perspective = "CAMERA"
     yield 1.0
@@ -104,15 +123,25 @@ def timeline():
     space.view_distance = 150
     yield 1.0
     yield from robot.picture("05_from_afar")
-    found["back"] = shown()
     return found
+
+
+def move(metres: float):
+    scene().camera.location.x += metres
+
+
+def threshold(value: float):
+    settings().thresholds[0] = value
+    robot.view_3d().tag_redraw()  # as an edit in the sidebar does
 
 
 def levels():
     status = yield from robot.press("crowd_lod.make_levels")
     yield 1.0
-    robot.scroll(700)
-    yield from robot.picture("06_levels")
+    for part in ("06_levels_a", "06_levels_b", "06_levels_c"):
+        yield from robot.picture(part)
+        yield from robot.scroll(12)
+    yield from robot.scroll(-60)
     top = settings().levels
     return {
         "status": status,
@@ -134,9 +163,8 @@ def build():
     robot.redo()
     yield 1.0
     found["redone"] = points()
-    scene().frame_set(90)
-    yield 1.0
-    found["frame 90"] = {"points": points(), **shown()}
+    figures = yield from after(lambda: scene().frame_set(90))
+    found["frame 90"] = {"points": points(), **figures}
     before = robot.snapshot()
     found["removed"] = yield from robot.press("crowd_lod.remove_build")
     found["points removed"] = points()
@@ -171,10 +199,9 @@ def escape():
 
 def no_camera():
     """Buttons and overlay without a camera, then with one again."""
-    camera, scene().camera = scene().camera, None
+    camera = scene().camera
     settings().frames = "1,60"
-    yield 1.0
-    found = {"overlay": shown(), "buttons": {}}
+    found = {"overlay": (yield from after(lambda: film(None))), "buttons": {}}
     yield from robot.picture("10_no_camera")
     for name in ("build", "preview"):
         before = robot.snapshot()
@@ -182,10 +209,12 @@ def no_camera():
         found["buttons"][name] = {"status": status, "changed": robot.changes(before)}
         yield from robot.picture(f"11_no_camera_{name}")
         yield from robot.dismiss()
-    scene().camera = camera
-    yield 1.0
-    found["camera is back"] = shown()
+    found["camera is back"] = yield from after(lambda: film(camera))
     return found
+
+
+def film(camera):
+    scene().camera = camera
 
 
 def breakage():
@@ -197,14 +226,14 @@ def breakage():
 
     module.drawing = broken
     scene().frame_set(61)
+    yield from robot.until(lambda: module.problem(scene()))
     yield 1.0
     found = {"problem": module.problem(scene()), "handlers": robot.draw_handlers.count}
     yield from robot.picture("12_broken")
     module.drawing = real
-    robot.toggle(MODULE)
-    settings().overlay = True
-    yield 1.0
-    found["afterwards"] = shown()
+    robot.toggle()
+    listen()
+    found["afterwards"] = yield from after(lambda: setattr(settings(), "overlay", True))
     return found
 
 
@@ -212,7 +241,7 @@ def repeat():
     """Disabling and enabling leaves nothing behind; neither does a scene that goes."""
     before = robot.leftovers()
     for _ in range(20):
-        robot.toggle(MODULE)
+        robot.toggle()
         yield 0.05
     after = robot.leftovers()
     name = scene().name
@@ -226,8 +255,8 @@ def repeat():
 def plaza():
     status = yield from robot.press("crowd_lod.sample", name="plaza")
     status = [status, (yield from robot.press("crowd_lod.populate"))]
-    yield 1.0
     robot.view_3d().spaces[0].region_3d.view_perspective = "CAMERA"
+    yield from robot.until(lambda: overlay().latest(scene()))
     yield 1.0
     yield from robot.picture("13_plaza")
     return {"status": status, **shown()}

@@ -1,0 +1,120 @@
+"""What the overlay computes anew, what it keeps, and how it bears what a user does to the scene."""
+
+from types import SimpleNamespace
+
+import bpy
+import gpu
+import pytest
+from crowd_lod_extension.operators import overlay, registration
+
+
+@pytest.fixture(scope="module", autouse=True)
+def extension():
+    gpu.init()
+    registration.register()
+    yield
+    registration.unregister()
+
+
+@pytest.fixture
+def scene():
+    """A scene with a cube and a cone as characters, populated."""
+    scene = bpy.data.scenes.new("follow")
+    characters = bpy.data.collections.new("characters")
+    scene.collection.children.link(characters)
+    for name, height in (("cone", 1.0), ("cube", 2.0)):
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata(
+            [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
+        )
+        characters.objects.link(bpy.data.objects.new(name, mesh))
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    camera.location, camera.rotation_euler = (0, -40, 2), (1.5708, 0, 0)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.crowd_lod.characters, scene.crowd_lod.count = characters, 200
+    scene.crowd_lod.overlay = True
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    yield scene
+    bpy.data.scenes.remove(scene)
+    bpy.data.batch_remove([*characters.objects, characters, camera])
+
+
+def shown(scene):
+    """What a redraw of a viewport on `scene` shows."""
+    layer = scene.view_layers[0]
+    layer.update()
+    return overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
+
+
+def test_nothing_is_computed_while_nothing_changes(scene, monkeypatch):
+    first = shown(scene)
+    assert first.problem is None and overlay.latest(scene) is first.frame
+    monkeypatch.setattr(overlay, "plan", None)
+    monkeypatch.setattr(overlay, "trajectory_of", None)
+    assert shown(scene) is first
+
+
+def test_a_still_crowd_is_looked_at_again_now_and_then_and_kept(scene, monkeypatch):
+    first = shown(scene)
+    monkeypatch.setattr(overlay, "LOOK_AGAIN", 0.0)
+    assert shown(scene) is first
+    text = bpy.data.texts.new("machine")
+    scene.crowd_lod.machine = text
+    text.write("{}")
+    assert "machine" in shown(scene).problem
+
+
+def test_frame_camera_and_thresholds_make_a_new_frame_of_the_same_crowd(scene, monkeypatch):
+    before = shown(scene)
+    monkeypatch.setattr(overlay, "trajectory_of", None)
+    changes = (
+        lambda: scene.frame_set(20),
+        lambda: setattr(scene.camera, "location", (5, -40, 2)),
+        lambda: setattr(scene.camera.data, "lens", 80),
+        lambda: setattr(scene.crowd_lod, "thresholds", (0.3, *scene.crowd_lod.thresholds[1:])),
+        lambda: setattr(scene.crowd_lod, "margin_kind", "FIXED"),
+    )
+    for change in changes:
+        change()
+        after = shown(scene)
+        assert after.frame is not before.frame and after.problem is None
+        before = after
+
+
+def test_count_and_seed_make_a_new_crowd(scene):
+    shown(scene)
+    scene.crowd_lod.count = 150
+    assert len(shown(scene).frame.crowd) == 150
+    first = overlay.latest(scene)
+    scene.crowd_lod.seed = 7
+    assert (shown(scene).frame.crowd.x != first.crowd.x).any()
+
+
+def test_without_a_camera_it_says_so_and_goes_on_with_one(scene):
+    camera, scene.camera = scene.camera, None
+    assert "no active camera" in shown(scene).problem
+    assert overlay.latest(scene) is None and "camera" in overlay.problem(scene)
+    scene.camera = camera
+    assert shown(scene).problem is None and overlay.problem(scene) is None
+
+
+def test_characters_and_scenes_may_be_deleted(scene):
+    shown(scene)
+    for item in list(scene.crowd_lod.characters.objects):
+        bpy.data.objects.remove(item)
+    assert shown(scene).problem is None
+    other = bpy.data.scenes.new("other")
+    other.camera, other.crowd_lod.overlay = scene.camera, True
+    assert "Populate" in shown(other).problem
+    bpy.data.scenes.remove(other)
+    scene.crowd_lod.seed = 1
+    shown(scene)
+    assert list(overlay._shown) == [scene.session_uid]
+
+
+def test_nothing_is_shown_while_the_overlay_is_off(scene):
+    shown(scene)
+    scene.crowd_lod.overlay = False
+    assert overlay.latest(scene) is None and overlay.problem(scene) is None
