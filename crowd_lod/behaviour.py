@@ -24,9 +24,9 @@ from .maps import HeightMap, LabelMap
 # A step may cross this many cells; one that would cross more is refused, it would seem to hang.
 MOST_CELLS = 65_536
 # A way shorter than this part of a cell is no progress. An agent that crosses HOLD borders in a row without progress is
-# sent to and fro by the table; it stands until the step ends. (Round a corner lie 4 cells: 8 crossings see each twice.)
+# sent to and fro by the table; it stands until the step ends. (In a dead end random turns need several.)
 PROGRESS = 1e-9
-HOLD = 8
+HOLD = 32
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,8 @@ def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None
 
 
 def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False):
-    """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes reads the
-    table again before it moves (walk.py)."""
+    """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
+    further than out of the cell on whose border it stands, and reads the table again (walk.py)."""
     area = world.area
     x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
     heading, state, phase = crowd.heading.copy(), crowd.state.copy(), crowd.phase.copy()
@@ -110,10 +110,13 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
         leaves = (to_column != column) | (to_row != row)
         if machine.edge != "clamp":
             leaves |= _outside(to_x, to_y, area)
+        if exact or not isinstance(agents, slice):
+            # on a border and heading out: however short the move, even if rounding loses it, it leaves the cell
+            leaves |= _on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
         c = np.flatnonzero(leaves)
         if len(c):
-            at = x[agents][c], y[agents][c], column[c], row[c]
-            span[c], to_x[c], to_y[c], column[c], row[c], flips = _to_border(at, velocity[c], span[c], world, machine.edge)
+            at = x[agents][c], y[agents][c], column[c], row[c], velocity[c], span[c]
+            span[c], to_x[c], to_y[c], column[c], row[c], flips = _to_border(*at, world, machine.edge)
             if reflects:
                 mirror[np.arange(len(x))[agents][c]] ^= flips
             if draws:
@@ -155,36 +158,51 @@ def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
     wait[out] = machine.waits(state[out], key[out])
 
 
-def _to_border(at, velocity, span, world: LabelMap, edge: str):
-    """Agents that leave their cell within `span`, taken to its border.
+def _borders(x, y, column, row, velocity, world: LabelMap):
+    """Of the cells column, row (c,), the borders ahead of agents at x, y with `velocity` (c, 2).
 
-    at: x, y (c,) and column, row (c,). Gives the seconds to the border, x, y, column, row of the cell entered, and the
-    bits of `mirror` that the map's edge flips, each (c,).
+    Each (2, c), x and y: place; cell; way, -1, 0 or 1; the cell beyond; whether that is off the map; the border.
     """
-    place, cell = np.stack(at[:2]), np.stack(at[2:])
-    velocity, size = velocity.T, np.array(world.cell)[:, None]
+    place, cell = np.stack([x, y]), np.stack([column, row])
+    size = np.array(world.cell)[:, None]
     low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-    count = np.array(world.labels.shape[::-1])[:, None]
-    way = np.sign(velocity).astype(np.intp)
+    way = np.sign(velocity.T).astype(np.intp)
     beyond = cell + way
-    out = (beyond < 0) | (beyond >= count)
-    border = np.where(out, np.where(way > 0, high, low), low + (cell + (way > 0)) * size)
+    out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
+    return place, cell, way, beyond, out, np.where(out, np.where(way > 0, high, low), low + (cell + (way > 0)) * size)
+
+
+def _on_border(x, y, column, row, velocity, world: LabelMap, edge: str) -> np.ndarray:
+    """Whether agents stand on the border ahead, (c,); arguments as in `_borders`."""
+    place, _, way, _, out, border = _borders(x, y, column, row, velocity, world)
+    touches = np.abs(border - place) <= 4 * np.spacing(np.abs(border) + np.abs(place))
+    return (touches & (way != 0) & ~(out & (edge == "clamp"))).any(axis=0)
+
+
+def _to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str):
+    """Agents that leave their cell within `span`, taken to its border; arguments as in `_borders`.
+
+    Gives the seconds to the border, x, y, column, row of the cell entered, and the bits of `mirror` that the map's edge
+    flips, each (c,).
+    """
+    place, cell, way, beyond, out, border = _borders(x, y, column, row, velocity, world)
     with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity, 0))
+        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity.T, 0))
     if edge == "clamp":
         time[out] = np.inf
     axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
-    one, i = np.arange(len(axis)), axis
+    one = np.arange(len(axis))
     taken = np.minimum(time.min(axis=0), span)
-    place = place + velocity * taken
-    leaves_map = out[i, one]
+    place = place + velocity.T * taken
+    leaves_map = out[axis, one]
     if edge == "wrap":
-        beyond %= count
+        low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
+        beyond %= np.array(world.labels.shape[::-1])[:, None]
         border = np.where(out, np.where(way > 0, low, high), border)
-    place[i, one] = border[i, one]
+    place[axis, one] = border[axis, one]
     enters = ~leaves_map | (edge == "wrap")
-    cell[i, one] = np.where(enters, beyond[i, one], cell[i, one])
-    flips = np.where(leaves_map & (edge == "reflect"), 1 << i, 0).astype(np.uint8)
+    cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
+    flips = np.where(leaves_map & (edge == "reflect"), 1 << axis, 0).astype(np.uint8)
     return taken, *world.into(*place, *cell), *cell, flips
 
 

@@ -252,5 +252,9 @@ class _Table:
         speed = reader.number(rule.get("speed", 0), (*path, "speed"), least=0)
         if speed and "heading" not in rule:
             reader.fail((*path, "heading"), "is missing beside speed; give degrees, 0 = +x, counter-clockwise")
-        heading = math.radians(reader.number(rule.get("heading", 0), (*path, "heading")))
-        return speed * math.cos(heading), speed * math.sin(heading)
+        heading = reader.number(rule.get("heading", 0), (*path, "heading"))
+        if heading % 90 == 0:  # without rounding: who walks along a wall does not drift into it
+            cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[int(heading % 360 // 90)]
+        else:
+            cos, sin = math.cos(math.radians(heading)), math.sin(math.radians(heading))
+        return speed * cos, speed * sin

@@ -3,6 +3,8 @@
 from fractions import Fraction as F
 from math import floor
 
+HOLD = 32
+
 
 class Agent:
     """x, y, seconds as rationals; the cell is carried along, so that no place on a border is ever in doubt."""
@@ -31,16 +33,10 @@ class Agent:
     def go(self, seconds, exact=False):
         """On a map that clamps."""
         rest, idle = F(float(seconds)), 0
-        patience = 4 * len(self.machine.states) + 4 if exact else 8
+        patience = 4 * len(self.machine.states) + 4 if exact else HOLD
         while rest > 0:
             following, velocity = self.read()
             changed, self.state = following != self.state, following
-            if exact and changed:
-                idle += 1
-                if idle >= patience:
-                    self.stood = True
-                    return
-                continue
             hits = []
             for axis, place in enumerate((self.x, self.y)):
                 way = (velocity[axis] > 0) - (velocity[axis] < 0)
@@ -48,6 +44,12 @@ class Agent:
                     border = self.low[axis] + (self.cell[axis] + (way > 0)) * self.size[axis]
                     hits.append(((border - place) / velocity[axis], axis, way))
             time, axis, way = min(hits, default=(rest, None, 0))
+            if exact and changed and (axis is None or time > 0):
+                idle += 1
+                if idle >= patience:
+                    self.stood = True
+                    return
+                continue
             if time >= rest:
                 time, axis = rest, None
             moved = [p + v * time for p, v in zip((self.x, self.y), velocity, strict=True)]
