@@ -2,10 +2,14 @@
 
 Between two cell borders an agent walks straight at a constant velocity, so its way is piecewise linear and known exactly.
 The exact walk is what listing 1.1 tends to as its steps become short: an agent reads the table until its state no
-longer changes, and only then walks to the next border; between two reads it moves not at all, but for this: if the
+longer changes, and only then walks to the next border; between two reads it moves not at all, but for this: if a
 rule heads out over the border that it stands on, as that of a wall does, it is out. A step (behaviour.py) reads once in each piece, so
 the two agree, but for rounding, wherever a rule moves as the state that it leads to does; elsewhere an agent keeps the
 rule's own velocity for at most a step, and the error is of first order in the step.
+
+Some tables have no limit: one that turns an agent a little at each read, first further in and then out again (the plaza's,
+along its houses), lets it out after one read more or less, depending on where in a step it came to the border, however
+short the step. The exact walk takes the first way out. Such agents are as far apart with any step: see `apart`.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,12 +50,14 @@ def listing(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
 
 @dataclass(frozen=True)
 class Convergence:
-    """Error of stepping against the exact walk. dt: (k,) seconds; mean, worst: (k,) metres over the agents compared;
-    agents: how many those are."""
+    """Error of stepping against the exact walk. dt: (k,) seconds; median, mean, worst: (k,) metres over the agents
+    compared; apart: (k,) the share of them that ended more than a cell's diagonal away; agents: how many are compared."""
 
     dt: np.ndarray
+    median: np.ndarray
     mean: np.ndarray
     worst: np.ndarray
+    apart: np.ndarray
     agents: int
 
     @property
@@ -75,7 +81,7 @@ def convergence(
     Agents that chatter are left out. On a map that wraps, the shorter way round counts.
     """
     exact, chatters = walk(crowd, machine, world, seconds)
-    mean, worst = [], []
+    rows = []
     for count in steps:
         moved = crowd
         for _ in range(count):
@@ -83,10 +89,9 @@ def convergence(
         off = np.abs(np.stack([moved.x - exact.x, moved.y - exact.y]))[:, ~chatters]
         if machine.edge == "wrap":
             off = np.minimum(off, np.array(world.area.size)[:, None] - off)
-        error = np.hypot(*off)
-        mean.append(error.mean() if error.size else 0.0)
-        worst.append(error.max(initial=0.0))
-    return Convergence(seconds / np.array(steps), np.array(mean), np.array(worst), int((~chatters).sum()))
+        error = np.hypot(*off) if off.size else np.zeros(1)
+        rows.append((np.median(error), error.mean(), error.max(), (error > np.hypot(*world.cell)).mean()))
+    return Convergence(seconds / np.array(steps), *np.array(rows).T, int((~chatters).sum()))
 
 
 def drift(

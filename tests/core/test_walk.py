@@ -72,6 +72,7 @@ def test_stepping_converges_with_order_one(method):
     assert (np.diff(found.mean) < 0).all() and found.agents == 500
     # three turns fit into 20 s; at each, up to two steps' way is lost, and by the letter two more are walked beyond
     assert (found.worst <= 3 * (2 if method is step else 4) * 1.26 * found.dt).all()
+    assert (found.median > 0).all() and (found.apart == 0).all()
     assert found.dt == pytest.approx(20 / 2.0 ** np.arange(5, 11))
 
 
@@ -146,3 +147,19 @@ def test_a_crowd_that_walks_is_in_no_trouble():
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 30, 30), machine.labels)
     assert trouble(populate(500, 1, 1, machine, world), machine, world) == ()
+
+
+def test_a_table_that_turns_at_each_read_has_no_limit_and_convergence_says_so():
+    """In one read the agent turns further in, in the next out again: how many it meets hangs on the step's phase."""
+    names = [f"{i}" for i in range(9)]
+    states = {
+        n: {"start": int(i == 1), "on": {"ground": {"speed": 1, "heading": 180 - 22.5 * i},
+            "wall": {"next": names[min(i + 1, 8)], "speed": 1, "heading": 180 - 22.5 * min(i + 1, 8)}}}
+        for i, n in enumerate(names)
+    }  # fmt: skip
+    machine = machine_of(states)
+    world = LabelMap(np.repeat([[1] * 2 + [0] * 18], 20, axis=0).astype(np.uint8), Area(0, 0, 20, 20))
+    x, y = np.random.default_rng(0).uniform((3, 2), (5, 6), (300, 2)).T
+    crowd = dataclasses.replace(crowd_at(np.stack([x, y, 0 * x], axis=1)), state=np.ones(300, np.uint8))
+    found = convergence(crowd, machine, world, 10.0, (50, 200, 800))
+    assert (found.apart > 0.2).all()
