@@ -133,8 +133,10 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
             wait[agents] -= span
         rest = rest - span
         # who goes on, and who has been at it too long without getting anywhere
-        slow = span * np.abs(velocity / np.array(world.cell)).max(axis=1) <= PROGRESS
-        idle = np.where(slow & (leaves | (exact & changed)), idle + 1, 0)
+        j = np.flatnonzero(leaves | changed) if exact else c
+        slow = span[j] * np.abs(velocity[j] / np.array(world.cell)).max(axis=1) <= PROGRESS
+        before, idle = idle, np.zeros_like(idle)
+        idle[j] = np.where(slow, before[j] + 1, 0)
         goes = rest > 0
         gives_up = goes & (idle >= patience)
         agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]

@@ -79,11 +79,11 @@ class StateMachine:
 
     def following(self, state: np.ndarray, label: np.ndarray, key: np.ndarray) -> np.ndarray:
         """The next states (n,) uint8 of agents in `state` on `label` with the keys `key`, (n,) each."""
-        return self._drawn(self.next_state[state, label], self.next_choice, (state, label), key)
+        return self._drawn(self.next_state[state, label], self.next_choice, (state, label), key, chance.STATE)
 
     def timed_out(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
         """The states (n,) uint8 that follow when the timers of `state` end, with the keys `key`, (n,) each."""
-        return self._drawn(self.then[state], self.then_choice, (state,), key)
+        return self._drawn(self.then[state], self.then_choice, (state,), key, chance.THEN)
 
     def waits(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
         """Seconds (n,) float32 that agents with the keys `key` have in `state`, (n,) each, inf without a timer."""
@@ -93,11 +93,11 @@ class StateMachine:
         spread = np.subtract(most, least, where=least < most, out=np.zeros(len(least)))
         return (least + spread * chance.uniform(key, chance.TIME)).astype(np.float32)
 
-    def _drawn(self, certain, choices, place, key):
+    def _drawn(self, certain, choices, place, key, stream):
         if len(self.odds):
             choice = choices[place]
             random = np.flatnonzero(choice >= 0)
-            draws = chance.uniform(key[random], chance.STATE)
+            draws = chance.uniform(key[random], stream)
             certain[random] = (draws[:, None] >= self.odds[choice[random]]).sum(axis=1)
         return certain
 

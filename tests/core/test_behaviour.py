@@ -337,6 +337,23 @@ def test_a_label_is_drawn_for_anew_each_time_it_is_entered():
     assert (crowd.state == 0).mean() == pytest.approx(1 / 8, abs=5 * np.sqrt(0.25 / 20_000))
 
 
+def test_what_follows_a_timer_does_not_hang_on_what_the_label_drew():
+    states = {
+        "on": {
+            "start": 1, "after": 1, "then": {"left": 1, "right": 1},
+            "on": {"ground": {"next": {"on": 1, "off": 1}}, "wall": {}},
+        },
+        **{name: {"on": {"*": {}}} for name in ("off", "left", "right")},
+    }  # fmt: skip
+    machine = machine_of(states)
+    world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1, 1))
+    crowd = populate(20_000, 2, 1, machine, world)
+    for _ in range(3):
+        crowd = step(crowd, machine, world, CYCLES, 0.75)
+    share = np.bincount(crowd.state, minlength=4) / 20_000
+    np.testing.assert_allclose(share, [0, 1 / 2, 1 / 4, 1 / 4], atol=5 * np.sqrt(0.25 / 20_000))
+
+
 def test_a_reflected_agent_walks_mirrored_until_its_state_changes():
     states = {
         "east": {"start": 1, "on": {"ground": {"move": [1, 0.1]}, "wall": {"next": "east too", "move": [1, 0]}}},

@@ -62,11 +62,14 @@ def test_the_hash_is_splitmix64():
     assert drawn == [0xE220A8397B1DCDAF >> 11, 0x6E789E6AA1B965F4 >> 11, 0x06C45D188009454F >> 11]
 
 
+STREAMS = (chance.STATE, chance.THEN, chance.TIME)
+
+
 def test_draws_are_uniform_and_differ_between_agents_seeds_and_streams():
-    draws = [chance.uniform(chance.keys(seed, 50_000), stream) for seed in (1, 2) for stream in (chance.STATE, chance.TIME)]
+    draws = [chance.uniform(chance.keys(seed, 50_000), stream) for seed in (1, 2) for stream in STREAMS]
     for drawn in draws:
         assert abs(np.histogram(drawn, 20, (0, 1))[0] - 2500).max() < 5 * np.sqrt(2500)
-    assert abs(np.corrcoef(draws) - np.eye(4)).max() < 5 / np.sqrt(50_000)
+    assert abs(np.corrcoef(draws) - np.eye(6)).max() < 5 / np.sqrt(50_000)
     assert len(np.unique(chance.keys(1, 50_000))) == 50_000
 
 
