@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .agents import Crowd, Group
+from .agents import Crowd
 from .behaviour import Trajectory
 from .camera import Camera
 from .culling import radar

@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -45,7 +46,10 @@ def _run(argv: list[str], program: str) -> int:
     except KeyboardInterrupt:
         print("crowd-lod: stopped; the output folder is as it was.", file=sys.stderr)
         return 130
-    print(json.dumps(result, allow_nan=False) if args.json else result["summary"])
+    try:
+        print(json.dumps(result, allow_nan=False) if args.json else result["summary"], flush=True)
+    except BrokenPipeError:  # whoever reads has seen enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0
 
 
@@ -163,7 +167,8 @@ def _sample(args, command: list[str]) -> dict:
             bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True)
         beside.replace(path)
     except (RuntimeError, OSError) as error:
-        beside.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            beside.unlink()
         raise CrowdError(f"The file {path} cannot be written: {_first_line(error)}") from None
     return {"out": str(path), "summary": str(path)}
 

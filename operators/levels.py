@@ -1,5 +1,6 @@
 """LOD meshes: decimated copies of every character, in collections that the user can see and edit."""
 
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -77,9 +78,10 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for block in bpy.data.user_map():
         if block not in before:
             block[OWNED] = True
-    top.name = "Crowd LOD"
+            block.name = re.sub(r"\.\d+$", "", block.name)  # free again, now that the earlier LODs are gone
     scene.collection.children.link(top)
     for view_layer in scene.view_layers:
+        view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels = top
     store_groups(settings, tuple(made))

@@ -19,9 +19,11 @@ from . import above, build
 from . import scene as io
 from .levels import TINTS, make_levels
 from .operator import Stepwise
-from .populate import frame_of, machine_of, measure_groups, policy_of, store_groups, trajectory_of
+from .populate import characters_of, frame_of, machine_of, measure_groups, policy_of, store_groups, trajectory_of
 
+ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}
 MOST_IN_SHEET = 24  # frames on the contact sheet
+GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 THUMBNAIL = 480  # pixels wide, at least
 
 
@@ -45,20 +47,20 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     """
     with report.staged(wanted.folder) as folder, io.scratch():
         started = clock.perf_counter()
+        io.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
         stage = _stage(scene, wanted)
+        layer = stage.view_layers[0]
+        layer.update()
+        store_groups(stage.crowd_lod, measure_groups(stage))
+        frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if stage.crowd_lod.levels is None:
             for part in make_levels(stage):
                 yield 0.1 * part
-        else:
-            store_groups(stage.crowd_lod, measure_groups(stage))
         build.build(stage)
         tint = _tint_material() if wanted.engine != "WORKBENCH" else None
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
-        if tint is not None:
-            drawing.data.materials.append(_vertex_colour_material())
         view = None
         stage.collection.objects.link(drawing)
-        layer = stage.view_layers[0]
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
             stage.frame_set(number)
@@ -69,6 +71,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             stage.render.stamp_note_text = _caption(frame)
             layer.material_override = tint if wanted.colour == "LOD" else None
             _shade(stage, "OBJECT" if wanted.colour == "LOD" else "TEXTURE", "STUDIO")
+            stage.render.engine = ENGINES[wanted.engine]
             _render(stage, main)
             ticks.append(clock.perf_counter())
 
@@ -87,6 +90,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             _shade(stage, "VERTEX", "FLAT")
             built, stage.crowd_lod.build = stage.crowd_lod.build, None
             built.hide_render, stage.camera = True, view
+            stage.render.engine = ENGINES["WORKBENCH"]  # it is a diagram
             _render(stage, folder / f"above_{number:04d}.png")
             built.hide_render, stage.camera, stage.crowd_lod.build = False, camera, built
             ticks.append(clock.perf_counter())
@@ -105,15 +109,12 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
 
 def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
-    if scene.camera is None:
-        io.read_camera(scene, None)
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
     built, stage.crowd_lod.build = stage.crowd_lod.build, None
     if built is not None and built.name in stage.collection.children:
         stage.collection.children.unlink(built)
     render = stage.render
-    render.engine = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}[wanted.engine]
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
     render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
     render.use_border = render.use_multiview = render.use_compositing = render.use_sequencer = False
@@ -124,41 +125,40 @@ def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
         if name.startswith("use_stamp_"):
             setattr(render, name, name in ("use_stamp_frame", "use_stamp_note"))
     render.use_stamp = render.use_stamp_labels = True
-    render.stamp_font_size = max(8, wanted.width // 48)
+    render.stamp_font_size = max(8, wanted.width // 60)
     render.stamp_background = (0, 0, 0, 0.6)
-    stage.cycles.samples = min(stage.cycles.samples, 16) if hasattr(stage, "cycles") else 0
-    stage.display.render_aa = "8"
+    stage.display.render_aa = "FXAA"  # one pass; Workbench draws the whole scene anew for every other sample
     if wanted.colour == "LOD":
         stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
         stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
         stage.world = _world()
+    if wanted.engine == "CYCLES":
+        stage.cycles.samples = min(stage.cycles.samples, 16)
+        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.colour == "LOD" else 4)
     return stage
 
 
 def _world() -> bpy.types.World:
+    """An even light grey sky, in every engine."""
     world = bpy.data.worlds.new("Crowd LOD preview")
-    world.color = (0.55, 0.58, 0.62)
+    world.color = GREY
+    world.use_nodes = True
+    background = next(node for node in world.node_tree.nodes if node.type == "BACKGROUND")
+    background.inputs["Color"].default_value = (*GREY, 1.0)
     return world
 
 
 def _tint_material() -> bpy.types.Material:
     """A material in each object's own colour."""
-    return _material("Crowd LOD tint", "ShaderNodeObjectInfo", "Color", "ShaderNodeBsdfDiffuse")
-
-
-def _vertex_colour_material() -> bpy.types.Material:
-    """A material in the mesh's own colours, unlit."""
-    return _material("Crowd LOD colours", "ShaderNodeVertexColor", "Color", "ShaderNodeEmission")
-
-
-def _material(name: str, source: str, socket: str, shader: str) -> bpy.types.Material:
-    material = bpy.data.materials.new(name)
+    material = bpy.data.materials.new("Crowd LOD tint")
     material.use_nodes = True
     tree = material.node_tree
     tree.nodes.clear()
-    colour, surface, output = (tree.nodes.new(kind) for kind in (source, shader, "ShaderNodeOutputMaterial"))
-    tree.links.new(colour.outputs[socket], surface.inputs["Color"])
-    tree.links.new(surface.outputs[0], output.inputs["Surface"])
+    info, surface, output = (
+        tree.nodes.new(kind) for kind in ("ShaderNodeObjectInfo", "ShaderNodeBsdfDiffuse", "ShaderNodeOutputMaterial")
+    )
+    tree.links.new(info.outputs["Color"], surface.inputs["Color"])
+    tree.links.new(surface.outputs["BSDF"], output.inputs["Surface"])
     return material
 
 
@@ -181,7 +181,7 @@ def _render(stage: bpy.types.Scene, path: Path) -> None:
 def _caption(frame: Frame) -> str:
     seen = int(frame.visible.sum())
     counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
-    return f"{len(frame.crowd):,} agents  {seen:,} visible ({seen / len(frame.crowd):.0%})  {counts}  {frame.triangles:,} triangles"
+    return f"{len(frame.crowd):,} agents  {seen:,} visible ({seen / len(frame.crowd):.1%})  {counts}  {frame.triangles:,} tris"
 
 
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:

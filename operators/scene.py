@@ -1,8 +1,10 @@
 """bpy <-> NumPy: the only file that copies between them."""
 
+import ctypes
 import os
 import sys
-from contextlib import contextmanager
+import tempfile
+from contextlib import contextmanager, redirect_stdout
 
 import bpy
 import numpy as np
@@ -21,13 +23,18 @@ def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
     return max(1, render.resolution_x * percent // 100), max(1, render.resolution_y * percent // 100)
 
 
-def read_camera(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Camera:
-    """The scene's active camera as `depsgraph` has evaluated it."""
+def active_camera(scene: bpy.types.Scene) -> bpy.types.Object:
+    """The scene's active camera object."""
     if scene.camera is None:
         raise CrowdError(f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties.")
     if scene.camera.type != "CAMERA":
         raise CrowdError(f"{scene.camera.name}, the active camera of {scene.name}, is no camera: choose a camera object.")
-    return camera_from(scene.camera, scene.render, depsgraph)
+    return scene.camera
+
+
+def read_camera(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """The scene's active camera as `depsgraph` has evaluated it."""
+    return camera_from(active_camera(scene), scene.render, depsgraph)
 
 
 def camera_from(camera: bpy.types.Object, render: bpy.types.RenderSettings, depsgraph: bpy.types.Depsgraph) -> Camera:
@@ -64,7 +71,7 @@ def camera_at(scene: bpy.types.Scene, time: float) -> Camera:
     """The scene's active camera as it will be at `time`, in frames; the scene stays at its own time."""
     with scratch():
         stage = bpy.data.scenes.new("Crowd LOD camera")
-        stage.collection.objects.link(scene.camera)
+        stage.collection.objects.link(active_camera(scene))
         stage.frame_set(int(time // 1), subframe=time % 1)
         return camera_from(scene.camera, scene.render, stage.view_layers[0].depsgraph)
 
@@ -223,15 +230,35 @@ def scratch():
 
 
 
+# What Mesa's software OpenGL says of itself at every start; it draws well all the same.
+NOISE = b"EGL Error (0x3009)"
+
+
+def _flush() -> None:
+    """Let go what Python and what Blender's C library hold back."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    (ctypes.cdll.ucrtbase if os.name == "nt" else ctypes.CDLL(None)).fflush(None)
+
+
 @contextmanager
 def quiet():
-    """Blender's own lines of progress, which it writes past Python, go nowhere; stdout is the command's."""
-    sys.stdout.flush()
-    kept, nowhere = os.dup(1), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 1)
-        yield
-    finally:
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)
+    """Blender's own lines of progress, which it writes past Python and through it, go nowhere: stdout is the command's.
+    What it writes to stderr comes out afterwards, but for NOISE."""
+    _flush()
+    kept = [os.dup(1), os.dup(2)]
+    with open(os.devnull, "w") as nowhere, tempfile.TemporaryFile() as errors:
+        try:
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(errors.fileno(), 2)
+            with redirect_stdout(nowhere):
+                yield
+        finally:
+            _flush()
+            for number, copy in enumerate(kept, start=1):
+                os.dup2(copy, number)
+                os.close(copy)
+            errors.seek(0)
+            for line in errors:
+                if not line.startswith(NOISE):
+                    os.write(2, line)

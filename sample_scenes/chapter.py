@@ -26,9 +26,9 @@ def make(scene: bpy.types.Scene) -> None:
 
     # The main camera stands at one corner: the near agents and both flanks are culled.
     scene.camera = camera(scene, "Main camera", near=0.5, far=90.0)
-    aim(scene.camera, (-30, -46, 9), (2, 0, 0))
+    aim(scene.camera, (-34, -42, 8), (2, 4, -6))
     above = camera(scene, "Auxiliary camera", near=1.0, far=400.0)
-    aim(above, (-40, -110, 95), (0, -2, 0))
+    aim(above, (-52, -122, 112), (2, 2, 0))
 
     settings = scene.crowd_lod
     settings.characters, settings.forward = characters, "X"
@@ -45,9 +45,9 @@ def make(scene: bpy.types.Scene) -> None:
 
 def build_ground(scenery: bpy.types.Collection) -> None:
     """The plane in tiles of 4 m, and the two edges' strips in the colours of their labels."""
-    tones = [material("Ground light", (0.42, 0.42, 0.40)), material("Ground dark", (0.36, 0.36, 0.35))]
-    left, right = material("Left edge", (0.53, 0.02, 0.02)), material("Right edge", (0.02, 0.02, 0.53))
-    around = material("Around", (0.24, 0.25, 0.24))
+    tones = [material("Ground light", (0.66, 0.66, 0.63)), material("Ground dark", (0.58, 0.58, 0.56))]
+    left, right = material("Left edge", (0.70, 0.05, 0.05)), material("Right edge", (0.05, 0.05, 0.70))
+    around = material("Around", (0.42, 0.44, 0.42))
     half, pitch = SIZE // 2, 4
     parts = [(tile(-400, -400, 400, 400, -0.05), around)]
     for x in range(-half, half, pitch):

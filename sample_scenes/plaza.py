@@ -1,4 +1,4 @@
-"""The plaza: 10,000 agents among walls, around a fountain, and a camera in flight that sees nearly all and nearly none."""
+"""The plaza: 10,000 agents among walls, around a fountain. Its camera flies: it sees nearly all, then nearly none."""
 
 from math import atan2, hypot, pi
 
@@ -13,8 +13,8 @@ from .scenery import add, animate, box, camera, child, film, lathe, material, ti
 
 # The flight: frame, where the camera is, what it looks at (metres), focal length (mm).
 FLIGHT = (
-    (1, (-84, -84, 42), (-14, -14, 0), 20),
-    (36, (-44, -50, 20), (0, -4, 2), 24),
+    (1, (-64, -64, 32), (-20, -20, 5), 18),
+    (36, (-44, -48, 18), (0, -4, 2), 22),
     (60, (-18, -22, 2.2), (2, 4, 2.6), 30),
     (84, (-15, 6, 2.0), (4, 20, 2.4), 35),
     (102, (-8, 34, 2.0), (-3, 58, 3.0), 35),
@@ -48,7 +48,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
     settings.level_count = 3
-    settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.12, 0.36)
+    settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.16, 0.4)
     settings.metric, settings.margin_kind, settings.colour = "AXIS", "DERIVED", "LOD"
     settings.above = None
 
@@ -62,7 +62,8 @@ def fly(scene: bpy.types.Scene) -> bpy.types.Object:
     pitch = [pi / 2 + atan2(height, hypot(*ahead)) for height, *ahead in zip(z, x, y, strict=True)]
     yaw = np.unwrap(np.arctan2(y, x)) - pi / 2
     curves = {("location", axis): places[:, axis].tolist() for axis in range(3)}
-    curves |= {("rotation_euler", 0): pitch, ("rotation_euler", 1): [0.0] * len(frames), ("rotation_euler", 2): yaw.tolist()}
+    for axis, angles in enumerate((pitch, [0.0] * len(frames), yaw.tolist())):
+        curves["rotation_euler", axis] = angles
     animate(made, frames, curves)
     animate(made.data, frames, {("lens", 0): lenses})
     return made
@@ -73,10 +74,10 @@ def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection)
     stucco = [
         material(f"Stucco {i}", colour)
         for i, colour in enumerate(
-            ((0.72, 0.60, 0.42), (0.66, 0.44, 0.32), (0.76, 0.70, 0.60), (0.60, 0.52, 0.40), (0.70, 0.52, 0.36))
+            ((0.86, 0.72, 0.48), (0.80, 0.52, 0.36), (0.90, 0.84, 0.72), (0.74, 0.66, 0.52), (0.84, 0.62, 0.42))
         )
     ]
-    roof, pane = material("Roof tiles", (0.34, 0.12, 0.07)), material("Window panes", (0.05, 0.07, 0.10), 0.2)
+    roof, pane = material("Roof tiles", (0.50, 0.17, 0.09)), material("Window panes", (0.05, 0.07, 0.10), 0.2)
 
     def house(x0, y0, x1, y1, height, look, inset=3.5, top=3.0):
         return [
@@ -105,9 +106,9 @@ def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection)
 
 def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collection) -> None:
     """Columns, trees in planters, benches, café tables under parasols, bollards at the entrances."""
-    stone, wood = material("Stone", (0.62, 0.58, 0.52)), material("Wood", (0.24, 0.12, 0.05))
+    stone, wood = material("Stone", (0.80, 0.76, 0.68)), material("Wood", (0.24, 0.12, 0.05))
     iron, bark = material("Iron", (0.04, 0.04, 0.05)), material("Bark", (0.14, 0.09, 0.05))
-    leaves = [material("Leaves 0", (0.10, 0.24, 0.05)), material("Leaves 1", (0.15, 0.30, 0.07))]
+    leaves = [material("Leaves 0", (0.14, 0.34, 0.07)), material("Leaves 1", (0.22, 0.42, 0.10))]
     canvas = [material("Canvas red", (0.60, 0.06, 0.04)), material("Canvas cream", (0.80, 0.72, 0.55))]
     shaft = ((0.75, 0.0), (0.75, 0.6), (0.5, 0.7), (0.45, 6.0), (0.75, 6.2), (0.75, 6.6))
     parts = [(lathe(x, y, shaft, 16), stone) for x, y in site.COLUMNS]
@@ -135,7 +136,7 @@ def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collecti
 
 def build_fountain(obstacles: bpy.types.Collection) -> None:
     """Basin, water, and a column with two bowls."""
-    stone, water = material("Fountain stone", (0.68, 0.64, 0.58)), material("Water", (0.04, 0.22, 0.42), 0.1)
+    stone, water = material("Fountain stone", (0.84, 0.80, 0.73)), material("Water", (0.06, 0.32, 0.60), 0.1)
     rim = site.FOUNTAIN
     basin = ((rim, 0), (rim, 0.7), (rim - 0.5, 0.7), (rim - 0.5, 0.45))
     column = ((1.4, 0.4), (0.6, 0.9), (0.5, 2.4), (2.5, 3.0), (2.6, 3.3), (2.3, 3.3), (2.2, 3.1))
@@ -149,8 +150,8 @@ def build_fountain(obstacles: bpy.types.Collection) -> None:
 
 def build_ground(scenery: bpy.types.Collection) -> None:
     """Paving in two tones, tinted where people wait, and asphalt all around."""
-    tones = [material("Paving light", (0.50, 0.46, 0.40)), material("Paving dark", (0.44, 0.40, 0.35))]
-    waiting, asphalt = material("Waiting area", (0.58, 0.40, 0.22)), material("Asphalt", (0.16, 0.16, 0.17))
+    tones = [material("Paving light", (0.76, 0.70, 0.61)), material("Paving dark", (0.68, 0.62, 0.54))]
+    waiting, asphalt = material("Waiting area", (0.80, 0.56, 0.32)), material("Asphalt", (0.36, 0.36, 0.38))
     half, pitch = int(site.SIZE / 2), 4
     parts = [(tile(-500, -500, 500, 500, -0.05), asphalt)]
     for x in range(-half, half, pitch):

@@ -95,21 +95,22 @@ def child(scene: bpy.types.Scene, name: str, hidden=False) -> bpy.types.Collecti
     made = bpy.data.collections.new(name)
     scene.collection.children.link(made)
     for layer in scene.view_layers:
+        layer.update()  # a new scene's has no layer collections yet
         layer.layer_collection.children[made.name].exclude = hidden
     return made
 
 
 def film(scene: bpy.types.Scene) -> None:
-    """Five seconds at 24 frames a second, 960 x 540 pixels, a clear day: sun with shadows, blue sky."""
+    """Five seconds at 24 frames a second, 960 x 540 pixels, a clear day: sun with shadows, blue sky.
+
+    Workbench draws no shadows: those of thousands of characters take it many times the rest of the picture."""
     scene.frame_start, scene.frame_end = 1, 120
-    scene.frame_set(1)
     render = scene.render
     render.fps, render.fps_base = 24, 1.0
     render.resolution_x, render.resolution_y, render.resolution_percentage = 960, 540, 100
     scene.view_settings.view_transform = "Standard"
     shading = scene.display.shading
     shading.background_type, shading.color_type = "WORLD", "MATERIAL"
-    shading.show_shadows, shading.shadow_intensity = True, 0.35
     scene.display.light_direction = (SUN.x, SUN.z, -SUN.y)  # this setting has y up
     sun = bpy.data.lights.new("Sun", "SUN")
     sun.energy, sun.angle, sun.color = 3.0, radians(0.5), (1.0, 0.94, 0.85)
@@ -141,7 +142,7 @@ def aim(item: bpy.types.Object, location, target) -> None:
 
 
 def animate(block: bpy.types.ID, frames: list[float], curves: dict[tuple[str, int], list[float]]) -> None:
-    """Keyframes for `block`: at each of `frames` the value that `curves` gives for (data path, index), smooth between."""
+    """Keyframes for `block`: at each of `frames` the value that `curves` has for (data path, index), smooth between."""
     action = bpy.data.actions.new(block.name)
     slot = action.slots.new(block.id_type, block.name)
     bag = action.layers.new("Layer").strips.new(type="KEYFRAME").channelbag(slot, ensure=True)

@@ -1,29 +1,22 @@
 """The height map of the settings reaches the agents, at full precision."""
 
 import bpy
-import crowd_lod_extension
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import Group
-from crowd_lod_extension.operators import populate, scene
+from crowd_lod_extension.operators import populate
+from crowd_lod_extension.operators import scene as io
 
 
-@pytest.fixture
-def settings():
-    bpy.ops.wm.read_factory_settings(use_empty=True)
-    crowd_lod_extension.register()
-    yield bpy.context.scene.crowd_lod
-    crowd_lod_extension.unregister()
-
-
-def test_agents_stand_on_the_height_image(settings):
+def test_agents_stand_on_the_height_image():
+    settings = bpy.context.scene.crowd_lod
     groups = (Group("walker", 0.9, 1.0, 1.25, 1.0),)
     settings.count, settings.size, settings.centre = 500, (40, 20), (3, 4, 5)
     values = np.ones((6, 9, 4), np.float32)
     values[..., 0] = np.random.default_rng(0).uniform(-0.3, 1.7, (6, 9))  # beyond 0 to 1, as a float image may be
     image = bpy.data.images.new("relief", 9, 6, float_buffer=True, is_data=True)
     image.pixels.foreach_set(values.ravel())
-    assert (scene.read_values(image) == values).all()
+    assert (io.read_values(image) == values).all()
     flat = populate.trajectory_of(bpy.context.scene, groups).at(40)
     settings.height_image, settings.height_scale = image, 2.5
     hilly = populate.trajectory_of(bpy.context.scene, groups).at(40)

@@ -25,7 +25,10 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
         "dist/old.zip",
         "benchmarks/a.py",
         "docs/a.md",
+        "plaza_preview/0001.png",
         "a.blend",
+        "operators/b.blend",
+        "operators/__pycache__/c.pyc",
     ):
         (tree / unwanted).parent.mkdir(exist_ok=True)
         (tree / unwanted).touch()
@@ -40,10 +43,11 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
     folders = "crowd_lod", "operators", "sample_scenes", "shaders"
     files = "__init__.py", "blender_manifest.toml", "LICENSE", "README.md"
     assert {name.parts[0] for name in names} <= {*folders, *files}
+    assert not [name for name in names if name.suffix in (".blend", ".pyc")]
     code = {
-        file
+        file.relative_to(ROOT)
         for folder in folders
         for suffix in ("py", "glsl", "json")
         for file in (ROOT / folder).rglob(f"*.{suffix}")
     }
-    assert {file.relative_to(ROOT) for file in code} <= names
+    assert code <= names

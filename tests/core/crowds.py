@@ -1,7 +1,6 @@
 """Small crowds for the tests."""
 
 import numpy as np
-
 from crowd_lod_extension.crowd_lod.agents import Crowd, Group
 
 

@@ -2,7 +2,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod.agents import bounding_sphere, populate
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.machine import load_preset

@@ -3,7 +3,6 @@ import json
 
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.behaviour import HOLD, Trajectory, advance, courant, cycles_of, step
 from crowd_lod_extension.crowd_lod.errors import CrowdError

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod.camera import frustum_corners, referential, window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod.camera import Camera, Window, referential, window
 from crowd_lod_extension.crowd_lod.culling import BLOCK, radar
 

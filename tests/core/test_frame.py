@@ -1,5 +1,4 @@
 import numpy as np
-
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.frame import plan

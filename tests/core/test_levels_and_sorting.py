@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy, assign
 from crowd_lod_extension.crowd_lod.sorting import sort

@@ -2,7 +2,6 @@ import json
 
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod import chance
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.machine import SCHEMA, load_preset, parse, preset_names, preset_text

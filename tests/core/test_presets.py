@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.machine import load_preset

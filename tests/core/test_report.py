@@ -4,7 +4,6 @@ import os
 
 import numpy as np
 import pytest
-
 from crowd_lod_extension.crowd_lod import report
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.shot import parse_frames

@@ -1,0 +1,43 @@
+"""Every test starts in an empty file with the extension registered."""
+
+import bpy
+import crowd_lod_extension
+import pytest
+
+
+@pytest.fixture(scope="package", autouse=True)
+def registered():
+    crowd_lod_extension.register()
+    yield
+    crowd_lod_extension.unregister()
+
+
+@pytest.fixture(autouse=True)
+def empty_file(registered):
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+
+
+@pytest.fixture
+def scene():
+    """A small crowd of two of the sample characters, seen by a camera; LODs at 12 m and 30 m."""
+    from crowd_lod_extension.sample_scenes.characters import make_characters
+
+    scene = bpy.context.scene
+    scene.render.fps = 24
+    scene.render.resolution_x, scene.render.resolution_y = 160, 90
+    characters = bpy.data.collections.new("People")
+    scene.collection.children.link(characters)
+    make_characters(characters)
+    characters.children.unlink(characters.children["heavy"])
+    characters.hide_render = True
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    camera.data.clip_end = 60
+    camera.location = (0, -25, 2)
+    camera.rotation_euler = (1.5, 0, 0)
+    settings = scene.crowd_lod
+    settings.characters, settings.forward = characters, "X"
+    settings.count, settings.size = 300, (40, 40)
+    settings.thresholds[:2] = (0.2, 0.5)
+    return scene

@@ -1,0 +1,157 @@
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.populate import frame_of, trajectory_of
+from mathutils import Vector
+
+
+@pytest.fixture
+def built(scene):
+    """The small crowd, built, under a camera that moves and turns."""
+    for frame, x, turn in ((1, -5, -0.3), (40, 12, 0.6)):
+        scene.camera.location.x, scene.camera.rotation_euler.z = x, turn
+        scene.camera.keyframe_insert("location", frame=frame)
+        scene.camera.keyframe_insert("rotation_euler", frame=frame)
+    list(make_levels(scene))
+    builder.build(scene)
+    scene.frame_set(1)
+    return scene
+
+
+def points(scene):
+    """Of each LOD its points' attributes and positions, as bytes."""
+    found = {}
+    for item in scene.crowd_lod.build.objects:
+        mesh = item.data
+        columns = {}
+        for name, kind, width in (("position", np.float32, 3), ("heading", np.float32, 1), ("id", np.int32, 1)):
+            values = np.empty((len(mesh.vertices), width), kind)
+            if name in mesh.attributes:
+                mesh.attributes[name].data.foreach_get("vector" if width == 3 else "value", values.ravel())
+            columns[name] = values.tobytes()
+        found[item[builder.LEVEL]] = columns
+    return found
+
+
+def instances(scene):
+    """(LOD, position, heading) of every instance that the depsgraph holds."""
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    for each in depsgraph.object_instances:
+        if each.is_instance and builder.LEVEL in each.parent.original and each.object.type == "MESH":
+            matrix = np.array(each.matrix_world)
+            yield each.parent.original[builder.LEVEL], each.object.original, matrix
+
+
+def test_instances_stand_where_the_plan_says_as_the_mesh_it_says(built):
+    for time in (1, 17, 33):
+        built.frame_set(time)
+        frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
+        assert 0 < frame.visible.sum() < len(frame.crowd) and (frame.buckets.counts > 0).sum() >= 2
+        groups = {g.name: i for i, g in enumerate(trajectory_of(built).groups)}
+        shown = {level: [] for level in range(3)}
+        for level, item, matrix in instances(built):
+            group = next(i for name, i in groups.items() if item.name.startswith(name))
+            assert item.name.endswith(f"LOD {level}")
+            shown[level].append((group, *matrix[:3, 3], matrix[0, 0], matrix[1, 0]))
+        c = frame.crowd
+        for level in range(3):
+            b = frame.buckets[level]
+            planned = np.stack([c.group[b], c.x[b], c.y[b], c.z[b], np.cos(c.heading[b]), np.sin(c.heading[b])], axis=1)
+            np.testing.assert_allclose(np.array(shown[level]).reshape(-1, 6), planned, atol=1e-5)
+
+
+def test_points_are_a_pure_function_of_frame_and_sub_frame(built):
+    for blur in (False, True):
+        built.render.use_motion_blur = blur
+        first = {}
+        for time in (30.0, 2.0, 11.25, 11.0, 10.75, 39.5, 11.25, 2.0, 10.75, 30.0, 11.0):
+            built.frame_set(int(time), subframe=time % 1)
+            now = points(built)
+            assert first.setdefault(time, now) == now, time
+
+
+def test_buckets_stand_still_while_the_shutter_is_open_and_agents_move(built):
+    built.render.use_motion_blur = True
+    shown = {}
+    for time in (10.75, 11.0, 11.25):
+        built.frame_set(int(time), subframe=time % 1)
+        shown[time] = points(built)
+    for level in range(3):
+        assert len({shown[time][level]["id"] for time in shown}) == 1
+    assert shown[10.75][0]["position"] != shown[11.25][0]["position"]
+    built.render.use_motion_blur = False
+    ids = set()
+    for time in range(1, 40):
+        built.frame_set(time)
+        ids.add(points(built)[0]["id"])
+    assert len(ids) > 10  # while from frame to frame they do change
+
+
+@pytest.mark.parametrize("blur", [False, True])
+def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path, blur):
+    """One agent, rendered by Cycles from the moving camera: its pixels lie where Blender projects it."""
+    built.crowd_lod.count = 1
+    built.crowd_lod.size = (4, 4)
+    built.render.engine, built.cycles.samples, built.cycles.use_denoising = "CYCLES", 4, False
+    built.render.film_transparent, built.render.use_motion_blur = True, blur
+    built.render.image_settings.color_mode = "RGBA"
+    built.frame_start, built.frame_end, built.frame_step = 5, 25, 10
+    built.render.filepath = str(tmp_path / "f_")
+    bpy.ops.render.render(animation=True)
+    found = 0
+    for number in (5, 15, 25):
+        alpha = io.load_pixels(tmp_path / f"f_{number:04d}.png")[..., 3]
+        built.frame_set(number)
+        frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
+        c = frame.crowd
+        middle = Vector((c.x[0], c.y[0], trajectory_of(built).groups[c.group[0]].centre))
+        u, v, _ = world_to_camera_view(built, built.camera, middle)
+        if not (0.1 < u < 0.9 and 0.1 < v < 0.9):
+            continue
+        found += 1
+        rows, columns = np.nonzero(alpha > 100)
+        assert len(rows) > 10
+        assert abs((columns.min() + columns.max()) / 2 - u * 160) < 4
+        assert abs((rows.min() + rows.max()) / 2 - v * 90) < 4
+    assert found >= 2
+
+
+def test_a_second_build_replaces_the_first_and_remove_brings_the_scene_back(built):
+    before = len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.collections), len(bpy.data.node_groups)
+    shown = points(built)
+    builder.build(built)
+    built.frame_set(1)
+    assert points(built) == shown
+    assert (len(bpy.data.objects), len(bpy.data.meshes), len(bpy.data.collections), len(bpy.data.node_groups)) == before
+    names = {o.name for o in built.crowd_lod.build.objects}
+    builder.remove_build(built.crowd_lod)
+    assert built.crowd_lod.build is None and not names & set(bpy.data.objects.keys())
+
+
+def test_a_stale_node_group_is_rebuilt_in_place(built):
+    tree = bpy.data.node_groups["Crowd LOD Instances"]
+    tree["version"] = 0
+    tree.nodes.clear()
+    builder.build(built)
+    assert bpy.data.node_groups["Crowd LOD Instances"] == tree and len(tree.nodes) > 5
+    built.frame_set(1)
+    assert len(list(instances(built))) > 0
+
+
+def test_a_build_without_its_camera_shows_nobody_and_says_why(built, capfd):
+    assert sum(1 for _ in instances(built))
+    built.camera = None
+    built.frame_set(3)
+    assert sum(1 for _ in instances(built)) == 0
+    assert "no active camera" in capfd.readouterr().err
+
+
+def test_build_before_levels_is_refused(scene):
+    with pytest.raises(CrowdError, match="Make LOD Meshes"):
+        builder.build(scene)
+    assert scene.crowd_lod.build is None

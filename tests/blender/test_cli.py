@@ -1,0 +1,213 @@
+"""The commands, run as a user runs them, on files that a user might have."""
+
+import csv
+import json
+import os
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators import cli
+from crowd_lod_extension.operators import scene as io
+
+SHORT = ("--frames", "1,60", "--width", "160", "--quiet")
+
+
+def run(*words):
+    return cli._run([str(word) for word in words], "crowd-lod")
+
+
+def shares(path, low=1 / 255, ratio=1.6):
+    """Parts of the picture that are red, green, blue: one channel stands out over both others."""
+    pixels = io.load_pixels(path)[..., :3].astype(float)
+    return [
+        np.mean((pixels[..., k] > 60) & (pixels[..., k] > ratio * pixels[..., (k + 1) % 3]) & (pixels[..., k] > ratio * pixels[..., (k + 2) % 3]))
+        for k in range(3)
+    ]
+
+
+def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
+    out = tmp_path / "a folder"
+    assert run("preview", "chapter", *SHORT, "--out", out, "--json") == 0
+    said = capfd.readouterr()
+    result = json.loads(said.out)
+    assert result["out"] == str(out) and said.err == ""
+    assert sorted(os.listdir(out)) == [
+        "above_0001.png", "above_0060.png", "contact_sheet.png", "frames.csv", "main_0001.png", "main_0060.png", "plan.json",
+    ]  # fmt: skip
+    rows = list(csv.DictReader((out / "frames.csv").open()))
+    assert [row["frame"] for row in rows] == ["1", "60"]
+    for row in rows:
+        n = {name: float(value) for name, value in row.items()}
+        assert n["agents"] == 4096 == n["visible"] + n["culled"]
+        assert n["lod0"] + n["lod1"] + n["lod2"] == n["visible"] > 0
+        assert 0 < n["vertices"] < n["full_vertices"] and 0 < n["triangles"] < n["full_triangles"]
+        assert n["culling_ms"] > 0
+    plan = json.loads((out / "plan.json").read_text())
+    assert plan["version"] == 1 and plan["crowd"]["count"] == 4096 and plan["preview"]["frames"] == [1, 60]
+    assert plan["machine"]["states"] and plan["camera"] and plan["levels"]["thresholds"]
+    # the tints of all three LODs can be seen, in the main picture and from above
+    assert min(shares(out / "main_0001.png")) > 0.005
+    assert min(shares(out / "above_0001.png")) > 0.0005
+
+
+def test_the_same_command_twice_gives_the_same_figures(tmp_path, capfd):
+    def figures(folder):
+        assert run("preview", "chapter", *SHORT, "--out", tmp_path / folder) == 0
+        rows = csv.DictReader((tmp_path / folder / "frames.csv").open())
+        return [{k: v for k, v in row.items() if not k.endswith("_ms")} for row in rows]
+
+    first = figures("out")
+    assert figures("out") == first  # into the same folder, over what is there
+    assert run("preview", "chapter", *SHORT, "--seed", "9", "--out", tmp_path / "other") == 0
+    assert json.loads((tmp_path / "other" / "plan.json").read_text())["crowd"]["seed"] == 9
+
+
+def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path, capfd):
+    file = tmp_path / "my scene.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    untouched = file.read_bytes()
+    out = tmp_path / "out"
+    assert run("preview", file, "--frames", "5", "--width", "160", "--color", "material", "--out", out) == 0
+    assert file.read_bytes() == untouched
+    plan = json.loads((out / "plan.json").read_text())
+    assert plan["scene"]["file"] == str(file) and len(plan["scene"]["sha256"]) == 64
+    assert max(shares(out / "main_0005.png")[1:]) < 0.005  # the clothes are red, yellow and skin; no LOD green or blue
+    assert "100%" in capfd.readouterr().err  # the progress bar
+
+
+def test_preview_leaves_the_open_scene_as_it_was(scene, tmp_path):
+    from crowd_lod_extension.operators.build import build
+    from crowd_lod_extension.operators.levels import make_levels
+    from crowd_lod_extension.operators.preview import Preview, preview
+
+    list(make_levels(scene))
+    build(scene)
+    scene.frame_set(7)
+    state = lambda: (  # noqa: E731
+        set(bpy.data.user_map()), scene.frame_current, scene.render.engine, scene.render.filepath, scene.camera,
+        scene.render.resolution_x, scene.crowd_lod.build, scene.crowd_lod.levels, [len(o.data.vertices) for o in scene.crowd_lod.build.objects],
+    )  # fmt: skip
+    before = state()
+    list(preview(scene, Preview([1, 30], tmp_path / "out", 160), []))
+    assert state() == before
+    steps = preview(scene, Preview([1, 30], tmp_path / "esc", 160), [])
+    next(steps)
+    next(steps)
+    steps.close()
+    assert state() == before and not (tmp_path / "esc").exists()
+
+
+def no_camera(scene):
+    scene.camera = None
+
+
+def no_characters(scene):
+    scene.crowd_lod.characters = None
+
+
+def empty_collection(scene):
+    scene.crowd_lod.characters = bpy.data.collections.new("Nobody")
+
+
+def empty_group(scene):
+    scene.crowd_lod.characters.children.link(bpy.data.collections.new("ghosts"))
+
+
+def missing_image(scene):
+    image = bpy.data.images.new("map.png", 8, 8)
+    image.source, image.filepath = "FILE", "//gone/map.png"
+    scene.crowd_lod.map_image = image
+
+
+def strange_labels(scene):
+    scene.crowd_lod.map_image = io.write_image("painted", np.full((4, 4, 3), 77, np.uint8))
+
+
+def malformed_machine(scene):
+    text = bpy.data.texts.new("crowd.json")
+    text.from_string('{"version": 1,\n "labels": }')
+    scene.crowd_lod.machine = text
+
+
+def nobody(scene):
+    scene.crowd_lod.count = 0
+
+
+def nan_vertices(scene):
+    mesh = next(o.data for o in scene.crowd_lod.characters.all_objects if o.type == "MESH")
+    mesh.vertices[3].co.x = float("nan")
+
+
+def flat_clip(scene):
+    scene.camera.data.clip_start, scene.camera.data.clip_end = 10, 5
+
+
+def thresholds_out_of_order(scene):
+    scene.crowd_lod.thresholds[:2] = (0.5, 0.4)
+
+
+BAD_SCENES = {
+    no_camera: "no active camera",
+    no_characters: "has no characters",
+    empty_collection: "Nobody is empty",
+    empty_group: "ghosts in People holds no mesh",
+    missing_image: "map.png has no pixels",
+    strange_labels: "painted holds colours that are no label",
+    malformed_machine: "crowd.json is not JSON: line 2",
+    nobody: "0 agents",
+    nan_vertices: "NaN",
+    flat_clip: "clips from 10 to 5 m",
+    thresholds_out_of_order: "threshold 1 is 0.4",
+}
+
+
+@pytest.mark.parametrize("spoil", BAD_SCENES, ids=lambda spoil: spoil.__name__)
+def test_bad_scenes_are_one_sentence_and_exit_code_1(scene, tmp_path, capfd, spoil):
+    spoil(scene)
+    file = tmp_path / "bad.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    capfd.readouterr()
+    before = sorted(os.listdir(tmp_path)), file.read_bytes()
+    assert run("preview", file, *SHORT, "--out", tmp_path / "out") == 1
+    said = capfd.readouterr()
+    assert said.out == "" and BAD_SCENES[spoil] in said.err
+    assert said.err.startswith("crowd-lod: ") and said.err.count("\n") == 1
+    assert (sorted(os.listdir(tmp_path)), file.read_bytes()) == before
+
+
+def test_bad_arguments_are_one_sentence_and_exit_code_1(tmp_path, capfd):
+    (tmp_path / "letter.blend").write_text("Dear Blender")
+    (tmp_path / "file").write_text("")
+    cases = {
+        ("preview", tmp_path / "letter.blend"): "cannot open",
+        ("preview", tmp_path / "none.blend"): "There is no file",
+        ("preview", "chapter", "--frames", "9,3"): "out of order",
+        ("preview", "chapter", "--frames", "9:3"): "run backwards",
+        ("preview", "chapter", "--step", "0", "--frames", "1:9"): "step",
+        ("preview", "chapter", "--seed", "-1"): "seed",
+        ("preview", "chapter", "--width", "1"): "width",
+        ("preview", "chapter", "--out", tmp_path / "file" / "out"): "cannot be written",
+        ("sample", "chapter", "--out", tmp_path / "file" / "x.blend"): "cannot be written",
+        ("sample", "chapter", "--out", tmp_path / "x.txt"): "must end in .blend",
+    }
+    for words, sentence in cases.items():
+        more = () if "--out" in words else ("--out", tmp_path / "out")
+        assert run(*words, "--quiet", *more) == 1, words
+        said = capfd.readouterr()
+        assert sentence in said.err and said.err.count("\n") == 1 and said.out == "", said
+    assert sorted(os.listdir(tmp_path)) == ["file", "letter.blend"]
+    assert run("fly") == 2 and run("preview", "chapter", "--engine", "luxcore") == 2
+
+
+def test_help_shows_an_example(capfd):
+    assert run("preview", "--help") == 0
+    assert "example: crowd-lod preview plaza --frames 1:120 --step 10 --out" in " ".join(capfd.readouterr().out.split())
+
+
+def test_sample_is_written_and_opens_with_its_crowd(tmp_path, capfd):
+    assert run("sample", "chapter", "--out", tmp_path / "c.blend") == 0
+    assert capfd.readouterr().out == f"{tmp_path / 'c.blend'}\n" and os.listdir(tmp_path) == ["c.blend"]
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "c.blend"))
+    settings = bpy.context.scene.crowd_lod
+    assert settings.count == 4096 and len(settings.characters.children) == 3

@@ -1,0 +1,164 @@
+"""The sample scenes: the same every time, complete, true to their maps, and alone in the file."""
+
+import hashlib
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension import sample_scenes
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.operators import populate
+from crowd_lod_extension.operators import scene as io
+from mathutils.bvhtree import BVHTree
+
+FRAMES = (1, *range(10, 121, 10))
+
+
+def made(name):
+    scene = bpy.data.scenes.new(name)
+    sample_scenes.make(name, scene)
+    return scene
+
+
+def values(points, attribute, count):
+    out = np.empty(len(points) * count, np.float32)
+    points.foreach_get(attribute, out)
+    return out.tobytes()
+
+
+def keys(block):
+    """Every keyframe of a data-block's action."""
+    if block is None or block.animation_data is None or block.animation_data.action is None:
+        return []
+    bag = block.animation_data.action.layers[0].strips[0].channelbags[0]
+    return [
+        (curve.data_path, curve.array_index, *key.co, *key.handle_left, *key.handle_right, key.interpolation)
+        for curve in bag.fcurves
+        for key in curve.keyframe_points
+    ]
+
+
+def digest(scene):
+    """All that the scene is made of, but for names, which the file's other scenes may change."""
+    out = hashlib.sha256()
+    for item in scene.objects[:] + list(scene.crowd_lod.characters.all_objects):
+        out.update(repr((item.type, [tuple(row) for row in item.matrix_basis], keys(item), keys(item.data))).encode())
+        if item.type == "MESH":
+            out.update(values(item.data.vertices, "co", 3))
+            out.update(repr([(tuple(p.vertices), p.material_index) for p in item.data.polygons]).encode())
+            out.update(repr([(tuple(m.diffuse_color), m.roughness) for m in item.data.materials]).encode())
+    settings = scene.crowd_lod
+    out.update(io.read_pixels(settings.map_image).tobytes())
+    out.update(settings.machine.as_string().encode())
+    for setting in settings.bl_rna.properties:
+        if setting.type not in ("POINTER", "COLLECTION"):
+            value = getattr(settings, setting.identifier)
+            out.update(repr(tuple(value) if getattr(setting, "is_array", False) else value).encode())
+    return out.hexdigest()
+
+
+def frames_of(scene):
+    """The plan at each of FRAMES."""
+    trajectory = populate.trajectory_of(scene, populate.measure_groups(scene))
+    policy = populate.policy_of(scene.crowd_lod)
+    for frame in FRAMES:
+        scene.frame_set(frame)
+        depsgraph = scene.view_layers[0].depsgraph
+        yield plan(trajectory, io.camera_from(scene.camera, scene.render, depsgraph), policy, frame)
+
+
+@pytest.mark.parametrize("name", sample_scenes.NAMES)
+def test_two_makes_give_the_same_scene(name):
+    first, second = made(name), made(name)
+    assert digest(first) == digest(second)
+    second.camera.location.x += 1e-3
+    assert digest(first) != digest(second)
+
+
+@pytest.mark.parametrize("name", sample_scenes.NAMES)
+def test_everything_is_set(name):
+    scene = made(name)
+    settings = scene.crowd_lod
+    assert settings.count == {"chapter": 4096, "plaza": 10_000}[name]
+    assert (settings.above is None) == (name == "plaza")
+    assert settings.map_image.packed_file and scene.world and scene.camera
+    assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 1, 120)
+    assert (scene.render.resolution_x, scene.render.resolution_y) == (960, 540)
+    machine = populate.machine_of(settings)
+    world = populate.world_of(settings, machine)  # fails on a colour that is no label
+    assert set(np.unique(world.labels)) == set(range(len(machine.labels)))
+    groups = populate.measure_groups(scene)
+    assert [group.stride > 0 for group in groups] == [True] * 3
+    # the characters themselves do not stand in the picture
+    shown = {item.name for item in scene.view_layers[0].objects}
+    assert shown and not shown & {item.name for item in settings.characters.all_objects}
+
+
+@pytest.mark.parametrize("name", sample_scenes.NAMES)
+def test_every_lod_is_populated(name):
+    counts = np.array([frame.buckets.counts for frame in frames_of(made(name))])
+    least = {"chapter": counts.min(axis=0), "plaza": counts.max(axis=0)}[name]
+    assert (least >= 100).all()
+
+
+def test_the_chapter_sees_a_part_and_the_auxiliary_camera_all():
+    scene = made("chapter")
+    assert all(0.3 < frame.visible.mean() < 0.8 for frame in frames_of(scene))
+    scene.camera = scene.crowd_lod.above
+    assert all(frame.visible.all() for frame in frames_of(scene))
+
+
+def test_the_plaza_sees_nearly_all_and_nearly_none():
+    share = [frame.visible.mean() for frame in frames_of(made("plaza"))]
+    assert max(share) > 0.9
+    assert min(share) < 0.05
+    assert any(0.1 < part < 0.5 for part in share)
+
+
+def test_the_plaza_map_agrees_with_its_geometry():
+    """Rays from above meet an obstacle in every wall and water cell, and in no other."""
+    scene = made("plaza")
+    obstacles = next(c for c in scene.collection.children if c.name.startswith("Obstacles"))
+    trees = []
+    for item in obstacles.objects:
+        item.data.transform(item.matrix_basis)
+        faces = [tuple(polygon.vertices) for polygon in item.data.polygons]
+        trees.append(BVHTree.FromPolygons([vertex.co for vertex in item.data.vertices], faces))
+    machine = populate.machine_of(scene.crowd_lod)
+    world = populate.world_of(scene.crowd_lod, machine)
+    solid = np.isin(world.labels, [machine.labels.index("wall"), machine.labels.index("water")])
+    # every other cell of the plaza itself, and every ninth of the ring of houses about it
+    rows, columns = np.indices(solid.shape)
+    x = world.area.x_min + (columns + 0.5) * world.cell[0]
+    y = world.area.y_min + (rows + 0.5) * world.cell[1]
+    inner = np.maximum(abs(x), abs(y)) < 61
+    wanted = (inner & ((rows + columns) % 2 == 0)) | ((rows % 3 == 0) & (columns % 3 == 0))
+    hit = np.zeros_like(solid)
+    for row, column in np.argwhere(wanted):
+        origin = (x[row, column], y[row, column], 100.0)
+        hit[row, column] = any(tree.ray_cast(origin, (0, 0, -1))[0] is not None for tree in trees)
+    differ = np.argwhere(wanted & (hit != solid))
+    assert len(differ) == 0, differ[:5]
+    assert solid[wanted].sum() > 2000 and (~solid[wanted]).sum() > 10_000
+
+
+def test_other_scenes_stay_as_they_are():
+    context = bpy.context
+    mine = context.scene
+    cube = bpy.data.objects.new("Cube", bpy.data.meshes.new("Cube"))
+    mine.collection.objects.link(cube)
+    cube.select_set(True)
+    context.view_layer.objects.active = cube
+    mine.frame_set(37)
+    before = set(bpy.data.user_map())
+    for name in sample_scenes.NAMES:
+        scene = made(name)
+        belongs = set(scene.collection.children_recursive) | set(scene.objects) | {scene}
+        belongs |= set(scene.crowd_lod.characters.all_objects)
+        kinds = bpy.types.Object, bpy.types.Collection, bpy.types.Scene
+        assert {block for block in bpy.data.user_map() if isinstance(block, kinds)} - before == belongs
+        before |= set(bpy.data.user_map())
+    assert context.scene == mine and mine.frame_current == 37
+    assert context.mode == "OBJECT" and context.view_layer.objects.active == cube and cube.select_get()
+    assert list(mine.objects) == [cube] and not mine.collection.children
+    assert mine.crowd_lod.characters is None and mine.world is None and mine.camera is None
