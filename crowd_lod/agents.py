@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import chance
 from .errors import CrowdError
 from .machine import StateMachine
 from .maps import LabelMap
@@ -37,6 +38,9 @@ class Crowd:
 
     x, y, z: (n,) float64, the feet, metres. heading: (n,) float32, radians from +x, counter-clockwise seen from above.
     state, group: (n,) uint8. phase: (n,) float32 in [0, 1), the place in the action's cycle.
+    wait: (n,) float32, seconds until the state's timer ends the state, inf without one. key: (n,) uint64, what the
+    agent's random draws hash (chance.py). mirror: (n,) uint8, whether the map's edge has reflected the agent's way in
+    x (1) and y (2). 47 bytes an agent in all. The last three may be left out: no timer runs, seed 0, not reflected.
     """
 
     x: np.ndarray
@@ -46,6 +50,18 @@ class Crowd:
     state: np.ndarray
     group: np.ndarray
     phase: np.ndarray
+    wait: np.ndarray = None
+    key: np.ndarray = None
+    mirror: np.ndarray = None
+
+    def __post_init__(self):
+        n = len(self.x)
+        if self.wait is None:
+            object.__setattr__(self, "wait", np.full(n, np.inf, np.float32))
+        if self.key is None:
+            object.__setattr__(self, "key", chance.keys(0, n))
+        if self.mirror is None:
+            object.__setattr__(self, "mirror", np.zeros(n, np.uint8))
 
     def __len__(self) -> int:
         return len(self.x)
@@ -86,4 +102,5 @@ def populate(count: int, seed: int, groups: int, machine: StateMachine, world: L
         np.arctan2(first_move[:, 1], first_move[:, 0]),
         random.uniform(-np.pi, np.pi, count),
     ).astype(np.float32)
-    return Crowd(x, y, np.full(count, world.area.z), heading, state, group, phase)
+    key = chance.keys(seed, count)
+    return Crowd(x, y, np.full(count, world.area.z), heading, state, group, phase, machine.waits(state, key), key)

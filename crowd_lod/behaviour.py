@@ -1,55 +1,224 @@
-"""Behaviour: agents step through the state machine over the labelled map (chapter listing 1.1)."""
+"""Behaviour: agents step through the state machine over the labelled map (chapter listing 1.1).
+
+The listing, exactly: an agent reads the label under it; its next state and its velocity are both those of the OLD state
+and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move.
+
+A step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the listing
+again, with the label of the cell just entered. So no cell on an agent's way goes unread, however fast it is: substeps
+follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed first.
+The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
+cells touch at their corners only. A timer that ends within a step cuts it too.
+"""
 
 import threading
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from . import chance
 from .agents import Crowd, Group
+from .errors import CrowdError
 from .machine import StateMachine
-from .maps import Area, LabelMap
+from .maps import HeightMap, LabelMap
 
-# A substep crosses at most this part of a cell along either axis (Courant number), so that no cell is jumped over.
-COURANT = 0.5
+# A step may cross this many cells; one that would cross more is refused, it would seem to hang.
+MOST_CELLS = 65_536
+# A way shorter than this part of a cell is no progress. An agent that crosses HOLD borders in a row without progress is
+# sent to and fro by the table; it stands until the step ends. (In a dead end random turns need several.)
+PROGRESS = 1e-9
+HOLD = 32
+
+
+@dataclass(frozen=True)
+class Tally:
+    """What one advance took. reads: how often the table was read, over all agents; held: (n,) bool, agents that stood
+    for part of it because the table sent them to and fro without progress."""
+
+    reads: int
+    held: np.ndarray
 
 
 def step(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float) -> Crowd:
-    """The crowd `seconds` later. Next state and velocity are both read with the old state, as in listing 1.1.
+    """The crowd `seconds` later, by one step of listing 1.1 cut at the cells' borders.
 
-    cycles: (G, 2) float64 from `cycles_of`. An agent whose step would be longer than COURANT cells goes on in substeps,
-    and reads the table anew at each; the others take one. Agents that leave the map meet the machine's edge policy.
+    cycles: (G, 2) float64 from `cycles_of`. Agents that reach the map's edge meet the machine's policy: `clamp` slides
+    along it, `stop` stands, `wrap` goes on at the other side, `reflect` goes on mirrored until the state changes.
+    CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
     """
-    x, y, heading, state, phase = (a.copy() for a in (crowd.x, crowd.y, crowd.heading, crowd.state, crowd.phase))
-    reach = COURANT * np.array(world.cell)
-    left = None  # seconds that each agent still has; None: all of them
-    agents = slice(None)
-    while True:
-        label = world.at(x[agents], y[agents])
-        old = state[agents]
-        velocity = machine.velocity[old, label]
-        state[agents] = machine.next_state[old, label]
-        # cells a second along the faster axis; how long until `reach` is used up
-        pace = np.abs(velocity / reach).max(axis=1)
-        rest = seconds if left is None else left
-        with np.errstate(divide="ignore"):
-            span = np.minimum(rest, 1 / pace)
-        moved_x, moved_y = _at_edge(
-            x[agents], y[agents], velocity[:, 0] * span, velocity[:, 1] * span, world.area, machine.edge
+    check_speeds(machine, world, seconds)
+    return advance(crowd, machine, world, cycles, seconds)[0]
+
+
+def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
+    """(S, L) float64: the cell borders that each state on each label crosses in `seconds`, along x and y together."""
+    with np.errstate(over="ignore"):
+        return np.abs(machine.velocity / np.array(world.cell)).sum(axis=2) * seconds
+
+
+def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None:
+    """CrowdError names the state and the label if the table moves more than MOST_CELLS cells in `seconds`."""
+    cells = courant(machine, world, seconds)
+    s, label = np.unravel_index(cells.argmax(), cells.shape)
+    if not cells[s, label] <= MOST_CELLS:
+        raise CrowdError(
+            f"The state machine {machine.name} moves {cells[s, label]:.3g} cells of the map in one step of {seconds:.3g} s "
+            f"in the state {machine.states[s]!r} on {machine.labels[label]!r}; {MOST_CELLS} are allowed: give it a lower "
+            "speed, or the map fewer pixels."
         )
-        x[agents], y[agents] = moved_x, moved_y
+
+
+def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False):
+    """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
+    further than out of the cell on whose border it stands, and reads the table again (walk.py)."""
+    area = world.area
+    x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
+    heading, state, phase = crowd.heading.copy(), crowd.state.copy(), crowd.phase.copy()
+    wait, key, mirror = crowd.wait.astype(np.float64), crowd.key, crowd.mirror
+    draws, reflects = machine.timed or machine.chancy, machine.edge == "reflect"
+    key = key.copy() if draws else key
+    mirror = mirror.copy() if reflects else mirror
+    # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it goes on, it has met one twice
+    patience = 4 * len(machine.states) + 4 if exact else HOLD
+    held, reads = np.zeros(len(x), bool), 0
+    agents = slice(None)  # those still on the move; their own arrays follow
+    column, row = world.cells(x, y)
+    rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
+    while len(rest):
+        if machine.timed:
+            _time_out(machine, agents, state, wait, key)
+        old, label = state[agents], world.labels[row, column]
+        velocity = machine.velocity[old, label]
+        new = machine.following(old, label, key[agents])
+        changed = new != old
+        state[agents] = new
+        reads += len(rest)
+        if reflects:
+            velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)], axis=1)
+            mirror[agents] *= ~changed
+        if draws:
+            key[agents] = chance.moved_on(key[agents], changed)
+            into = np.flatnonzero(changed) if isinstance(agents, slice) else agents[changed]
+            wait[into] = machine.waits(state[into], key[into])
+        if machine.edge == "stop":
+            velocity[_leaves_map(x[agents], y[agents], velocity, area)] = 0
+        span = np.minimum(rest, wait[agents]) if machine.timed else rest.copy()
+        if exact:
+            span[changed] = 0
+        # where the span leads; those who would leave their cell go to its border
+        to_x, to_y = x[agents] + velocity[:, 0] * span, y[agents] + velocity[:, 1] * span
+        to_column, to_row = world.cells(to_x, to_y)
+        leaves = (to_column != column) | (to_row != row)
+        if machine.edge != "clamp":
+            leaves |= _outside(to_x, to_y, area)
+        if exact or not isinstance(agents, slice):
+            # on a border and heading out: however short the move, even if rounding loses it, it leaves the cell
+            leaves |= _on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
+        c = np.flatnonzero(leaves)
+        if len(c):
+            at = x[agents][c], y[agents][c], column[c], row[c], velocity[c], span[c]
+            span[c], to_x[c], to_y[c], column[c], row[c], flips = _to_border(*at, world, machine.edge)
+            if reflects:
+                mirror[np.arange(len(x))[agents][c]] ^= flips
+            if draws:
+                entered = np.zeros(len(rest), bool)
+                entered[c] = world.labels[row[c], column[c]] != label[c]
+                key[agents] = chance.moved_on(key[agents], entered)
+        x[agents] = np.clip(to_x, area.x_min, area.x_max)
+        y[agents] = np.clip(to_y, area.y_min, area.y_max)
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
-        walks = speed > 0
-        heading[agents] = np.where(walks, np.arctan2(velocity[:, 1], velocity[:, 0]), heading[agents])
+        heading[agents] = np.where(speed > 0, np.arctan2(velocity[:, 1], velocity[:, 0]), heading[agents])
         per_metre, per_second = cycles[crowd.group[agents]].T
         phase[agents] = (phase[agents] + span * (per_metre * speed + per_second)) % 1.0
-        left = rest - span
-        going = left > 1e-12 * seconds
-        if not going.any():
-            break
-        agents = np.flatnonzero(going) if isinstance(agents, slice) else agents[going]
-        left = left[going]
+        if machine.timed:
+            wait[agents] -= span
+        rest = rest - span
+        # who goes on, and who has been at it too long without getting anywhere
+        j = np.flatnonzero(leaves | changed) if exact else c
+        slow = span[j] * np.abs(velocity[j] / np.array(world.cell)).max(axis=1) <= PROGRESS
+        before, idle = idle, np.zeros_like(idle)
+        idle[j] = np.where(slow, before[j] + 1, 0)
+        goes = rest > 0
+        gives_up = goes & (idle >= patience)
+        agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]
+        if gives_up.any():
+            stands = agents[gives_up[goes]]
+            held[stands] = True
+            wait[stands] -= rest[gives_up]
+            agents, goes = agents[~gives_up[goes]], goes & ~gives_up
+        rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
     phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
-    return replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase)
+    wait = wait.astype(np.float32) if machine.timed else crowd.wait
+    moved = replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase, wait=wait, key=key, mirror=mirror)
+    return moved, Tally(reads, held)
+
+
+def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
+    """Move those of `agents` whose timer has run out into the state that follows."""
+    out = np.flatnonzero(wait <= 0) if isinstance(agents, slice) else agents[wait[agents] <= 0]
+    state[out] = machine.timed_out(state[out], key[out])
+    key[out] = chance.moved_on(key[out], np.ones(len(out), bool))
+    wait[out] = machine.waits(state[out], key[out])
+
+
+def _borders(x, y, column, row, velocity, world: LabelMap):
+    """Of the cells column, row (c,), the borders ahead of agents at x, y with `velocity` (c, 2).
+
+    Each (2, c), x and y: place; cell; way, -1, 0 or 1; the cell beyond; whether that is off the map; the border.
+    """
+    place, cell = np.stack([x, y]), np.stack([column, row])
+    size = np.array(world.cell)[:, None]
+    low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
+    way = np.sign(velocity.T).astype(np.intp)
+    beyond = cell + way
+    out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
+    return place, cell, way, beyond, out, np.where(out, np.where(way > 0, high, low), low + (cell + (way > 0)) * size)
+
+
+def _on_border(x, y, column, row, velocity, world: LabelMap, edge: str) -> np.ndarray:
+    """Whether agents stand on the border ahead, (c,); arguments as in `_borders`."""
+    place, _, way, _, out, border = _borders(x, y, column, row, velocity, world)
+    touches = np.abs(border - place) <= 4 * np.spacing(np.abs(border) + np.abs(place))
+    return (touches & (way != 0) & ~(out & (edge == "clamp"))).any(axis=0)
+
+
+def _to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str):
+    """Agents that leave their cell within `span`, taken to its border; arguments as in `_borders`.
+
+    Gives the seconds to the border, x, y, column, row of the cell entered, and the bits of `mirror` that the map's edge
+    flips, each (c,).
+    """
+    place, cell, way, beyond, out, border = _borders(x, y, column, row, velocity, world)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity.T, 0))
+    if edge == "clamp":
+        time[out] = np.inf
+    axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
+    one = np.arange(len(axis))
+    taken = np.minimum(time.min(axis=0), span)
+    place = place + velocity.T * taken
+    leaves_map = out[axis, one]
+    if edge == "wrap":
+        low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
+        beyond %= np.array(world.labels.shape[::-1])[:, None]
+        border = np.where(out, np.where(way > 0, low, high), border)
+    place[axis, one] = border[axis, one]
+    enters = ~leaves_map | (edge == "wrap")
+    cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
+    flips = np.where(leaves_map & (edge == "reflect"), 1 << axis, 0).astype(np.uint8)
+    return taken, *world.into(*place, *cell), *cell, flips
+
+
+def _outside(x, y, area) -> np.ndarray:
+    return (x < area.x_min) | (x > area.x_max) | (y < area.y_min) | (y > area.y_max)
+
+
+def _leaves_map(x, y, velocity, area) -> np.ndarray:
+    """Whether agents at x, y (m,) on the area's border, or beyond it, would move outwards at `velocity` (m, 2)."""
+    vx, vy = velocity.T
+    return (
+        ((x <= area.x_min) & (vx < 0)) | ((x >= area.x_max) & (vx > 0))
+        | ((y <= area.y_min) & (vy < 0)) | ((y >= area.y_max) & (vy > 0))
+    )  # fmt: skip
 
 
 def cycles_of(groups: tuple[Group, ...]) -> np.ndarray:
@@ -57,36 +226,12 @@ def cycles_of(groups: tuple[Group, ...]) -> np.ndarray:
     return np.array([(1 / g.stride, 0.0) if g.stride > 0 else (0.0, 1 / g.period if g.period > 0 else 0.0) for g in groups])
 
 
-def _at_edge(x, y, dx, dy, area: Area, edge: str):
-    """x + dx, y + dy (n,), where those outside the area have met the policy `edge`."""
-    new_x, new_y = x + dx, y + dy
-    low_x, low_y, high_x, high_y = area.x_min, area.y_min, area.x_max, area.y_max
-    if edge == "stop":
-        out = (new_x < low_x) | (new_x > high_x) | (new_y < low_y) | (new_y > high_y)
-        return np.where(out, x, new_x), np.where(out, y, new_y)
-    if edge == "wrap":
-        return _outside(new_x, low_x, high_x, np.mod), _outside(new_y, low_y, high_y, np.mod)
-    if edge == "reflect":
-        return _outside(new_x, low_x, high_x, _mirror), _outside(new_y, low_y, high_y, _mirror)
-    return np.clip(new_x, low_x, high_x), np.clip(new_y, low_y, high_y)
-
-
-def _outside(value, low, high, fold):
-    """`value` with fold(value - low, high - low) + low where it lies outside [low, high]; inside, bit for bit itself."""
-    out = (value < low) | (value > high)
-    return np.where(out, low + fold(value - low, high - low), value)
-
-
-def _mirror(offset, size):
-    return size - np.abs(np.mod(offset, 2 * size) - size)
-
-
 @dataclass
 class Trajectory:
     """The crowd at any time: a pure function of the frame, cached forward from the first.
 
     Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
-    `first_frame` the crowd stands as populated. Every `every` frames one crowd is kept, so that going back is cheap;
+    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one crowd is kept, so that going back is cheap;
     Blender may ask from several threads.
     """
 
@@ -97,6 +242,7 @@ class Trajectory:
     seconds_per_frame: float
     first_frame: int = 1
     every: int = 16
+    heights: HeightMap | None = None
     _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
@@ -109,7 +255,8 @@ class Trajectory:
         """The crowd at `time`, in frames."""
         whole, part = divmod(max(time - self.first_frame, 0.0), 1.0)
         crowd = self._at_whole(int(whole))
-        return self._step(crowd, part) if part else crowd
+        crowd = self._step(crowd, part) if part else crowd
+        return crowd if self.heights is None else replace(crowd, z=self.heights.at(crowd.x, crowd.y))
 
     def _step(self, crowd: Crowd, frames: float) -> Crowd:
         return step(crowd, self.machine, self.world, self._cycles, frames * self.seconds_per_frame)

@@ -2,13 +2,17 @@
 
     {"version": 1, "name": "...", "edge": "clamp",
      "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": false}, ...},
-     "states": {"walk": {"color": "#ff8000", "start": 1,
+     "states": {"walk": {"color": "#ff8000", "start": 1, "animation": "walk",
+                         "after": [5, 20], "then": {"rest": 1, "walk": 3},
                          "on": {"*": {"move": [1.25, 0]},
                                 "wall": {"next": "turn", "speed": 1.25, "heading": 180}}}, ...}}
 
 `move` is a velocity in metres per second along x and y; `speed` (m/s) and `heading` (degrees, 0 = +x, counter-clockwise)
-say the same. `next` is the state after the step, the same state if left out. `*` stands for every label not named.
-`start` weighs a state in the first frame's draw; `spawn: false` keeps the first positions off a label.
+say the same. `next` is the state after the step, the same state if left out; an object of states and weights draws one,
+once each time the agent comes to the label or into the state. `*` stands for every label not named. `after` ends the
+state after so many seconds, or after a time drawn between two, and `then` says which follows, again a state or weights.
+`animation` names the action that agents in the state play. `start` weighs a state in the first frame's draw;
+`spawn: false` keeps the first positions off a label. presets/schema.json is the same as a JSON Schema, for editors.
 """
 
 import json
@@ -18,10 +22,14 @@ from pathlib import Path
 
 import numpy as np
 
+from . import chance
 from .errors import CrowdError
+from .reader import Reader
 
 EDGES = ("clamp", "wrap", "reflect", "stop")
+SHORTEST = 0.001  # seconds that a timer runs at least
 PRESETS = Path(__file__).parent / "presets"
+SCHEMA = PRESETS / "schema.json"
 
 
 @dataclass(frozen=True)
@@ -30,6 +38,10 @@ class StateMachine:
 
     next_state: (S, L) uint8; velocity: (S, L, 2) float64, m/s along x and y; start: (S,) float64, sums to 1;
     spawn: (L,) bool; label_colours: (L, 3) uint8; state_colours: (S, 3) uint8; edge: one of EDGES; text: its JSON.
+    after: (S, 2) float64, the least and greatest seconds in the state, inf without a timer; then: (S,) uint8, the state
+    that follows. animations: (S,) names, "" where none is given.
+    odds: (R, S) float64, the cumulative weights of R random choices, each ends in 1; next_choice (S, L) and
+    then_choice (S,) int32 say which of them takes the place of next_state and then, -1: none does.
     """
 
     name: str
@@ -43,11 +55,51 @@ class StateMachine:
     state_colours: np.ndarray
     edge: str
     text: str
+    animations: tuple[str, ...]
+    after: np.ndarray
+    then: np.ndarray
+    odds: np.ndarray
+    next_choice: np.ndarray
+    then_choice: np.ndarray
 
     @property
     def moves(self) -> bool:
         """Whether any agent can ever move."""
         return bool(self.velocity.any())
+
+    @property
+    def timed(self) -> bool:
+        """Whether any state has a timer."""
+        return bool(np.isfinite(self.after).any())
+
+    @property
+    def chancy(self) -> bool:
+        """Whether anything that agents do after the first frame is drawn at random."""
+        return bool(len(self.odds) or (self.after[:, 0] < self.after[:, 1]).any())
+
+    def following(self, state: np.ndarray, label: np.ndarray, key: np.ndarray) -> np.ndarray:
+        """The next states (n,) uint8 of agents in `state` on `label` with the keys `key`, (n,) each."""
+        return self._drawn(self.next_state[state, label], self.next_choice, (state, label), key, chance.STATE)
+
+    def timed_out(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
+        """The states (n,) uint8 that follow when the timers of `state` end, with the keys `key`, (n,) each."""
+        return self._drawn(self.then[state], self.then_choice, (state,), key, chance.THEN)
+
+    def waits(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
+        """Seconds (n,) float32 that agents with the keys `key` have in `state`, (n,) each, inf without a timer."""
+        least, most = self.after[state].T
+        if not self.timed:
+            return least.astype(np.float32)
+        spread = np.subtract(most, least, where=least < most, out=np.zeros(len(least)))
+        return (least + spread * chance.uniform(key, chance.TIME)).astype(np.float32)
+
+    def _drawn(self, certain, choices, place, key, stream):
+        if len(self.odds):
+            choice = choices[place]
+            random = np.flatnonzero(choice >= 0)
+            draws = chance.uniform(key[random], stream)
+            certain[random] = (draws[:, None] >= self.odds[choice[random]]).sum(axis=1)
+        return certain
 
 
 def load_preset(name: str) -> StateMachine:
@@ -57,135 +109,152 @@ def load_preset(name: str) -> StateMachine:
 
 def preset_text(name: str) -> str:
     """The JSON of a state machine that ships with Crowd LOD."""
-    path = PRESETS / f"{name}.json"
-    if not path.is_file():
+    if name not in preset_names():
         raise CrowdError(f"There is no state machine {name!r}; there are {', '.join(preset_names())}.")
-    return path.read_text(encoding="utf-8")
+    return (PRESETS / f"{name}.json").read_text(encoding="utf-8")
 
 
 def preset_names() -> list[str]:
     """Names of the state machines that ship with Crowd LOD."""
-    return sorted(path.stem for path in PRESETS.glob("*.json"))
+    return sorted(path.stem for path in PRESETS.glob("*.json") if path != SCHEMA)
 
 
 def parse(text: str, where: str) -> StateMachine:
-    """The machine that the JSON `text` from `where` describes; CrowdError names the line or the field that is wrong."""
-    try:
-        root = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise CrowdError(
-            f"The state machine {where} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}."
-        ) from None
-    reader = _Reader(where)
-    root = reader.table(root, "", {"version", "name", "edge", "labels", "states"})
-    if root.get("version") != 1:
-        reader.fail("version", f"is {root.get('version')!r}, this Crowd LOD reads version 1")
+    """The machine that the JSON `text` from `where` describes; CrowdError names the line and the field that is wrong."""
+    reader = Reader(text, f"The state machine {where}")
+    root = reader.table(reader.root, (), {"$schema", "version", "name", "edge", "labels", "states"})
+    if isinstance(root.get("version"), bool) or root.get("version") != 1:
+        reader.fail(("version",), f"is {json.dumps(root.get('version'))}, this Crowd LOD reads version 1")
     edge = root.get("edge", "clamp")
     if edge not in EDGES:
-        reader.fail("edge", f"is {edge!r}, it must be one of {', '.join(EDGES)}")
-
-    label_tables = reader.table(root.get("labels"), "labels", filled=True)
+        reader.fail(("edge",), f"is {edge!r}, it must be one of {', '.join(EDGES)}")
+    label_tables = reader.table(root.get("labels"), ("labels",), filled=True)
     labels = tuple(label_tables)
     label_colours, spawn = [], []
     for label, entry in label_tables.items():
-        field = f"labels.{label}"
-        entry = reader.table(entry, field, {"color", "spawn"})
-        label_colours.append(reader.colour(entry.get("color"), f"{field}.color"))
-        spawn.append(reader.boolean(entry.get("spawn", True), f"{field}.spawn"))
-    if len(set(label_colours)) < len(labels):
-        reader.fail("labels", "gives two labels the same color, a map could not tell them apart")
-
-    state_tables = reader.table(root.get("states"), "states", filled=True)
-    states = tuple(state_tables)
-    next_state = np.zeros((len(states), len(labels)), np.uint8)
-    velocity = np.zeros((len(states), len(labels), 2))
-    state_colours, start = [], []
-    for s, (state, entry) in enumerate(state_tables.items()):
-        field = f"states.{state}"
-        entry = reader.table(entry, field, {"color", "start", "on"})
-        state_colours.append(reader.colour(entry.get("color", "#808080"), f"{field}.color"))
-        start.append(reader.number(entry.get("start", 0), f"{field}.start", least=0))
-        rules = reader.table(entry.get("on"), f"{field}.on", filled=True)
-        for label in rules:
-            if label != "*" and label not in labels:
-                reader.fail(f"{field}.on.{label}", f"names no label; the labels are {', '.join(labels)}")
-        for i, label in enumerate(labels):
-            named = label if label in rules else "*"
-            if named not in rules:
-                reader.fail(f"{field}.on", f"says nothing of the label {label!r}; add it, or '*' for every other label")
-            rule = reader.table(rules[named], f"{field}.on.{named}", {"next", "move", "speed", "heading"})
-            following = rule.get("next", state)
-            if following not in states:
-                reader.fail(f"{field}.on.{named}.next", f"is {following!r}; the states are {', '.join(states)}")
-            next_state[s, i] = states.index(following)
-            velocity[s, i] = reader.velocity(rule, f"{field}.on.{named}")
-    if not sum(start):
-        start = [1.0] * len(states)
+        path = ("labels", label)
+        entry = reader.table(entry, path, {"color", "spawn"})
+        colour = reader.colour(entry.get("color"), (*path, "color"))
+        if colour in label_colours:
+            other = labels[label_colours.index(colour)]
+            reader.fail((*path, "color"), f"is the same color as that of {other!r}, a map could not tell them apart")
+        label_colours.append(colour)
+        spawn.append(reader.boolean(entry.get("spawn", True), (*path, "spawn")))
     if not any(spawn):
-        reader.fail("labels", "leaves no label where agents may start: set spawn to true on one")
+        reader.fail(("labels",), "leaves no label where agents may start: set spawn to true on one")
+    states = tuple(reader.table(root.get("states"), ("states",), filled=True))
+    table = _Table(reader, states, labels)
+    for s, (state, entry) in enumerate(root["states"].items()):
+        table.read_state(s, state, entry)
+    start = table.start if any(table.start) else [1.0] * len(states)
+    if sum(start) == math.inf:
+        reader.fail(("states",), "have start weights that sum to more than a number can hold; make them smaller")
     return StateMachine(
-        name=str(root.get("name", where)),
+        name=reader.string(root.get("name", where), ("name",)),
         states=states,
         labels=labels,
-        next_state=next_state,
-        velocity=velocity,
+        next_state=table.next_state,
+        velocity=table.velocity,
         start=np.array(start) / sum(start),
         spawn=np.array(spawn),
         label_colours=np.array(label_colours, np.uint8),
-        state_colours=np.array(state_colours, np.uint8),
+        state_colours=np.array(table.colours, np.uint8),
         edge=edge,
         text=text,
+        animations=tuple(table.animations),
+        after=table.after,
+        then=table.then,
+        odds=np.array(list(table.odds), float).reshape(-1, len(states)),
+        next_choice=table.next_choice,
+        then_choice=table.then_choice,
     )
 
 
-class _Reader:
-    """Checks one field at a time and names it when it is wrong."""
+class _Table:
+    """The arrays of a state machine, filled state by state."""
 
-    def __init__(self, where: str):
-        self.where = where
+    def __init__(self, reader: Reader, states: tuple[str, ...], labels: tuple[str, ...]):
+        self.reader, self.states, self.labels = reader, states, labels
+        shape = len(states), len(labels)
+        self.next_state, self.velocity = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
+        self.next_choice, self.then_choice = np.full(shape, -1, np.int32), np.full(shape[0], -1, np.int32)
+        self.after, self.then = np.full((shape[0], 2), np.inf), np.arange(shape[0], dtype=np.uint8)
+        self.colours, self.start, self.animations = [], [], []
+        self.odds: dict[tuple, int] = {}  # cumulative weights -> their row
 
-    def fail(self, field: str, problem: str):
-        raise CrowdError(f"The state machine {self.where}: {field or 'the file'} {problem}.")
+    def read_state(self, s: int, state: str, entry) -> None:
+        reader, path = self.reader, ("states", state)
+        entry = reader.table(entry, path, {"color", "start", "animation", "after", "then", "on"})
+        self.colours.append(reader.colour(entry.get("color", "#808080"), (*path, "color")))
+        self.start.append(reader.number(entry.get("start", 0), (*path, "start"), least=0))
+        self.animations.append(reader.string(entry.get("animation", ""), (*path, "animation")))
+        for one, other in (("after", "then"), ("then", "after")):
+            if one in entry and other not in entry:
+                reader.fail((*path, other), f"is missing beside {one}; a timer needs both")
+        if "after" in entry:
+            self.after[s] = self._seconds(entry["after"], (*path, "after"))
+            self.then[s], self.then_choice[s] = self._target(entry["then"], (*path, "then"))
+        path = (*path, "on")
+        rules = reader.table(entry.get("on"), path, filled=True)
+        read = {name: self._rule(rule, (*path, name), state) for name, rule in rules.items()}
+        for label in rules:
+            if label != "*" and label not in self.labels:
+                reader.fail((*path, label), f"names no label; the labels are {', '.join(self.labels)}")
+        for i, label in enumerate(self.labels):
+            rule = read.get(label, read.get("*"))
+            if rule is None:
+                reader.fail(path, f"says nothing of the label {label!r}; add it, or '*' for every other label")
+            (self.next_state[s, i], self.next_choice[s, i]), self.velocity[s, i] = rule
 
-    def table(self, value, field: str, allowed: set[str] | None = None, filled: bool = False) -> dict:
+    def _rule(self, rule, path, state):
+        rule = self.reader.table(rule, path, {"next", "move", "speed", "heading"})
+        return self._target(rule.get("next", state), (*path, "next")), self._velocity(rule, path)
+
+    def _target(self, value, path) -> tuple[int, int]:
+        """(state, choice): the state itself and -1, or any and the row of the odds."""
+        reader, known = self.reader, f"the states are {', '.join(self.states)}"
+        if isinstance(value, str):
+            if value not in self.states:
+                reader.fail(path, f"is {value!r}; {known}")
+            return self.states.index(value), -1
         if not isinstance(value, dict):
-            self.fail(field, "must be an object, { ... }" + ("" if value is not None else "; it is missing"))
-        if filled and not 0 < len(value) <= 255:
-            self.fail(field, f"must hold 1 to 255 entries, it holds {len(value)}")
-        unknown = sorted(set(value) - allowed) if allowed is not None else []
-        if unknown:
-            self.fail(f"{field}.{unknown[0]}".lstrip("."), f"is not known here; known are {', '.join(sorted(allowed))}")
-        return value
+            reader.fail(path, f"is {value!r}, it must be a state, or an object of states and weights; {known}")
+        weights = np.zeros(len(self.states))
+        for name, weight in reader.table(value, path, filled=True).items():
+            if name not in self.states:
+                reader.fail((*path, name), f"names no state; {known}")
+            weights[self.states.index(name)] = reader.number(weight, (*path, name), least=0)
+        if not 0 < weights.sum() < math.inf:
+            reader.fail(path, f"has weights that sum to {weights.sum():g}; give one state a weight above 0")
+        cumulative = np.cumsum(weights / weights.sum())
+        cumulative[np.flatnonzero(weights)[-1] :] = 1  # what rounding leaves must not fall to a state of weight 0
+        return int(weights.argmax()), self.odds.setdefault(tuple(cumulative), len(self.odds))
 
-    def number(self, value, field: str, least: float = -math.inf) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value < math.inf:
-            bound = f" of at least {least:g}" if least > -math.inf else ""
-            self.fail(field, f"is {value!r}, it must be a finite number{bound}")
-        return float(value)
+    def _seconds(self, value, path) -> tuple[float, float]:
+        if not isinstance(value, list):
+            return (self.reader.number(value, path, least=SHORTEST),) * 2
+        if len(value) != 2:
+            self.reader.fail(path, f"is {value!r}, it must be seconds, or the least and the greatest of them, [5, 20]")
+        least, most = (self.reader.number(each, (*path, i), least=SHORTEST) for i, each in enumerate(value))
+        if least > most:
+            self.reader.fail(path, f"is {value!r}, the first must be the lesser")
+        return least, most
 
-    def boolean(self, value, field: str) -> bool:
-        if not isinstance(value, bool):
-            self.fail(field, f"is {value!r}, it must be true or false")
-        return value
-
-    def colour(self, value, field: str) -> tuple[int, int, int]:
-        try:
-            if not (isinstance(value, str) and len(value) == 7 and value[0] == "#"):
-                raise ValueError
-            return tuple(bytes.fromhex(value[1:]))
-        except ValueError:
-            self.fail(field, f"is {value!r}, it must be a color such as \"#ff8000\"")
-
-    def velocity(self, rule: dict, field: str) -> tuple[float, float]:
+    def _velocity(self, rule: dict, path) -> tuple[float, float]:
+        reader = self.reader
         if "move" in rule and ("speed" in rule or "heading" in rule):
-            self.fail(field, "gives both move and speed or heading; give one")
+            reader.fail(path, "gives both move and speed or heading; give one")
         if "move" in rule:
             move = rule["move"]
             if not isinstance(move, list) or len(move) != 2:
-                self.fail(f"{field}.move", f"is {move!r}, it must be two numbers, metres per second along x and y")
-            return tuple(self.number(value, f"{field}.move") for value in move)
-        speed = self.number(rule.get("speed", 0), f"{field}.speed", least=0)
+                reader.fail((*path, "move"), f"is {move!r}, it must be two numbers, metres per second along x and y")
+            return tuple(reader.number(value, (*path, "move", i)) for i, value in enumerate(move))
+        speed = reader.number(rule.get("speed", 0), (*path, "speed"), least=0)
         if speed and "heading" not in rule:
-            self.fail(f"{field}.heading", "is missing beside speed; give degrees, 0 = +x, counter-clockwise")
-        heading = math.radians(self.number(rule.get("heading", 0), f"{field}.heading"))
-        return speed * math.cos(heading), speed * math.sin(heading)
+            reader.fail((*path, "heading"), "is missing beside speed; give degrees, 0 = +x, counter-clockwise")
+        heading = reader.number(rule.get("heading", 0), (*path, "heading"))
+        if heading % 90 == 0:  # without rounding: who walks along a wall does not drift into it
+            cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[int(heading % 360 // 90)]
+        else:
+            cos, sin = math.cos(math.radians(heading)), math.sin(math.radians(heading))
+        return speed * cos, speed * sin

@@ -38,6 +38,15 @@ class LabelMap:
     labels: np.ndarray
     area: Area
 
+    def __post_init__(self):
+        bounds = (self.area.x_min, self.area.y_min, self.area.x_max, self.area.y_max)
+        if min(self.cell) < 1e3 * np.spacing(np.abs(bounds).max()):
+            rows, columns = self.labels.shape
+            raise CrowdError(
+                f"The label map's cells, {columns} by {rows} over the area {bounds}, are too small to tell positions in them "
+                "apart: move the crowd nearer to the world's origin, enlarge its area, or use fewer pixels."
+            )
+
     @property
     def cell(self) -> tuple[float, float]:
         """Size of a cell in metres, along x and y."""
@@ -47,11 +56,93 @@ class LabelMap:
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Labels (n,) uint8 under the world positions x, y (n,); outside the area the nearest cell counts."""
+        column, row = self.cells(x, y)
+        return self.labels[row, column]
+
+    def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(column, row), each (n,) intp, of the cells at the world positions x, y (n,); outside the nearest."""
         rows, columns = self.labels.shape
         width, depth = self.cell
-        column = np.clip((x - self.area.x_min) / width, 0, columns - 1).astype(np.intp)
-        row = np.clip((y - self.area.y_min) / depth, 0, rows - 1).astype(np.intp)
-        return self.labels[row, column]
+        return _index(x, self.area.x_min, width, columns), _index(y, self.area.y_min, depth, rows)
+
+    def into(self, x, y, column, row) -> tuple[np.ndarray, np.ndarray]:
+        """The positions nearest to x, y (n,) that `cells` puts into the cells column, row (n,)."""
+        rows, columns = self.labels.shape
+        width, depth = self.cell
+        return _into(x, column, self.area.x_min, width, columns), _into(y, row, self.area.y_min, depth, rows)
+
+
+def _index(value, low, size, count):
+    return np.clip((value - low) / size, 0, count - 1).astype(np.intp)
+
+
+def _into(value, index, low, size, count):
+    value = np.clip(value, low + index * size, low + (index + 1) * size)
+    for _ in range(4):  # a cell's own borders may round into its neighbours: by a few units in the last place at most
+        off = index - _index(value, low, size, count)
+        if not off.any():
+            break
+        value = np.where(off, np.nextafter(value, np.copysign(np.inf, off)), value)
+    return value
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Heights over an area, between which the ground is bilinear.
+
+    heights: (rows, columns) float32, metres above the area's z, at the middles of the pixels; row 0 lies at y_min,
+    column 0 at x_min, as in LabelMap. From the outermost middles to the area's border, and beyond, it goes on level.
+    """
+
+    heights: np.ndarray
+    area: Area
+
+    def __post_init__(self):
+        wrong = np.argwhere(~np.isfinite(self.heights))
+        if len(wrong):
+            row, column = wrong[0]
+            raise CrowdError(
+                f"The height map holds {len(wrong)} values at NaN or infinity, the first at column {column}, row {row} from "
+                "the bottom: paint a height there."
+            )
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """World z (n,) float64 of the ground at the world positions x, y (n,)."""
+        (a, b, c, d), u, v, _ = self._corners(x, y)
+        return self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+
+    def slope(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); on a border between pixels that to its right."""
+        (a, b, c, d), u, v, inside = self._corners(x, y)
+        rows, columns = self.heights.shape
+        width, depth = self.area.size
+        along_x = ((b - a) * (1 - v) + (d - c) * v) * (columns / width)
+        along_y = ((c - a) * (1 - u) + (d - b) * u) * (rows / depth)
+        return along_x * inside[0], along_y * inside[1]
+
+    def tilt(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(pitch, roll), each (n,) float32, radians, of agents that stand square on the ground at x, y (n,) and face
+        `heading` (n,). pitch: how far the way ahead rises; roll: how far the ground rises to the agent's left.
+
+        Turn an agent about z by its heading, then about its own left axis by -pitch, then about its own way by roll.
+        """
+        along_x, along_y = self.slope(x, y)
+        cos, sin = np.cos(heading, dtype=np.float64), np.sin(heading, dtype=np.float64)
+        ahead, left = along_x * cos + along_y * sin, along_y * cos - along_x * sin
+        pitch = np.arctan(ahead)
+        return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
+
+    def _corners(self, x, y):
+        """Heights at the four middles about each position, its place between them, and whether it lies between any."""
+        rows, columns = self.heights.shape
+        width, depth = self.area.size
+        across, up = (x - self.area.x_min) * (columns / width) - 0.5, (y - self.area.y_min) * (rows / depth) - 0.5
+        inside = (across >= 0) & (across < columns - 1), (up >= 0) & (up < rows - 1)
+        across, up = np.clip(across, 0, columns - 1), np.clip(up, 0, rows - 1)
+        column, row = across.astype(np.intp), up.astype(np.intp)
+        right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
+        places = ((row, column), (row, right), (above, column), (above, right))
+        return [self.heights[place].astype(np.float64) for place in places], across - column, up - row, inside
 
 
 def labels_from_colours(pixels: np.ndarray, colours: np.ndarray, names: tuple[str, ...], where: str) -> np.ndarray:

@@ -119,6 +119,10 @@ class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
     def body(self, context, layout, settings):
         layout.label(text="Label map")
         layout.template_ID(settings, "map_image", open="image.open")
+        layout.label(text="Height map")
+        layout.template_ID(settings, "height_image", open="image.open")
+        if settings.height_image is not None:
+            layout.prop(settings, "height_scale")
         layout.label(text="State machine")
         layout.template_ID(settings, "machine", new="text.new", open="text.open")
         layout.prop(settings, "first_frame")

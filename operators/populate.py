@@ -12,7 +12,7 @@ from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, LevelPolicy
-from ..crowd_lod.maps import Area, LabelMap, edge_map, labels_from_colours
+from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from . import scene as io
 from .operator import Reporting
 
@@ -137,6 +137,13 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     return LabelMap(labels_from_colours(pixels, machine.label_colours, machine.labels, settings.map_image.name), area)
 
 
+def heights_of(settings, area: Area) -> HeightMap | None:
+    """The height map of the settings, or None."""
+    if settings.height_image is None:
+        return None
+    return HeightMap(io.read_values(settings.height_image)[..., 0] * np.float32(settings.height_scale), area)
+
+
 def groups_of(settings) -> tuple[Group, ...]:
     """The measured groups of the settings."""
     count = settings.level_count
@@ -173,13 +180,17 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     machine = machine_of(settings)
     world = world_of(settings, machine)
     seconds = scene.render.fps_base / scene.render.fps
+    heights = heights_of(settings, world.area)
     key = (machine.text, world.area, world.labels.shape, groups, settings.count, settings.seed, settings.first_frame, seconds)
-    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes()).digest()
+    relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
+    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + relief).digest()
     if digest not in _trajectories:
         start = populate(settings.count, settings.seed, len(groups), machine, world)
         while len(_trajectories) >= MOST_TRAJECTORIES:
             _trajectories.pop(next(iter(_trajectories)))
-        _trajectories[digest] = Trajectory(start, machine, world, groups, seconds, settings.first_frame)
+        _trajectories[digest] = Trajectory(
+            start, machine, world, groups, seconds, settings.first_frame, heights=heights
+        )
     return _trajectories[digest]
 
 

@@ -50,6 +50,14 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Map",
         description="Label map over the ground: each pixel in the color of a label; none is a plane with two edges",
     )
+    height_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Height Map",
+        description="Heights over the ground, from the first channel; agents stand on it. None is level ground",
+    )
+    height_scale: FloatProperty(
+        name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
+    )
     machine: PointerProperty(
         type=bpy.types.Text, name="State Machine", description="State machine as JSON; none is the chapter's, walk to and fro"
     )

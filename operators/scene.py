@@ -76,16 +76,22 @@ def camera_at(scene: bpy.types.Scene, time: float) -> Camera:
         return camera_from(scene.camera, scene.render, stage.view_layers[0].depsgraph)
 
 
-def read_pixels(image: bpy.types.Image) -> np.ndarray:
-    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels."""
+def read_values(image: bpy.types.Image) -> np.ndarray:
+    """The image's own values as (rows, columns, channels) float32, bottom row first; CrowdError if it has no pixels."""
     width, height = image.size
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
         raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
     values = np.empty(width * height * image.channels, np.float32)
     image.pixels.foreach_get(values)
-    values = values.reshape(height, width, image.channels)
-    if image.channels < 3:
+    return values.reshape(height, width, image.channels)
+
+
+def read_pixels(image: bpy.types.Image) -> np.ndarray:
+    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels."""
+    values = read_values(image)
+    height, width, channels = values.shape
+    if channels < 3:
         values = values[..., :1].repeat(3, axis=2)
     pixels = np.full((height, width, 4), 255, np.uint8)
     pixels[..., : values.shape[2]] = np.rint(values.clip(0, 1) * 255)

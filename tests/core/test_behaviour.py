@@ -4,11 +4,13 @@ import json
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory, cycles_of, step
+from crowd_lod_extension.crowd_lod.behaviour import HOLD, Trajectory, advance, courant, cycles_of, step
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.machine import load_preset, parse
-from crowd_lod_extension.crowd_lod.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.maps import Area, HeightMap, LabelMap, edge_map
 
 from .crowds import crowd_at, walker
+from .way import Agent
 
 CYCLES = cycles_of((walker(),))
 
@@ -18,19 +20,61 @@ def machine_of(states, edge="clamp", labels=("ground", "wall")):
     return parse(json.dumps({"version": 1, "edge": edge, "labels": colours, "states": states}), "test")
 
 
-def test_one_step_is_listing_1_1_agent_by_agent():
+def random_machine(random, states=5, labels=3, speeds=(0.01, 30), edge="clamp"):
+    """Any table at all: speeds of any size, the state changes on one label in two."""
+    names = [f"s{i}" for i in range(states)]
+    label_names = [f"l{i}" for i in range(labels)]
+
+    def rule():
+        speed = 10 ** random.uniform(*np.log10(speeds))
+        where = {"next": names[random.integers(states)]} if random.random() < 0.5 else {}
+        return {"speed": speed, "heading": random.uniform(0, 360), **where}
+
+    return machine_of({s: {"on": {label: rule() for label in label_names}} for s in names}, edge, label_names)
+
+
+def random_world(random, labels=3, rows=9, columns=13, area=None):
+    return LabelMap(random.integers(labels, size=(rows, columns)).astype(np.uint8), area or Area(-3, 5, 23, 14))
+
+
+def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
     machine = load_preset("plaza")
     random = np.random.default_rng(5)
     labels = random.integers(len(machine.labels), size=(40, 40)).astype(np.uint8)
     world = LabelMap(labels, Area(0, 0, 20, 20))
     crowd = populate(2000, 3, 1, machine, world)
     after = step(crowd, machine, world, CYCLES, 1 / 24)
+    stayed = 0
     for i in range(len(crowd)):
-        s, label = crowd.state[i], labels[int(crowd.y[i] / 0.5), int(crowd.x[i] / 0.5)]
-        dx, dy = machine.velocity[s, label]
-        assert after.state[i] == machine.next_state[s, label]
-        assert after.x[i] == np.clip(crowd.x[i] + dx * (1 / 24), 0, 20)
-        assert after.y[i] == np.clip(crowd.y[i] + dy * (1 / 24), 0, 20)
+        s, row, column = crowd.state[i], int(crowd.y[i] / 0.5), int(crowd.x[i] / 0.5)
+        dx, dy = machine.velocity[s, labels[row, column]]
+        x, y = crowd.x[i] + dx * (1 / 24), crowd.y[i] + dy * (1 / 24)
+        if (int(x // 0.5), int(y // 0.5)) == (column, row):
+            assert after.state[i] == machine.next_state[s, labels[row, column]]
+            assert (after.x[i], after.y[i]) == (x, y)
+            stayed += 1
+    assert stayed > 1500
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_steps_over_borders_are_the_listing_cut_at_each(seed):
+    """Any table, any map, up to 60 cells a step, against a plain loop in rational arithmetic; so is the count of reads."""
+    random = np.random.default_rng(seed)
+    machine, world = random_machine(random), random_world(random)
+    crowd = populate(60, seed, 1, machine, world)
+    agents = [Agent(*of, machine, world.labels, world.area) for of in zip(crowd.x, crowd.y, crowd.state, strict=True)]
+    for _ in range(4):
+        crowd, tally = advance(crowd, machine, world, CYCLES, 0.25)
+        before = sum(agent.reads for agent in agents)
+        for agent in agents:
+            agent.stood = False
+            agent.go(0.25)
+        assert [agent.state for agent in agents] == crowd.state.tolist()
+        assert [agent.stood for agent in agents] == tally.held.tolist()
+        assert sum(agent.reads for agent in agents) - before == tally.reads
+        np.testing.assert_allclose(crowd.x, [float(agent.x) for agent in agents], atol=1e-11)
+        np.testing.assert_allclose(crowd.y, [float(agent.y) for agent in agents], atol=1e-11)
+    assert sum(agent.reads for agent in agents) > 5 * len(crowd)  # 4 are the steps, the rest are borders
 
 
 def test_chapter_walks_right_to_the_edge_turns_and_walks_left():
@@ -42,33 +86,123 @@ def test_chapter_walks_right_to_the_edge_turns_and_walks_left():
         crowd = step(crowd, machine, world, CYCLES, 1 / 24)
         xs.append(crowd.x[0])
         states.append(crowd.state[0])
-    assert 63 <= max(xs) <= 63 + 1.25 / 24 and 1 - 1.25 / 24 <= min(xs) <= 1
+    assert 63 - 1.25 / 24 <= max(xs) <= 63 and 1 <= min(xs) <= 1 + 1.25 / 24
     turns = np.flatnonzero(np.diff(states))
     assert len(turns) == 3  # right edge, left edge, right edge, in 120 s
     # from the right edge's border to the left edge's border: 62 m at 1.25 m/s, to within two steps
     assert (abs(np.diff(turns) / 24 - 62 / 1.25) <= 2 / 24).all()
 
 
-def test_fast_agents_do_not_jump_over_a_wall_and_slow_ones_take_one_step():
-    machine = machine_of({"run": {"on": {"*": {"move": [90, 0]}, "wall": {"next": "stand"}}}, "stand": {"on": {"*": {}}}})
+STOPS = {"run": {"on": {"*": {"move": [90, 0]}, "wall": {"next": "stand"}}}, "stand": {"on": {"*": {}}}}
+
+
+def test_fast_agents_do_not_jump_over_a_wall():
+    machine = machine_of(STOPS)
     labels = np.zeros((1, 100), np.uint8)
     labels[0, 50] = 1
     world = LabelMap(labels, Area(0, 0, 100, 1))
     for x in np.linspace(0.01, 49.99, 97):
         crowd = step(crowd_at([(x, 0.5, 0)]), machine, world, CYCLES, 1.0)
-        assert 50 <= crowd.x[0] < 51 and crowd.state[0] == 1
+        assert crowd.x[0] == 50 and crowd.state[0] == 1
 
 
-EDGES = {"clamp": (10.0, 0.0), "wrap": (0.5, 9.5), "reflect": (9.5, 0.5), "stop": (9.75, 0.25)}
+@pytest.mark.parametrize("offset", [0.0, 1e5, -3e4 / 7])
+@pytest.mark.parametrize("rising", [True, False])
+def test_a_diagonal_wall_of_cells_that_touch_at_corners_is_never_crossed(rising, offset):
+    size = 64
+    labels = np.zeros((size, size), np.uint8)
+    diagonal = np.arange(size)
+    labels[diagonal, diagonal if rising else size - 1 - diagonal] = 1
+    cell = 0.125
+    world = LabelMap(labels, Area(offset, offset, offset + size * cell, offset + size * cell))
+    random = np.random.default_rng(4)
+    across = -1 if rising else 1
+    for speed in (1e-3, 0.3, 1, 2**0.5, 7, 1e3):
+        ways = [(1, 0), (0, 1), (-1, 0), (0, -1), (1, 1), (-1, 1), (-1, -1), (1, -1), *random.normal(size=(3, 2))]
+        for way in ways:
+            rule = {"move": [speed * cell * part for part in way]}
+            machine = machine_of({"run": {"on": {"ground": rule, "wall": {"next": "stand"}}}, "stand": {"on": {"*": {}}}})
+            column, row = random.integers(size, size=(2, 300))
+            centred = np.arange(300) < 150  # from the middle of a cell the diagonal ways lead through corners
+            within = np.where(centred, 0.5, random.random((2, 300)))
+            x, y = offset + (np.stack([column, row]) + within) * cell
+            crowd = crowd_at(np.stack([x, y, 0 * x], axis=1))
+
+            def side(crowd):
+                column, row = world.cells(crowd.x, crowd.y)
+                return np.sign(row + across * column + (0 if rising else 1 - size))
+
+            before = side(crowd)
+            for _ in range(3):
+                crowd = step(crowd, machine, world, CYCLES, 1.0)
+            after = side(crowd)
+            # an agent stops on entering the wall's cell, at its border: the rounding of the border may fall to either
+            assert (after * before >= 0).all(), (speed, way)
 
 
-@pytest.mark.parametrize("edge", EDGES)
-def test_edge_policies(edge):
-    for speed, x in ((0.75, 9.75), (-0.75, 0.25)):
-        machine = machine_of({"go": {"on": {"*": {"move": [speed, 0]}}}}, edge, ("ground",))
-        world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 10, 1))
-        crowd = step(crowd_at([(x, 0.5, 0)]), machine, world, CYCLES, 1.0)
-        assert crowd.x[0] == pytest.approx(EDGES[edge][0 if speed > 0 else 1], abs=1e-12)
+def test_cost_grows_with_the_fast_agents_only():
+    """Speeds from 1e-3 to 1e3 cells a step in one table; counted in reads, not in seconds."""
+    speeds = 10.0 ** np.arange(-3, 4)
+    machine = machine_of({f"s{i}": {"on": {"*": {"move": [v, 0]}}} for i, v in enumerate(speeds)}, "wrap", ("ground",))
+    world = LabelMap(np.zeros((1, 100), np.uint8), Area(0, 0, 100, 1))
+    assert courant(machine, world, 1.0).ravel() == pytest.approx(speeds)
+    counts = np.array([5000, 5000, 5000, 100, 20, 5, 2])
+    x = np.random.default_rng(0).uniform(0, 100, counts.sum())
+    crowd = crowd_at(np.stack([x, 0 * x + 0.5, 0 * x], axis=1))
+    crowd = dataclasses.replace(crowd, state=np.repeat(np.arange(7), counts).astype(np.uint8))
+    moved, tally = advance(crowd, machine, world, CYCLES, 1.0)
+    crossed = np.floor(x + np.repeat(speeds, counts)) - np.floor(x)
+    assert tally.reads == len(x) + crossed.sum()
+    assert tally.reads < 1.25 * len(x)
+    np.testing.assert_allclose(moved.x, np.mod(x + np.repeat(speeds, counts), 100), atol=1e-9)
+
+
+def test_absurd_speeds_are_refused_by_name():
+    machine = machine_of({"walk": {"on": {"*": {}}}, "warp": {"on": {"*": {}, "wall": {"move": [0, -1e9]}}}})
+    world = LabelMap(np.zeros((10, 10), np.uint8), Area(0, 0, 10, 10))
+    with pytest.raises(CrowdError, match=r"1e\+09 cells.*'warp' on 'wall'.*65536"):
+        step(crowd_at([(1, 1, 0)]), machine, world, CYCLES, 1.0)
+    huge = machine_of({"warp": {"on": {"*": {"move": [1.7e308, 1.7e308]}}}})
+    with pytest.raises(CrowdError, match="inf cells"):
+        step(crowd_at([(1, 1, 0)]), huge, world, CYCLES, 1.0)
+
+
+def mirrored(value, low, high):
+    """`value` on a line folded at low and high, and whether the number of folds is odd."""
+    turns = np.floor((value - low) / (high - low))
+    offset = value - low - turns * (high - low)
+    return np.where(turns % 2, high - offset, low + offset), turns % 2 == 1
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
+def test_edge_policies_at_any_speed(edge, seed):
+    """One label, one velocity: the way has a closed form. From a thousandth to hundreds of cells a step."""
+    random = np.random.default_rng(seed)
+    area = Area(-4, 1, 8, 10)
+    world = LabelMap(np.zeros((7, 11), np.uint8), area)
+    for speed in (1e-3, 0.9, 13, 400):
+        heading = random.uniform(0, 360)
+        machine = machine_of({"go": {"on": {"*": {"speed": speed, "heading": heading}}}}, edge, ("ground",))
+        crowd = populate(200, seed, 1, machine, world)
+        x, y = crowd.x, crowd.y
+        vx, vy = machine.velocity[0, 0]
+        for count in (1, 2, 3):
+            crowd = step(crowd, machine, world, CYCLES, 1.0)
+            far_x, far_y = x + vx * count, y + vy * count
+            if edge == "clamp":
+                far_x, far_y = far_x.clip(-4, 8), far_y.clip(1, 10)
+            elif edge == "wrap":
+                far_x, far_y = (far_x + 4) % 12 - 4, (far_y - 1) % 9 + 1
+            elif edge == "reflect":
+                (far_x, flip_x), (far_y, flip_y) = mirrored(far_x, -4, 8), mirrored(far_y, 1, 10)
+                assert (crowd.mirror == flip_x + 2 * flip_y).all()
+            else:
+                time = np.minimum((np.where(vx > 0, 8, -4) - x) / vx, (np.where(vy > 0, 10, 1) - y) / vy)
+                time = np.minimum(time, count)
+                far_x, far_y = x + vx * time, y + vy * time
+            np.testing.assert_allclose(crowd.x, far_x, atol=1e-9)
+            np.testing.assert_allclose(crowd.y, far_y, atol=1e-9)
 
 
 def test_phase_advances_with_the_ground_walked():
@@ -83,6 +217,34 @@ def test_phase_advances_with_the_ground_walked():
     assert crowd.heading[0] == pytest.approx(np.arctan2(1.0, 0.75))
 
 
+TO_AND_FRO = {"a": {"on": {"ground": {"move": [1, 0]}, "wall": {"move": [-1, 0]}}}}
+
+
+def test_an_agent_that_the_table_sends_to_and_fro_stands_and_is_told():
+    machine = machine_of(TO_AND_FRO)
+    world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
+    crowd, tally = advance(crowd_at([(0.5, 0.5, 0), (0.1, 0.5, 0)]), machine, world, CYCLES, 0.75)
+    assert tally.held.tolist() == [True, False] and tally.reads == 2 + HOLD
+    np.testing.assert_allclose(crowd.x, [1.0, 0.85], atol=1e-12)
+
+
+LIVELY = {
+    "walk": {
+        "start": 1, "after": [0.3, 2], "then": {"rest": 1, "walk": 1, "run": 1},
+        "on": {"ground": {"move": [1.1, 0.3]}, "wall": {"next": {"back": 2, "walk": 1}, "move": [0.2, 0.1]}},
+    },
+    "run": {"after": 1.5, "then": "walk", "on": {"*": {"move": [-3, 2]}, "wall": {"next": "rest"}}},
+    "back": {"on": {"*": {"move": [-1.3, -0.9]}, "wall": {"next": {"walk": 1, "run": 1}, "move": [-2, 0]}}},
+    "rest": {"after": [0.2, 0.9], "then": "walk", "on": {"*": {}}},
+}  # fmt: skip
+
+
+def lively(seed=1, edge="wrap", **more):
+    machine = machine_of(LIVELY, edge)
+    world = random_world(np.random.default_rng(seed), 2)
+    return Trajectory(populate(400, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8, **more)
+
+
 def trajectory(seed=1):
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 30, 30), machine.labels)
@@ -93,11 +255,134 @@ def same(a, b):
     return all(getattr(a, f.name).tobytes() == getattr(b, f.name).tobytes() for f in dataclasses.fields(a))
 
 
-def test_trajectory_does_not_depend_on_the_order_of_frames():
+@pytest.mark.parametrize("make", [trajectory, lively, lambda: lively(edge="reflect")])
+def test_trajectory_does_not_depend_on_the_order_of_frames(make):
     times = [100, 10, 55.5, 12.25, 99, 55, 100, 3, 11, 55.5]
-    asked = trajectory()
+    asked = make()
     for time in times:
-        assert same(asked.at(time), trajectory().at(time)), time
+        assert same(asked.at(time), make().at(time)), time
+
+
+def test_an_agents_chances_do_not_depend_on_the_rest_of_the_crowd():
+    whole = lively()
+    part = lively()
+    chosen = np.arange(0, 400, 7)
+    fields = {f.name: getattr(part.start, f.name)[chosen] for f in dataclasses.fields(part.start)}
+    part = dataclasses.replace(part, start=dataclasses.replace(part.start, **fields))
+    a, b = whole.at(150), part.at(150)
+    assert (a.x[chosen] == b.x).all() and (a.state[chosen] == b.state).all()
+
+
+def test_timers_and_chances_do_not_depend_on_the_length_of_the_step():
+    """Here no label changes the state, so stepping is exact: any step gives the same events at the same times."""
+    machine = machine_of(
+        {
+            "go": {"start": 1, "after": [0.3, 2], "then": {"back": 2, "rest": 1}, "on": {"*": {"move": [1, 0.2]}}},
+            "back": {"after": 0.7, "then": {"go": 1, "rest": 3, "back": 1}, "on": {"*": {"move": [-1, 0.4]}}},
+            "rest": {"after": [0.1, 0.2], "then": "go", "on": {"*": {}}},
+        },
+        "wrap",
+    )
+    world = random_world(np.random.default_rng(0), 2)
+    start = populate(500, 9, 1, machine, world)
+    coarse = fine = start
+    for _ in range(5):
+        coarse = step(coarse, machine, world, CYCLES, 2.0)
+    for _ in range(240):
+        fine = step(fine, machine, world, CYCLES, 1 / 24)
+    assert (coarse.state == fine.state).all() and (coarse.key == fine.key).all() and (start.key != fine.key).all()
+    np.testing.assert_allclose(coarse.wait, fine.wait, atol=1e-4)
+    np.testing.assert_allclose(coarse.x, fine.x, atol=1e-3)
+
+
+def test_timers_end_after_their_seconds():
+    machine = machine_of({"a": {"start": 1, "after": [2, 4], "then": "b", "on": {"*": {}}}, "b": {"on": {"*": {}}}})
+    world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1, 1))
+    crowd = populate(20_000, 0, 1, machine, world)
+    left = []
+    for _ in range(50):
+        crowd = step(crowd, machine, world, CYCLES, 0.1)
+        left.append((crowd.state == 0).mean())
+    assert left[18] == 1 and left[41] == 0
+    expected = np.interp(0.1 * np.arange(1, 51), [2, 4], [1, 0])
+    np.testing.assert_allclose(left, expected, atol=5 * np.sqrt(0.25 / 20_000) + 1e-3)
+
+
+def test_chances_follow_their_weights_and_fall_once_a_label():
+    """The label is four cells wide and takes 80 steps to cross: still one draw."""
+    turn = {"next": {"left": 3, "right": 1, "on": 4}, "move": [1, 0]}
+    states = {"on": {"start": 1, "on": {"ground": {"move": [1, 0]}, "wall": turn}}}
+    states |= {name: {"on": {"*": {"move": [1, 0]}}} for name in ("left", "right")}
+    machine = machine_of(states)
+    world = LabelMap(np.array([[0, 1, 1, 1, 1, 0, 0]], np.uint8), Area(0, 0, 7, 1))
+    crowd = populate(20_000, 5, 1, machine, LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1, 1)))
+    for _ in range(120):
+        crowd = step(crowd, machine, world, CYCLES, 0.05)
+    share = np.bincount(crowd.state, minlength=3) / 20_000
+    np.testing.assert_allclose(share, [4 / 8, 3 / 8, 1 / 8], atol=5 * np.sqrt(0.25 / 20_000))
+
+
+def test_a_label_is_drawn_for_anew_each_time_it_is_entered():
+    """Round a ring with one crossing, where one in two turns off: after three rounds one in eight still walks."""
+    states = {
+        "on": {"start": 1, "on": {"*": {"move": [1, 0]}, "wall": {"move": [1, 0], "next": {"on": 1, "off": 1}}}},
+        "off": {"on": {"*": {"move": [1, 0]}}},
+    }
+    machine = machine_of(states, "wrap")
+    world = LabelMap(np.array([[0, 0, 0, 1]], np.uint8), Area(0, 0, 4, 1))
+    crowd = populate(20_000, 2, 1, machine, LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 3, 1)))
+    for _ in range(48):
+        crowd = step(crowd, machine, world, CYCLES, 0.25)
+    assert (crowd.state == 0).mean() == pytest.approx(1 / 8, abs=5 * np.sqrt(0.25 / 20_000))
+
+
+def test_what_follows_a_timer_does_not_hang_on_what_the_label_drew():
+    states = {
+        "on": {
+            "start": 1, "after": 1, "then": {"left": 1, "right": 1},
+            "on": {"ground": {"next": {"on": 1, "off": 1}}, "wall": {}},
+        },
+        **{name: {"on": {"*": {}}} for name in ("off", "left", "right")},
+    }  # fmt: skip
+    machine = machine_of(states)
+    world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1, 1))
+    crowd = populate(20_000, 2, 1, machine, world)
+    for _ in range(3):
+        crowd = step(crowd, machine, world, CYCLES, 0.75)
+    share = np.bincount(crowd.state, minlength=4) / 20_000
+    np.testing.assert_allclose(share, [0, 1 / 2, 1 / 4, 1 / 4], atol=5 * np.sqrt(0.25 / 20_000))
+
+
+def test_a_reflected_agent_walks_mirrored_until_its_state_changes():
+    states = {
+        "east": {"start": 1, "on": {"ground": {"move": [1, 0.1]}, "wall": {"next": "east too", "move": [1, 0]}}},
+        "east too": {"on": {"*": {"move": [1, 0]}}},
+    }
+    machine = machine_of(states, "reflect")
+    world = LabelMap(np.array([[0, 1, 0, 0]], np.uint8), Area(0, 0, 4, 4))
+    crowd, seen = crowd_at([(2.6, 0.5, 0)]), []
+    for _ in range(8):
+        crowd = step(crowd, machine, world, CYCLES, 0.5)
+        seen.append((crowd.x[0], int(crowd.state[0]), int(crowd.mirror[0])))
+    # to the edge at 4 m, mirrored back to the label at 2 m and on to the step's end, then east as the table says
+    expected = [(3.1, 0, 0), (3.6, 0, 0), (3.9, 0, 1), (3.4, 0, 1), (2.9, 0, 1), (2.4, 0, 1), (1.9, 1, 0), (2.4, 1, 0)]
+    assert seen == [(pytest.approx(x), state, mirror) for x, state, mirror in expected]
+    assert crowd.heading[0] == 0
+
+
+def test_time_passes_for_an_agent_that_is_sent_to_and_fro():
+    states = {"a": {**TO_AND_FRO["a"], "after": 1, "then": "off"}, "off": {"on": {"*": {"move": [0, 1]}}}}
+    machine = machine_of(states)
+    world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
+    crowd = dataclasses.replace(crowd_at([(0.75, 0.25, 0)]), wait=np.ones(1, np.float32))
+    for _ in range(6):
+        crowd = step(crowd, machine, world, CYCLES, 0.25)
+    assert crowd.state[0] == 1 and crowd.y[0] == pytest.approx(0.75)
+
+
+def test_an_agent_takes_48_bytes_at_most():
+    crowd = lively().at(50)
+    assert sum(getattr(crowd, f.name).nbytes for f in dataclasses.fields(crowd)) <= 48 * len(crowd)
 
 
 def test_before_the_first_frame_the_crowd_stands():
@@ -109,3 +394,12 @@ def test_sub_frames_lie_between_their_frames():
     asked = trajectory()
     a, b, c = asked.at(20), asked.at(20.25), asked.at(21)
     np.testing.assert_allclose(b.x - a.x, (c.x - a.x) / 4, atol=1e-12)
+
+
+def test_agents_stand_on_the_height_map_wherever_they_walk():
+    area = Area(-3, 5, 23, 14, 2.0)
+    heights = HeightMap(np.random.default_rng(1).normal(size=(6, 8)).astype(np.float32), area)
+    flat, hilly = lively(), lively(heights=heights)
+    for time in (0, 30, 30.5):
+        a, b = flat.at(time), hilly.at(time)
+        assert (a.x == b.x).all() and (b.z == heights.at(b.x, b.y)).all() and b.z.std() > 0.1

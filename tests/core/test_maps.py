@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.maps import Area, LabelMap, edge_map, labels_from_colours
+from crowd_lod_extension.crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
 
 COLOURS = np.array([[128, 128, 128], [255, 0, 0]], np.uint8)
 
@@ -37,3 +37,84 @@ def test_area_without_extent_is_refused(bounds):
 def test_edge_map_labels_the_two_edges():
     world = edge_map(Area(0, 0, 64, 8), ("ground", "left edge", "right edge"))
     assert world.at(np.array([0.5, 1.5, 62.5, 63.5]), np.zeros(4)).tolist() == [1, 0, 0, 2]
+
+
+HILLS = HeightMap(np.random.default_rng(2).normal(size=(5, 7)).astype(np.float32), Area(10, -3, 24, 7, 100.0))
+
+
+def bilinear(x, y):
+    """One agent's height, by two linear interpolations in a row."""
+    columns, rows = 11 + 2 * np.arange(7), -2 + 2 * np.arange(5)
+    return 100 + np.interp(y, rows, [np.interp(x, columns, row) for row in HILLS.heights.astype(float)])
+
+
+def test_height_is_bilinear_between_pixel_middles_and_level_beyond():
+    random = np.random.default_rng(0)
+    x, y = random.uniform(8, 26, 500), random.uniform(-5, 9, 500)
+    np.testing.assert_allclose(HILLS.at(x, y), [bilinear(*p) for p in zip(x, y, strict=True)], rtol=0, atol=1e-12)
+    middle_x, middle_y = np.meshgrid(11 + 2.0 * np.arange(7), -2 + 2.0 * np.arange(5))
+    assert (HILLS.at(middle_x.ravel(), middle_y.ravel()) == 100 + HILLS.heights.astype(float).ravel()).all()
+
+
+def test_slope_is_the_derivative_of_the_height():
+    random = np.random.default_rng(1)
+    x, y = random.uniform(9, 25, 500), random.uniform(-4, 8, 500)
+    apart = (abs((x - 1) % 2 - 0) > 1e-3) & (abs(y % 2) > 1e-3)  # not on a fold
+    x, y, step = x[apart], y[apart], 1e-6
+    along_x, along_y = HILLS.slope(x, y)
+    np.testing.assert_allclose(along_x, (HILLS.at(x + step, y) - HILLS.at(x - step, y)) / (2 * step), atol=1e-7)
+    np.testing.assert_allclose(along_y, (HILLS.at(x, y + step) - HILLS.at(x, y - step)) / (2 * step), atol=1e-7)
+
+
+def test_a_tilted_agent_stands_square_on_the_ground():
+    """Turned by heading, pitch and roll, an agent's own up axis is the surface's normal, and it still faces its way."""
+    random = np.random.default_rng(3)
+    x, y, heading = random.uniform(11, 23, 200), random.uniform(-2, 6, 200), random.uniform(-np.pi, np.pi, 200)
+    pitch, roll = HILLS.tilt(x, y, heading.astype(np.float32))
+    along_x, along_y = HILLS.slope(x, y)
+
+    def about(axis, angle):
+        c, s = np.cos(angle), np.sin(angle)
+        i, j = [k for k in range(3) if k != axis]
+        matrix = np.eye(3)
+        matrix[i, i], matrix[j, j] = c, c
+        sign = -1 if axis == 1 else 1
+        matrix[i, j], matrix[j, i] = -sign * s, sign * s
+        return matrix
+
+    for i in range(200):
+        turned = about(2, heading[i]) @ about(1, -pitch[i]) @ about(0, roll[i])
+        normal = np.array([-along_x[i], -along_y[i], 1])
+        np.testing.assert_allclose(turned[:, 2], normal / np.linalg.norm(normal), atol=1e-6)
+        assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(heading[i], abs=1e-6)
+
+
+def test_a_height_map_of_one_pixel_is_flat():
+    flat = HeightMap(np.full((1, 1), 3, np.float32), Area(0, 0, 1, 1, 2.0))
+    x = np.linspace(-1, 2, 9)
+    assert (flat.at(x, x) == 5).all() and not np.any(flat.slope(x, x)) and not np.any(flat.tilt(x, x, x))
+
+
+def test_heights_that_are_not_finite_are_counted():
+    heights = np.zeros((3, 4), np.float32)
+    heights[1, 2] = heights[2, 0] = np.nan
+    with pytest.raises(CrowdError, match="2 values.*column 2, row 1"):
+        HeightMap(heights, Area(0, 0, 1, 1))
+
+
+def test_cells_too_small_for_their_place_are_refused():
+    with pytest.raises(CrowdError, match="too small to tell"):
+        LabelMap(np.zeros((1000, 1000), np.uint8), Area(1e12, 0, 1e12 + 1, 1))
+    LabelMap(np.zeros((1000, 1000), np.uint8), Area(1e8, 0, 1e8 + 1000, 1000))
+
+
+@pytest.mark.parametrize("low", [0.0, 0.1, -1e7 / 3, 1e8])
+def test_positions_put_into_a_cell_are_found_in_it(low):
+    random = np.random.default_rng(0)
+    world = LabelMap(np.zeros((30, 30), np.uint8), Area(low, low, low + 21.7, low + 9.1))
+    column, row = random.integers(30, size=(2, 5000))
+    x, y = low + random.choice(31, 5000) * world.cell[0], low + random.choice(31, 5000) * world.cell[1]
+    x, y = world.into(x, y, column, row)
+    found = world.cells(x, y)
+    assert (found[0] == column).all() and (found[1] == row).all()
+    assert abs(x - low - (column + 0.5) * world.cell[0]).max() <= world.cell[0] / 2 + 4 * np.spacing(abs(low) + 22)

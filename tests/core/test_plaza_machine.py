@@ -78,7 +78,7 @@ def test_the_crowd_walks_on_and_stays_out_of_the_walls(machine, world, frames_pe
         turning = np.where(label >= first, turning + 1, 0)
         longest = np.maximum(longest, turning)
     half = plaza_map.SIZE / 2
-    assert max(abs(crowd.x).max(), abs(crowd.y).max()) < half - 0.5  # nobody leans on the border
+    assert max(abs(crowd.x).max(), abs(crowd.y).max()) < half - 0.25  # nobody leans on the border
     assert longest.max() < 1.5 * 24  # nobody is caught beside a wall
     assert np.bincount(crowd.state, minlength=16).min() > 3000 / 16 / 2  # all headings are still there
     quadrants, _, _ = np.histogram2d(crowd.x, crowd.y, bins=2, range=[[-half, half]] * 2)
