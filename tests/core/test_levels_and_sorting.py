@@ -82,7 +82,7 @@ def test_a_tolerance_bounds_the_error_in_pixels():
     nearest = distance - radius[group]
     error = deviation[group, ids] * camera.pixels_per_unit / nearest
     assert (error[ids > 0] <= 0.5 * (1 + 1e-12)).all() and (nearest[ids > 0] > 0).all()
-    assert set(ids) == {0, 1, 2, 3} - ({1} if (ids != 1).all() else set())
+    assert {0, 2, 3} <= set(ids)
     # and a LOD coarser would show more than the tolerance
     coarser = (ids < 3) & (group == 1) & (nearest > 0)
     assert (deviation[1, ids[coarser] + 1] * camera.pixels_per_unit / nearest[coarser] > 0.5 * (1 - 1e-12)).all()
