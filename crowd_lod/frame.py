@@ -51,7 +51,7 @@ def plan(
 
     camera: one, or the eyes of a stereo picture. shutter: with motion blur, (time in frames, the eyes' cameras from
     camera.opened) at each sample of the open shutter, in order: what is seen at any of them is visible. LODs are those
-    of `time`. bias: painted layer. deviation: (G, n) metres, for a tolerance.
+    of `time`. With a fixed margin nothing is grown for it but what the cameras move. bias: painted layer. deviation: (G, n) metres, for a tolerance.
     """
     groups = trajectory.groups
     cameras = (camera,) if isinstance(camera, Camera) else tuple(camera)

@@ -111,7 +111,9 @@ def test_depth_of_field_is_kept_where_its_rays_reach():
 def between(a, b, part):
     """The matrix a fraction of the way from a to b, turning evenly about one axis."""
     turn = b[:3, :3] @ a[:3, :3].T
-    angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)) * part
+    angle = np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)) * part if np.abs(turn - np.eye(3)).max() > 1e-9 else 0.0
+    if not angle:
+        return a + (b - a) * part
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
     x, y, z = axis / np.linalg.norm(axis)
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
@@ -120,24 +122,25 @@ def between(a, b, part):
     return matrix
 
 
+@pytest.mark.parametrize(("turns", "lens"), [(1, 0), (0, 1), (1, 1)], ids=["turns", "moves and zooms", "all at once"])
 @pytest.mark.parametrize("kind", ["PERSP", "ORTHO", "PANO"])
-def test_open_shutter_sees_what_any_time_between_sees(kind):
+def test_open_shutter_sees_what_any_time_between_sees(kind, turns, lens):
     random = np.random.default_rng(9)
     seen_between = 0
     for _ in range(20):
         a, b = np.eye(4), np.eye(4)
         a[:3, :3] = turned(random)
-        a[:3, 3], b[:3, 3] = random.normal(size=(2, 3)) * 5
+        a[:3, 3] = b[:3, 3] = random.normal(size=3) * 5
+        b[:3, 3] += lens * random.normal(size=3) * 5
         small = turned(random)
-        b[:3, :3] = between(np.eye(4), np.pad(small, (0, 1)), 0.15)[:3, :3] @ a[:3, :3]
+        b[:3, :3] = between(np.eye(4), np.pad(small, (0, 1)), 0.15 * turns)[:3, :3] @ a[:3, :3]
         size = 10.0 if kind == "ORTHO" else 0.5
 
         def at(part, a=a, b=b, size=size):
-            shape = window(size * (1 + 0.3 * part), "AUTO", (160, 90))
-            base = straight(kind=kind, far=80.0)
-            cone = 1.0 + 0.2 * part
+            base, change = straight(kind=kind, far=80.0), lens * part
+            shape = window(size * (1 + 0.3 * change), "AUTO", (160, 90))
             axes = dict(zip(("origin", "X", "Y", "Z"), referential(between(a, b, part)), strict=True))
-            return replace(base, **axes, window=shape, near=1 + part, far=80 - 5 * part, cone=cone)
+            return replace(base, **axes, window=shape, near=1 + change, far=80 - 5 * change, cone=1 + 0.2 * change)
 
         points = a[:3, 3] + random.uniform(-90, 90, (4000, 3))
         kept = np.zeros(len(points), bool)

@@ -42,7 +42,7 @@ def test_a_plan_does_not_depend_on_what_was_asked_before():
 
 def test_an_open_shutter_keeps_whoever_walks_through_the_picture():
     trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
-    trajectory.seconds_per_frame = 1.0  # agents walk metres a frame
+    trajectory.seconds_per_frame = 8.0  # agents walk several times their size a frame
     times = (39.5, 40.0, 40.5)
     camera = straight()
     blurred = plan(trajectory, camera, policy, 40, [(time, (camera,)) for time in times])
