@@ -1,6 +1,7 @@
 """The camera's referential and window (chapter eqs 1.1 to 1.3, 1.5, 1.6), for Blender's kinds of camera."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,9 +23,15 @@ class Window:
 class Camera:
     """A camera at one time.
 
-    kind: "PERSP", "ORTHO" or "PANO" (sees in every direction). origin: (3,) float64, world metres, the chapter's c.
-    X (right), Y (up), Z (view direction): (3,) float64 unit vectors, mutually orthogonal. near, far: metres along Z
-    (PANO: from the origin). pixels: (width, height) of the image.
+    kind: "PERSP", "ORTHO" or "PANO". origin: (3,) float64, world metres, the chapter's c. X (right), Y (up), Z (view
+    direction): (3,) float64; v.X, v.Y, v.Z are the camera coordinates of v = p - c. They are orthonormal, but for a
+    camera that a parent shears (see `referential`). near, far: metres along Z (PANO: from the origin). pixels: (width,
+    height) of the image.
+
+    cone: radians; a PANO camera sees directions up to this angle from Z, in every direction with the default.
+    pad, turn: what else moves a camera's rays, as bounds: every sphere is taken for larger by `pad` metres and `turn`
+    metres a metre of distance (see `lens_blur`, `opened`, stereo.py). density: pixels per unit of the window, PANO:
+    per radian in the middle; None derives it from pixels and window.
     """
 
     kind: str
@@ -36,13 +43,26 @@ class Camera:
     near: float
     far: float
     pixels: tuple[int, int]
+    cone: float = np.pi
+    pad: float = 0.0
+    turn: float = 0.0
+    density: float | None = None
+
+    @property
+    def pixels_per_unit(self) -> float:
+        """Pixels per unit slope (PERSP), metre (ORTHO) or radian (PANO), along the finer of the image's axes."""
+        if self.density is not None:
+            return self.density
+        w = self.window
+        return max(self.pixels[0] / (w.right - w.left), self.pixels[1] / (w.top - w.bottom))
 
 
 def referential(matrix: np.ndarray, name: str = "camera") -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """(origin, X, Y, Z), each (3,) float64, of a camera with the world matrix (4, 4), which looks along its own -z.
 
-    Scale and shear of parents are removed: the columns are normalised, as Blender's renderer does, then X and Y are
-    made orthogonal to the view. A mirrored camera keeps its mirrored X.
+    As Blender does (BKE_camera_multiview_model_matrix), the matrix's columns are normalised, and nothing else: scale is
+    gone, a mirrored camera keeps its mirrored image, and a camera sheared by a parent keeps axes that are not
+    orthogonal. X, Y and -Z are the rows of the inverse, which take a point to camera coordinates in every case.
     """
     matrix = np.asarray(matrix, np.float64)
     if not np.isfinite(matrix).all():
@@ -50,13 +70,11 @@ def referential(matrix: np.ndarray, name: str = "camera") -> tuple[np.ndarray, n
     lengths = np.linalg.norm(matrix[:3, :3], axis=0)
     if not lengths.all():
         raise CrowdError(f"The camera {name}, or a parent of it, is scaled to 0: set its scale to another value.")
-    right, up, back = (matrix[:3, :3] / lengths).T
-    Z = -back
-    X = right - (right @ Z) * Z
-    Y = up - (up @ Z) * Z - (up @ X) * X / (X @ X)
-    if min(X @ X, Y @ Y) < 1e-12:
+    axes = matrix[:3, :3] / lengths
+    if abs(np.linalg.det(axes)) < 1e-6:
         raise CrowdError(f"The camera {name} is sheared flat by a parent: clear the parent's scale.")
-    return matrix[:3, 3].copy(), X / np.linalg.norm(X), Y / np.linalg.norm(Y), Z
+    X, Y, back = np.linalg.inv(axes)
+    return matrix[:3, 3].copy(), X, Y, -back
 
 
 def window(
@@ -79,15 +97,100 @@ def window(
     return Window(shift[0] * size - half_x, shift[0] * size + half_x, shift[1] * size - half_y, shift[1] * size + half_y)
 
 
-def side_planes(camera: Camera) -> tuple[tuple[float, float, float, float], ...]:
-    """The window's four sides, right, left, top, bottom, as (x, y, z, offset): a point with camera coordinates v (along
-    X, Y, Z) lies inside iff x v.X + y v.Y + z v.Z <= offset; (x, y, z) is a unit vector, offset in metres."""
-    w = camera.window
-    sides = ((1.0, 0.0, w.right), (-1.0, 0.0, -w.left), (0.0, 1.0, w.top), (0.0, -1.0, -w.bottom))
-    if camera.kind == "ORTHO":
-        return tuple((x, y, 0.0, edge) for x, y, edge in sides)
-    # sin and cos of the side's angle, written so that a field of view near 180 degrees stays finite
-    return tuple((x / np.hypot(1, t), y / np.hypot(1, t), -t / np.hypot(1, t), 0.0) for x, y, t in sides)
+def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -> Camera:
+    """The camera that films a part of the image alone: Blender's render border, in parts of the image's width (left,
+    right) and height (bottom, top). A panoramic camera is returned as it is."""
+    if camera.kind == "PANO":
+        return camera
+    w, (width, height) = camera.window, camera.pixels
+    across, up = w.right - w.left, w.top - w.bottom
+    part = Window(w.left + left * across, w.left + right * across, w.bottom + bottom * up, w.bottom + top * up)
+    pixels = max(1, round(width * (right - left))), max(1, round(height * (top - bottom)))
+    return replace(camera, window=part, pixels=pixels, density=camera.pixels_per_unit)
+
+
+def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
+    """The camera with a lens that is no pinhole: depth of field lets it see past the window's sides.
+
+    aperture: the lens's radius in metres; focus: distance in metres. At the depth z a ray passes at most
+    aperture |1 - z / focus| beside the pinhole's, which is at most aperture (1 + z / focus).
+    """
+    return replace(camera, pad=camera.pad + aperture, turn=camera.turn + aperture / focus)
+
+
+def stretch(camera: Camera) -> tuple[float, float]:
+    """(least, most): factors by which camera coordinates may be shorter, longer than the world's: singular values of
+    the referential. Both are 1, but for rounding, unless the camera is sheared."""
+    values = np.linalg.svd(np.array([camera.X, camera.Y, camera.Z]), compute_uv=False)
+    return float(values[-1]), float(values[0])
+
+
+@dataclass(frozen=True)
+class Planes:
+    """The six planes of a PERSP or ORTHO camera: right, left, top, bottom, near, far.
+
+    A point at v = p - c lies inside plane k iff normals[k] . v <= offsets[k]. normals: (6, 3) float64, unit vectors in
+    world space, outward. offsets: (6,) metres. fixed: (6,) metres along the normal that one metre of v.X, v.Y (the
+    chapter's fixed Delta) or v.Z is. rounding: how much larger than 1 were the terms that cancelled in a normal: the
+    factor by which its rounding may exceed a unit vector's.
+    """
+
+    normals: np.ndarray
+    offsets: np.ndarray
+    fixed: np.ndarray
+    rounding: float
+
+
+def planes(camera: Camera) -> Planes:
+    """The camera's planes (chapter eqs 1.4 to 1.6).
+
+    |v.X| <= w / 2 with w = 2 (v.Z) tan(fov / 2) is (X - t Z) . v <= 0 with the slope t = tan(fov / 2) of the window's
+    side. Divided by its length sqrt(1 + t^2), the chapter's 1 / cos(fov / 2), it measures the distance from the plane
+    in metres, stays finite as fov goes to 180 degrees, and a sphere touches the plane iff it is at most r. Cycles ends
+    a sheared camera's rays at near and far times a factor that depends on the direction: `stretch` bounds it.
+    """
+    w, X, Y, Z = camera.window, camera.X, camera.Y, camera.Z
+    edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
+    slopes = [0.0 if camera.kind == "ORTHO" else edge for _, edge in edges]
+    least, most = (1.0, 1.0) if camera.kind == "ORTHO" else stretch(camera)
+    rows = [axis - slope * Z for (axis, _), slope in zip(edges, slopes, strict=True)] + [-Z, Z]
+    offsets = [edge - slope for (_, edge), slope in zip(edges, slopes, strict=True)]
+    lengths = np.linalg.norm(rows, axis=1)
+    terms = [np.linalg.norm(axis) + abs(slope) * np.linalg.norm(Z) for (axis, _), slope in zip(edges, slopes, strict=True)]
+    return Planes(
+        normals=np.array(rows) / lengths[:, None],
+        offsets=np.array([*offsets, -camera.near * least, camera.far * most]) / lengths,
+        fixed=1 / lengths,
+        rounding=float((terms / lengths[:4]).max()),
+    )
+
+
+def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
+    """The cameras of an open shutter: `samples`, one camera at consecutive times, each with its spheres grown by as
+    much as the camera moves to the sample before or after.
+
+    What the camera sees at any time between two samples, one of them then sees, if it moves on between them without
+    turning back. From n . (p - c) <= offset + r: a plane's normal that turns by dn moves by |dn| |v|, the origin by
+    |dc|, the offset by itself.
+    """
+    moves = [(0.0, 0.0), *(_change(a, b) for a, b in zip(samples[:-1], samples[1:], strict=True)), (0.0, 0.0)]
+    return tuple(
+        replace(camera, pad=camera.pad + max(before[0], after[0]), turn=camera.turn + max(before[1], after[1]))
+        for camera, before, after in zip(samples, moves[:-1], moves[1:], strict=True)
+    )
+
+
+def _change(a: Camera, b: Camera) -> tuple[float, float]:
+    """(metres, metres a metre of distance) by which what bounds the view moves from camera a to b."""
+    moved = float(np.linalg.norm(b.origin - a.origin))
+    if a.kind == "PANO" or b.kind == "PANO":
+        clip = max(abs(b.near - a.near), abs(b.far - a.far))
+        return moved + clip, float(np.linalg.norm(b.Z - a.Z)) + abs(b.cone - a.cone)
+    one, two = planes(a), planes(b)
+    return (
+        moved + float(np.abs(two.offsets - one.offsets).max()),
+        float(np.linalg.norm(two.normals - one.normals, axis=1).max()),
+    )
 
 
 def frustum_corners(camera: Camera, distance: float) -> np.ndarray:
@@ -95,4 +198,5 @@ def frustum_corners(camera: Camera, distance: float) -> np.ndarray:
     w = camera.window
     at = 1.0 if camera.kind == "ORTHO" else distance
     corners = [(w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top)]
-    return np.array([camera.origin + distance * camera.Z + at * (x * camera.X + y * camera.Y) for x, y in corners])
+    coordinates = np.array([(at * x, at * y, distance) for x, y in corners])
+    return camera.origin + coordinates @ np.linalg.inv(np.array([camera.X, camera.Y, camera.Z])).T

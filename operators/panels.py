@@ -148,6 +148,8 @@ class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
         layout.prop(settings, "margin_kind")
         if settings.margin_kind == "FIXED":
             layout.prop(settings, "margin", text=" ")
+        if context.scene.render.use_border:
+            layout.prop(settings, "cull_to_border")
 
 
 class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
@@ -159,6 +161,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             _say(context, layout, problem, "ERROR")
         layout.prop(settings, "level_count")
         layout.prop(settings, "metric")
+        layout.prop(settings, "bias_image")
         layout.use_property_split = False
         camera = context.scene.camera
         far = camera.data.clip_end if camera is not None and camera.type == "CAMERA" else None
@@ -170,6 +173,9 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             if level == 0:
                 cells.label(text="near")
                 cells.label(text="")
+            elif settings.metric == "PIXELS":
+                cells.prop(settings, "sizes", index=level - 1, text="")
+                cells.label(text="pixels")
             else:
                 cells.prop(settings, "thresholds", index=level - 1, text="")
                 threshold = settings.thresholds[level - 1]

@@ -1,6 +1,7 @@
 """From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
 
 import hashlib
+from collections.abc import Sequence
 
 import bpy
 import numpy as np
@@ -11,13 +12,13 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
-from ..crowd_lod.levels import MOST_LEVELS, LevelPolicy
+from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
 from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from . import scene as io
 from .operator import Reporting
 
-# Poses at which the bounding sphere is measured, over the action's whole length.
-POSES = 16
+# The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
+MOST_POSES = 120
 # Trajectories by the digest of all they depend on: a cache, never the truth.
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
@@ -67,7 +68,7 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
     measured = []
     for name, objects, origin in characters_of(scene):
         first, last = _action_range(objects)
-        centre, radius = _bounds(objects, origin, np.linspace(first, last, POSES if last > first else 1))
+        centre, radius = _bounds(objects, origin, _poses(first, last))
         stride = _custom(settings.characters, name, "stride")
         sizes = (known[name].vertices, known[name].triangles) if name in known else ((), ())
         measured.append(Group(name, centre, radius, stride, (last - first) / fps, *sizes))
@@ -94,21 +95,33 @@ def _action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
     return min(a.frame_range[0] for a in actions), max(a.frame_range[1] for a in actions)
 
 
+def _poses(first: float, last: float) -> np.ndarray:
+    """The times, in frames, at which an action from `first` to `last` is measured."""
+    return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
+
+
 def _bounds(objects: list[bpy.types.Object], origin, frames: np.ndarray) -> tuple[float, float]:
-    """(centre, radius) of the sphere that holds the objects at all `frames`; about the group's origin."""
+    """(centre, radius) of the sphere about the group's origin that holds the objects at all `frames`, and between them.
+
+    Between two frames a vertex leaves the straight line by up to an eighth of its acceleration, which the second
+    difference of three poses is near; twice that is added.
+    """
+    poses = []
     with io.scratch():
         stage = bpy.data.scenes.new("Crowd LOD measure")
         for item in {*objects, *armatures_of(objects)}:
             stage.collection.objects.link(item)
-        points = []
         for frame in frames:
-            stage.frame_set(int(frame), subframe=float(frame % 1))
+            stage.frame_set(int(frame // 1), subframe=float(frame % 1))
             depsgraph = stage.view_layers[0].depsgraph
-            points += [io.world_points(item.evaluated_get(depsgraph)) for item in objects]
-        points = np.concatenate(points) - np.array(origin)
+            poses.append(np.concatenate([io.world_points(item.evaluated_get(depsgraph)) for item in objects]))
+    points = np.concatenate(poses) - np.array(origin)
     if not np.isfinite(points).all():
         raise CrowdError(f"The character {objects[0].name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
-    return bounding_sphere(points)
+    centre, radius = bounding_sphere(points)
+    threes = zip(poses, poses[1:], poses[2:], strict=False)
+    bends = (np.linalg.norm(a - 2 * b + c, axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
+    return centre, radius + float(max(bends, default=0.0)) / 4
 
 
 def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
@@ -163,11 +176,21 @@ def groups_of(settings) -> tuple[Group, ...]:
 
 def policy_of(settings) -> LevelPolicy:
     """The LOD policy of the settings."""
+    chosen = settings.sizes if settings.metric == "PIXELS" else settings.thresholds
     return LevelPolicy(
-        thresholds=tuple(round(t, 6) for t in settings.thresholds[: settings.level_count - 1]),
+        thresholds=tuple(round(t, 6) for t in chosen[: settings.level_count - 1]),
         metric=settings.metric,
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
+        drop_lost=settings.drop_lost,
     )
+
+
+def bias_of(settings, area: Area) -> Bias | None:
+    """The painted detail map of the settings over the area, if they have one. The byte 128 is the middle, 0.5."""
+    if settings.bias_image is None:
+        return None
+    grey = io.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
+    return Bias(np.interp(grey, (0, 128, 255), (0, 0.5, 1)), area)
 
 
 def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:
@@ -195,12 +218,19 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
 
 
 def frame_of(
-    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, time: float | None = None, camera: Camera | None = None
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    time: float | None = None,
+    camera: Camera | Sequence[Camera] | None = None,
 ) -> Frame:
-    """The plan of the crowd at `time` (the scene's own if None) from `camera` (the active one as `depsgraph` has it)."""
+    """The plan of the crowd at `time` (the scene's own if None) from `camera`, one or the eyes (the active ones as
+    `depsgraph` has them); with motion blur, of all that its shutter sees."""
     if time is None:
         time = scene.frame_current + scene.frame_subframe
-    return plan(trajectory_of(scene), camera or io.read_camera(scene, depsgraph), policy_of(scene.crowd_lod), time)
+    trajectory, settings = trajectory_of(scene), scene.crowd_lod
+    cameras = camera or io.read_cameras(scene, depsgraph)
+    shutter, bias = io.read_shutter(scene, time), bias_of(settings, trajectory.world.area)
+    return plan(trajectory, cameras, policy_of(settings), time, shutter, bias)
 
 
 def forget() -> None:

@@ -86,7 +86,26 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         items=[
             ("AXIS", "Along the View", "Depth, which size on screen depends on (the chapter's)"),
             ("RADIAL", "From the Camera", "Straight distance; panoramic cameras always use it"),
+            ("PIXELS", "By Size in Pixels", "Size in the picture, so that a zoom changes the LOD"),
         ],
+    )
+    sizes: FloatVectorProperty(
+        name="Size",
+        size=MOST_LEVELS - 1,
+        min=0.01,
+        default=(200, 80, 40, 20, 10, 5, 2),
+        description="Height of a character in pixels below which the next LOD begins",
+    )
+    bias_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Detail Map",
+        description="Painted over the ground: white stands for four times as near, black for four times as far, grey for no change",
+    )
+    cull_to_border: BoolProperty(
+        name="Cull to Render Border", description="Leave out what lies outside the render region, where one is set"
+    )
+    drop_lost: BoolProperty(
+        name="Drop Lost Agents", description="Leave out agents at NaN or infinity, and count them, instead of stopping"
     )
     margin_kind: EnumProperty(
         name="Margin",

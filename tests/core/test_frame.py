@@ -1,8 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
+import pytest
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy
+from crowd_lod_extension.crowd_lod.levels import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
 
@@ -34,3 +38,38 @@ def test_a_plan_does_not_depend_on_what_was_asked_before():
         plan(warm, straight(), LevelPolicy((0.3, 0.6)), time)
     a, b = (plan(t, straight(), LevelPolicy((0.3, 0.6)), 33.5) for t in (warm, shot()))
     assert a.buckets.order.tobytes() == b.buckets.order.tobytes() and a.crowd.x.tobytes() == b.crowd.x.tobytes()
+
+
+def test_an_open_shutter_keeps_whoever_walks_through_the_picture():
+    trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
+    trajectory.seconds_per_frame = 8.0  # agents walk several times their size a frame
+    times = (39.5, 40.0, 40.5)
+    camera = straight()
+    blurred = plan(trajectory, camera, policy, 40, [(time, (camera,)) for time in times])
+    still = plan(trajectory, camera, policy, 40)
+    assert (blurred.visible | still.visible).sum() == blurred.visible.sum() > still.visible.sum()
+    assert (blurred.levels == still.levels).all()
+    for time in np.linspace(39.5, 40.5, 11):
+        assert not (plan(trajectory, camera, policy, float(time)).visible & ~blurred.visible).any()
+
+
+def test_two_eyes_and_a_painted_bias():
+    trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
+    eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
+    both = plan(trajectory, eyes, policy, 10)
+    each = [plan(trajectory, eye, policy, 10).visible for eye in eyes]
+    assert (both.visible == each[0] | each[1]).all() and both.camera is eyes[0]
+    near_everywhere = Bias(np.ones((2, 2)), trajectory.world.area)
+    finer = plan(trajectory, eyes, policy, 10, bias=near_everywhere)
+    assert (finer.levels == 0).all() and both.levels.max() == 2  # 100 m count as 25
+
+
+def test_lost_agents_stop_the_plan_or_are_dropped_and_counted():
+    trajectory = shot()
+    x = trajectory.start.x.copy()
+    x[[5, 8]] = np.nan
+    lost = replace(trajectory, start=replace(trajectory.start, x=x), _kept={})
+    with pytest.raises(CrowdError, match="2 of 3,000 agents .* agent 5"):
+        plan(lost, straight(), LevelPolicy(()), 1)
+    frame = plan(lost, straight(), LevelPolicy((), drop_lost=True), 1)
+    assert frame.dropped == 2 and not frame.visible[[5, 8]].any() and frame.visible.any()

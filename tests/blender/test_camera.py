@@ -1,0 +1,355 @@
+"""Cameras as Blender itself projects and renders them, against the culling."""
+
+import os
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from crowd_lod_extension.crowd_lod.audit import standing
+from crowd_lod_extension.crowd_lod.camera import frustum_corners
+from crowd_lod_extension.crowd_lod.culling import radar
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.populate import _bounds, _poses
+from mathutils import Euler, Matrix, Vector
+
+FULL = bool(os.environ.get("CROWD_LOD_FULL"))
+CAMERAS, AGENTS = (250, 2000) if FULL else (12, 500)
+KINDS = ("PERSP", "ORTHO", "sheared", "stereo")
+
+
+class Asked(bpy.types.RenderEngine):
+    """A render engine that renders nothing, and asks Blender for each eye's matrix and shift."""
+
+    bl_idname = "CROWD_LOD_ASKED"
+    bl_label = "Asked"
+    answers = {}
+
+    def render(self, depsgraph):
+        for view in depsgraph.scene.render.views:
+            self.active_view_set(view.name)
+            camera = self.camera_override
+            self.answers[view.name] = np.array(self.camera_model_matrix(camera)), self.camera_shift_x(camera)
+
+
+@pytest.fixture
+def scene():
+    """An empty scene with a camera."""
+    bpy.utils.register_class(Asked)
+    scene = bpy.context.scene
+    data = bpy.data.cameras.new("Eye")
+    scene.camera = bpy.data.objects.new("Eye", data)
+    scene.collection.objects.link(scene.camera)
+    yield scene
+    bpy.utils.unregister_class(Asked)
+
+
+def depsgraph_of(scene):
+    scene.view_layers[0].update()
+    return scene.view_layers[0].depsgraph
+
+
+def shuffle(scene, random, kind):
+    """Any lens, film and place of the scene's camera."""
+    camera, render = scene.camera, scene.render
+    data = camera.data
+    data.type = "ORTHO" if kind == "ORTHO" else "PERSP"
+    data.lens, data.ortho_scale = 10.0 ** random.uniform(0.3, 2.5), 10.0 ** random.uniform(0, 2)
+    data.sensor_width, data.sensor_height = random.uniform(10, 50, 2)
+    data.sensor_fit = str(random.choice(["AUTO", "HORIZONTAL", "VERTICAL"]))
+    data.shift_x, data.shift_y = random.uniform(-1, 1, 2)
+    data.clip_start = 10.0 ** random.uniform(-2, 0)
+    data.clip_end = data.clip_start + 10.0 ** random.uniform(1, 3)
+    render.resolution_x, render.resolution_y = (int(n) for n in random.integers(16, 4000, 2))
+    render.resolution_percentage = int(random.integers(1, 200))
+    render.pixel_aspect_x, render.pixel_aspect_y = random.uniform(1, 2, 2)
+    parent = bpy.data.objects.new("Parent", None)
+    scene.collection.objects.link(parent)
+    turn = Euler(random.uniform(-3, 3, 3)).to_matrix().to_4x4()
+    scale = Matrix.Diagonal((*random.uniform(0.3, 3, 3), 1)) if kind == "sheared" else Matrix.Scale(random.uniform(0.3, 3), 4)
+    mirror = Matrix.Diagonal((random.choice([-1, 1]), 1, 1, 1))
+    parent.matrix_world = Matrix.Translation(random.normal(size=3) * 100) @ scale @ mirror @ turn
+    camera.parent = parent
+    camera.location, camera.rotation_euler = random.normal(size=3), random.uniform(-3, 3, 3)
+    return depsgraph_of(scene)
+
+
+def matrices(scene, depsgraph, side=None):
+    """Blender's own (world to camera, camera to clip space), float64 (4, 4)."""
+    camera, render = scene.camera, scene.render
+    model, shift = np.array(camera.matrix_world.normalized()), camera.data.shift_x
+    if side:
+        model, shift = Asked.answers[side]
+    own, camera.data.shift_x = camera.data.shift_x, shift
+    try:
+        width, height = io.image_size(render)
+        aspect = {"scale_x": render.pixel_aspect_x, "scale_y": render.pixel_aspect_y}
+        clip = camera.calc_matrix_camera(depsgraph_of(scene), x=width, y=height, **aspect)
+    finally:
+        camera.data.shift_x = own
+        depsgraph_of(scene)
+    return np.linalg.inv(np.array(model, np.float64)), np.array(clip, np.float64)
+
+
+def shows(points, view, clip):
+    """(n,) bool: whether the world points (n, 3) lie within the image and clip range, by a float32's margin."""
+    at = np.concatenate([points, np.ones((len(points), 1))], axis=1) @ (clip @ view).T
+    inside = np.abs(at[:, :2]).max(axis=1) < at[:, 3] * (1 - 1e-4)
+    depth = at[:, 2] / np.where(at[:, 3] == 0, 1, at[:, 3])
+    return inside & (np.abs(depth) < 1 - 1e-4)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_agent_that_blender_shows_is_missed(scene, kind):
+    """A million pairs over all kinds: CROWD_LOD_FULL=1."""
+    random = np.random.default_rng(len(kind))
+    total = shown = kept = 0
+    for _ in range(CAMERAS):
+        depsgraph = shuffle(scene, random, kind)
+        sides = [None]
+        if kind == "stereo":
+            scene.render.use_multiview, scene.render.engine = True, Asked.bl_idname
+            stereo = scene.camera.data.stereo
+            stereo.convergence_mode = str(random.choice(["OFFAXIS", "PARALLEL", "TOE"]))
+            stereo.pivot = str(random.choice(["LEFT", "RIGHT", "CENTER"]))
+            stereo.interocular_distance, stereo.convergence_distance = random.uniform(0.1, 5, 2)
+            size = scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage
+            scene.render.resolution_x = scene.render.resolution_y = 16
+            scene.render.resolution_percentage = 100
+            bpy.ops.render.render(scene=scene.name)
+            scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = size
+            depsgraph, sides = depsgraph_of(scene), ["left", "right"]
+        cameras = io.read_cameras(scene, depsgraph)
+        assert len(cameras) == len(sides)
+        eye = cameras[0]
+        # agents about the frustum, with points on their spheres
+        t, w = random.uniform(-0.2, 1.2, (AGENTS, 1)), random.uniform(-0.5, 1.5, (AGENTS, 2))
+        near, far = frustum_corners(eye, eye.near), frustum_corners(eye, eye.far)
+        low, across, up = (near[k] + t * (far[k] - near[k]) for k in (0, 1, 3))
+        points = low + w[:, :1] * (across - low) + w[:, 1:] * (up - low)
+        radius = 10.0 ** random.uniform(-2, 1)
+        way = random.normal(size=(AGENTS, 6, 3))
+        surface = (points[:, None] + radius * way / np.linalg.norm(way, axis=2, keepdims=True)).reshape(-1, 3)
+        visible, _ = radar(standing(points), cameras, np.zeros(1), np.array([radius]))
+        seen = np.zeros(AGENTS, bool)
+        for side in sides:
+            view, clip = matrices(scene, depsgraph, side)
+            seen |= shows(points, view, clip) | shows(surface, view, clip).reshape(-1, 6).any(axis=1)
+        assert not (seen & ~visible).any()
+        total, shown, kept = total + AGENTS, shown + int(seen.sum()), kept + int(visible.sum())
+        if kind == "PERSP":
+            scene.render.resolution_percentage = 100  # world_to_camera_view knows no percentage, so no rounding to pixels
+            eye = io.read_camera(scene, depsgraph_of(scene))
+            for point in points[:50]:
+                x, y, depth = world_to_camera_view(scene, scene.camera, Vector(point))
+                if 1e-4 < min(x, y) and max(x, y) < 1 - 1e-4 and eye.near < depth < eye.far:
+                    assert radar(standing(point[None]), eye, np.zeros(1), np.full(1, 1e-4 * eye.far))[0][0]
+    assert 0.1 * total < shown <= kept < 0.95 * total
+
+
+@pytest.mark.parametrize("kind", KINDS[:3])
+def test_the_window_is_blenders(scene, kind):
+    random = np.random.default_rng(20)
+    for _ in range(30):
+        depsgraph = shuffle(scene, random, kind)
+        camera = io.read_camera(scene, depsgraph)
+        view, clip = matrices(scene, depsgraph)
+        corners = np.concatenate([frustum_corners(camera, camera.far), np.ones((4, 1))], axis=1) @ (clip @ view).T
+        corners = corners[:, :3] / corners[:, 3:]
+        np.testing.assert_allclose(corners, [(-1, -1, 1), (1, -1, 1), (1, 1, 1), (-1, 1, 1)], atol=2e-3)
+
+
+@pytest.mark.parametrize("mode", ["OFFAXIS", "PARALLEL", "TOE"])
+@pytest.mark.parametrize("pivot", ["LEFT", "RIGHT", "CENTER"])
+def test_eyes_are_blenders(scene, mode, pivot):
+    camera, render = scene.camera, scene.render
+    camera.rotation_euler, camera.location = (1.0, 0.2, 0.3), (1, 2, 3)
+    stereo = camera.data.stereo
+    stereo.convergence_mode, stereo.pivot = mode, pivot
+    stereo.interocular_distance, stereo.convergence_distance = 0.5, 3.0
+    render.engine, render.use_multiview = Asked.bl_idname, True
+    render.resolution_x = render.resolution_y = 16
+    bpy.ops.render.render(scene=scene.name)
+    eyes = io.read_cameras(scene, depsgraph_of(scene))
+    plain = io.camera_from(camera, render, depsgraph_of(scene))
+    for eye, side in zip(eyes, ("left", "right"), strict=True):
+        matrix, shift = Asked.answers[side]
+        np.testing.assert_allclose(eye.origin, matrix[:3, 3], atol=1e-6)
+        np.testing.assert_allclose(np.stack([eye.X, eye.Y, -eye.Z], axis=1), matrix[:3, :3], atol=1e-6)
+        moved = (eye.window.left - plain.window.left) * camera.data.lens / camera.data.sensor_width
+        assert moved == pytest.approx(shift, abs=1e-6)
+    assert np.linalg.norm(eyes[0].origin - eyes[1].origin) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_views_with_cameras_of_their_own(scene):
+    render = scene.render
+    for name, x in (("Shot_L", 1.0), ("Shot_R", 2.0)):
+        item = bpy.data.objects.new(name, scene.camera.data)
+        item.location.x = x
+        scene.collection.objects.link(item)
+    scene.camera = scene.objects["Shot_L"]
+    render.use_multiview, render.views_format = True, "MULTIVIEW"
+    assert [camera.origin[0] for camera in io.read_cameras(scene, depsgraph_of(scene))] == [1, 2]
+    render.views["right"].use = False
+    assert [camera.origin[0] for camera in io.read_cameras(scene, depsgraph_of(scene))] == [1]
+
+
+def lit(scene, point, folder, engine):
+    """(x, y) in parts of the image of the middle of what is lit in a render of one small bright ball at `point`."""
+    mesh = bpy.data.meshes.new("ball")
+    ball = bpy.data.objects.new("ball", mesh)
+    corners = 0.15 * np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)])
+    faces = [(0, 2, 4), (2, 1, 4), (1, 3, 4), (3, 0, 4), (2, 0, 5), (1, 2, 5), (3, 1, 5), (0, 3, 5)]
+    mesh.from_pydata((corners + point).tolist(), [], faces)
+    material = bpy.data.materials.new("glow")
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    nodes = material.node_tree
+    glow = nodes.nodes.new("ShaderNodeEmission")
+    nodes.links.new(glow.outputs[0], next(n for n in nodes.nodes if n.type == "OUTPUT_MATERIAL").inputs[0])
+    mesh.materials.append(material)
+    scene.collection.objects.link(ball)
+    render = scene.render
+    render.engine, render.film_transparent = engine, True
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 96, 64, 100
+    render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGBA"
+    render.filepath = str(folder / "picture.png")
+    if engine == "CYCLES":
+        scene.cycles.samples, scene.cycles.device = 4, "CPU"
+    bpy.ops.render.render(scene=scene.name, write_still=True)
+    red, _, _, alpha = np.moveaxis(io.load_pixels(render.filepath), 2, 0)
+    scene.collection.objects.unlink(ball)
+    rows, columns = np.nonzero((red > 50) & (alpha > 100))  # beyond a fisheye's circle Cycles is black and opaque
+    if not len(rows):
+        return None
+    return (columns.mean() + 0.5) / 96, (rows.mean() + 0.5) / 64
+
+
+@pytest.mark.parametrize("engine", ["BLENDER_WORKBENCH", "CYCLES"])
+def test_a_sheared_mirrored_camera_renders_where_its_coordinates_say(scene, engine, tmp_path):
+    if engine == "CYCLES":
+        import addon_utils
+
+        addon_utils.enable("cycles")
+    parent = bpy.data.objects.new("Parent", None)
+    scene.collection.objects.link(parent)
+    parent.matrix_world = Matrix.Diagonal((-2.0, 1.0, 0.5, 1))
+    scene.camera.parent = parent
+    scene.camera.rotation_euler = 0.7, 0.4, 0.9
+    scene.camera.data.lens = 20
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 96, 64, 100
+    camera = io.read_camera(scene, depsgraph_of(scene))
+    assert abs(camera.X @ camera.Z) > 0.1  # sheared indeed
+    point = camera.origin + np.linalg.inv([camera.X, camera.Y, camera.Z]) @ (3.0, -1.5, 8.0)
+    w = camera.window
+    expected = (3 / 8 - w.left) / (w.right - w.left), (-1.5 / 8 - w.bottom) / (w.top - w.bottom)
+    assert lit(scene, point, tmp_path, engine) == pytest.approx(expected, abs=0.02)
+
+
+def test_fisheye_shows_its_cone(scene, tmp_path):
+    import addon_utils
+
+    addon_utils.enable("cycles")
+    data = scene.camera.data
+    data.type, data.panorama_type, data.fisheye_fov = "PANO", "FISHEYE_EQUIDISTANT", 2.4
+    camera = io.read_camera(scene, depsgraph_of(scene))
+    assert camera.kind == "PANO" and camera.cone == pytest.approx(1.2)
+    for angle, seen in ((1.1, True), (1.35, False)):
+        point = np.array([0, 4 * np.sin(angle), -4 * np.cos(angle)])
+        assert (lit(scene, point, tmp_path, "CYCLES") is not None) == seen
+        assert radar(standing(point[None]), camera, np.zeros(1), np.full(1, 0.15))[0][0] == seen
+
+
+def test_every_panoramic_type_has_a_density(scene):
+    data = scene.camera.data
+    data.type = "PANO"
+    for item in data.bl_rna.properties["panorama_type"].enum_items:
+        data.panorama_type = item.identifier
+        camera = io.read_camera(scene, depsgraph_of(scene))
+        fisheye = item.identifier.startswith("FISHEYE")
+        assert camera.cone == pytest.approx(min(np.pi, data.fisheye_fov / 2) if fisheye else np.pi)
+        assert 50 < camera.pixels_per_unit < 10_000, item.identifier
+
+
+def test_render_border_is_an_option(scene):
+    render = scene.render
+    render.use_border = True
+    render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.5, 0.1, 0.4
+    whole = io.read_camera(scene, depsgraph_of(scene))
+    scene.crowd_lod.cull_to_border = True
+    part = io.read_camera(scene, depsgraph_of(scene))
+    assert part.window != whole.window
+    for corner, (x, y) in zip(frustum_corners(part, 10.0), ((0.25, 0.1), (0.5, 0.1), (0.5, 0.4), (0.25, 0.4)), strict=True):
+        at = world_to_camera_view(scene, scene.camera, Vector(corner))
+        assert (at.x, at.y) == pytest.approx((x, y), abs=1e-4)
+
+
+def animate(scene):
+    camera, data = scene.camera, scene.camera.data
+    for frame, lens, clip, shift, x in ((1, 20, 100, 0.0, 0.0), (11, 80, 300, 0.5, 40.0)):
+        camera.location.x, camera.rotation_euler = x, (1.5, 0, x / 40)
+        data.lens, data.clip_end, data.shift_x = lens, clip, shift
+        camera.keyframe_insert("location", frame=frame)
+        camera.keyframe_insert("rotation_euler", frame=frame)
+        for path in ("lens", "clip_end", "shift_x"):
+            data.keyframe_insert(path, frame=frame)
+
+
+def test_animated_lens_clip_and_shift_are_those_of_the_time(scene):
+    animate(scene)
+    for time in (1.0, 4.25, 8.5):
+        ahead = io.camera_at(scene, time)[0]
+        scene.frame_set(int(time), subframe=time % 1)
+        now = io.read_camera(scene, scene.view_layers[0].depsgraph)
+        assert (ahead.window, ahead.near, ahead.far) == (now.window, now.near, now.far)
+        assert (ahead.origin == now.origin).all() and (ahead.Z == now.Z).all()
+    assert now.far != 100
+
+
+def test_motion_blur_keeps_what_any_time_of_the_shutter_shows(scene):
+    animate(scene)
+    scene.frame_set(5)
+    assert io.read_shutter(scene, 5.0) == []
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.8
+    scene.render.motion_blur_position = "CENTER"
+    samples = io.read_shutter(scene, 5.0)
+    assert [time for time, _ in samples] == pytest.approx([4.6, 5.0, 5.4])
+    points = np.random.default_rng(1).uniform(-150, 150, (20_000, 3))
+    crowd, radius = standing(points), np.array([0.5])
+    kept = np.zeros(len(points), bool)
+    for _, eyes in samples:
+        kept |= radar(crowd, eyes, np.zeros(1), radius)[0]
+    alone = radar(crowd, io.camera_at(scene, 5.0), np.zeros(1), radius)[0]
+    assert kept.sum() > alone.sum() > 100
+    for time in np.linspace(4.6, 5.4, 9):
+        assert not (radar(crowd, io.camera_at(scene, float(time)), np.zeros(1), radius)[0] & ~kept).any()
+
+
+def test_depth_of_field_widens_the_view(scene):
+    data = scene.camera.data
+    data.dof.use_dof, data.dof.aperture_fstop, data.lens = True, 1.0, 100.0
+    target = bpy.data.objects.new("Focus", None)
+    target.location = 3, 0, -4
+    scene.collection.objects.link(target)
+    data.dof.focus_object = target
+    camera = io.read_camera(scene, depsgraph_of(scene))
+    assert camera.pad == pytest.approx(0.05) and camera.turn == pytest.approx(0.05 / 4)
+
+
+def test_the_bounding_sphere_holds_the_action_between_frames_too(scene):
+    mesh = bpy.data.meshes.new("swinging")
+    mesh.from_pydata([(0, 0, 0), (0, 0, 2), (0.5, 0, 2)], [], [(0, 1, 2)])
+    item = bpy.data.objects.new("swinging", mesh)
+    scene.collection.objects.link(item)
+    # a spike between whole frames: fast turn, three frames for a full swing
+    for frame in range(1, 14):
+        item.rotation_euler = 0, 1.2 * (-1) ** (frame // 3), 0
+        item.location.x = 0.3 * np.sin(frame)
+        item.keyframe_insert("rotation_euler", frame=frame)
+        item.keyframe_insert("location", frame=frame)
+    centre, radius = _bounds([item], (0, 0, 0), _poses(1, 13))
+    for time in np.arange(1, 13, 0.1):
+        scene.frame_set(int(time), subframe=float(time % 1))
+        points = io.world_points(item.evaluated_get(scene.view_layers[0].depsgraph))
+        assert np.linalg.norm(points - (0, 0, centre), axis=1).max() <= radius
+    assert radius < 3 * 2.1
