@@ -57,15 +57,20 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             for part in make_levels(stage):
                 yield 0.1 * part
         build.build(stage)
+        built = stage.crowd_lod.build
         tint = _tint_material() if wanted.engine != "WORKBENCH" else None
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
         view = None
         stage.collection.objects.link(drawing)
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
+            stage.crowd_lod.build = None  # else it would follow, and the frame's own times be those of a cache
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph)
             ticks = [clock.perf_counter()]
+            stage.crowd_lod.build = built
+            build.update(stage, layer.depsgraph)
+            ticks.append(clock.perf_counter())
             main = folder / f"main_{number:04d}.png"
             drawing.hide_render = True
             stage.render.stamp_note_text = _caption(frame)
@@ -88,14 +93,14 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             drawing.hide_render = False
             layer.material_override = None
             _shade(stage, "VERTEX", "FLAT")
-            built, stage.crowd_lod.build = stage.crowd_lod.build, None
+            stage.crowd_lod.build = None
             built.hide_render, stage.camera = True, view
             stage.render.engine = ENGINES["WORKBENCH"]  # it is a diagram
             _render(stage, folder / f"above_{number:04d}.png")
-            built.hide_render, stage.camera, stage.crowd_lod.build = False, camera, built
+            built.hide_render, stage.camera = False, camera
             ticks.append(clock.perf_counter())
 
-            rows.append(report.row(number, frame, dict(zip(("main", "above"), np.diff(ticks) * 1000, strict=True))))
+            rows.append(report.row(number, frame, dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))))
             pictures.append((main, folder / f"above_{number:04d}.png"))
             yield 0.1 + 0.85 * (done + 1) / len(wanted.frames)
         plan = _plan(stage, scene, wanted, command, rows)
