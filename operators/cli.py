@@ -4,6 +4,7 @@ import argparse
 import contextlib
 import json
 import os
+import signal
 import sys
 from pathlib import Path
 
@@ -174,21 +175,28 @@ def _sample(args, command: list[str]) -> dict:
 
 
 def _finish(steps, what: str, quiet: bool):
-    """Run the generator of progress to its end with a bar on stderr; what it returns."""
+    """Run the generator of progress to its end with a bar on stderr; what it returns. Ctrl-C ends it at its next step,
+    with its own clean-up: an exception in the middle of Blender's work would be swallowed there."""
+    stopped = []
+    before = signal.signal(signal.SIGINT, lambda *_: stopped.append(True))
     with contextlib.ExitStack() as stack:
+        stack.callback(signal.signal, signal.SIGINT, before or signal.SIG_DFL)  # None: not Python's
+        stack.callback(steps.close)
         bar = None
         if not quiet:
             with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
                 from tqdm import tqdm
 
-                bar = stack.enter_context(tqdm(total=100, desc=what, bar_format="{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"))
-        while True:
+                looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+                bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
+        while not stopped:
             try:
                 progress = next(steps)
             except StopIteration as end:
                 return end.value
             if bar is not None:
                 bar.update(100 * progress - bar.n)
+        raise KeyboardInterrupt
 
 
 if __name__ == "__main__":

@@ -3,6 +3,10 @@
 import csv
 import json
 import os
+import signal
+import subprocess
+import sys
+import time
 
 import bpy
 import numpy as np
@@ -211,3 +215,14 @@ def test_sample_is_written_and_opens_with_its_crowd(tmp_path, capfd):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "c.blend"))
     settings = bpy.context.scene.crowd_lod
     assert settings.count == 4096 and len(settings.characters.children) == 3
+
+
+def test_ctrl_c_leaves_the_folder_as_it_was(tmp_path):
+    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli", "preview", "chapter", "--frames", "1:500", "--step", "1"]
+    run = subprocess.Popen([*command, "--width", "64", "--out", tmp_path / "out"], stderr=subprocess.PIPE, text=True)
+    while not list(tmp_path.glob("out/.crowd-lod-*/main_*.png")):
+        assert run.poll() is None
+        time.sleep(0.1)
+    run.send_signal(signal.SIGINT)
+    assert run.wait(60) == 130
+    assert "stopped" in run.stderr.read() and os.listdir(tmp_path) == []
