@@ -8,6 +8,7 @@ import numpy as np
 from ..crowd_lod.agents import Crowd
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.sorting import Buckets
+from . import cameras
 from . import scene as io
 from .levels import OWNED, TINTS, make_levels, remove_owned
 from .nodes.instances import instances
@@ -88,7 +89,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """
     time = scene.frame_current + scene.frame_subframe
     whole = shutter_frame(scene)
-    camera = None if whole == time else io.camera_at(scene, whole)
+    camera = None if whole == time else cameras.camera_at(scene, whole)
     frame = frame_of(scene, depsgraph, whole, camera)
     crowd = frame.crowd if whole == time else trajectory_of(scene).at(time)
     write(scene.crowd_lod.build, crowd, frame.buckets)

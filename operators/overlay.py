@@ -14,9 +14,9 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
+from .cameras import read_camera
 from .points import Drawing, drawing
 from .populate import groups_of, policy_of, trajectory_of
-from .scene import read_camera
 
 SHADERS = Path(__file__).parent.parent / "shaders"
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point

@@ -15,6 +15,7 @@ from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
 from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from . import scene as io
+from .cameras import read_cameras, read_shutter
 from .operator import Reporting
 
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
@@ -228,9 +229,9 @@ def frame_of(
     if time is None:
         time = scene.frame_current + scene.frame_subframe
     trajectory, settings = trajectory_of(scene), scene.crowd_lod
-    cameras = camera or io.read_cameras(scene, depsgraph)
-    shutter, bias = io.read_shutter(scene, time), bias_of(settings, trajectory.world.area)
-    return plan(trajectory, cameras, policy_of(settings), time, shutter, bias)
+    eyes = camera or read_cameras(scene, depsgraph)
+    shutter, bias = read_shutter(scene, time), bias_of(settings, trajectory.world.area)
+    return plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
 
 
 def forget() -> None:

@@ -15,7 +15,7 @@ from ..crowd_lod import __version__, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.shot import parse_frames
-from . import above, build
+from . import above, build, cameras
 from . import scene as io
 from .levels import TINTS, make_levels
 from .operator import Stepwise
@@ -47,7 +47,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     """
     with report.staged(wanted.folder) as folder, io.scratch():
         started = clock.perf_counter()
-        io.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
+        cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
         stage = _stage(scene, wanted)
         layer = stage.view_layers[0]
         layer.update()
@@ -83,7 +83,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
                 frame,
                 np.array([g.centre for g in trajectory_of(stage).groups]),
                 policy_of(stage.crowd_lod),
-                io.camera_from(view, stage.render, layer.depsgraph),
+                cameras.camera_from(view, stage.render, layer.depsgraph),
             )
             drawing.hide_render = False
             layer.material_override = None
