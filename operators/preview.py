@@ -20,6 +20,7 @@ from . import scene as io
 from .levels import TINTS, make_levels
 from .operator import Stepwise
 from .populate import characters_of, frame_of, machine_of, measure_groups, policy_of, store_groups, trajectory_of
+from .trouble import find
 
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}
 MOST_IN_SHEET = 24  # frames on the contact sheet
@@ -197,6 +198,7 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -
     machine = machine_of(settings)
     labels = trajectory.world.labels
     area = trajectory.world.area
+    troubles = find(trajectory)
     file = Path(bpy.data.filepath) if bpy.data.filepath else None
     return {
         "version": report.PLAN_VERSION,
@@ -226,13 +228,22 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -
             "cells": list(labels.shape[::-1]),
             "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
         },
+        "height": {
+            "image": settings.height_image.name if settings.height_image else None,
+            "scale": settings.height_scale,
+            "tilt": settings.tilt,
+        },
         "machine": json.loads(machine.text),
+        "trouble": troubles.rows,
+        "trouble_says": troubles.sentence,
         "camera": stage.camera.name,
         "levels": {
             "metric": policy.metric,
             "margin": policy.margin,
             "ratios": [round(r, 6) for r in settings.ratios[: policy.count]],
             "thresholds": list(policy.thresholds),
+            "group_thresholds": [list(own) for own in policy.group_thresholds],
+            "drop_lost": policy.drop_lost,
             "tints": TINTS[: policy.count],
         },
         "preview": {

@@ -12,6 +12,7 @@ from mathutils import Matrix
 
 from ..crowd_lod.agents import Crowd
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.maps import HeightMap
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 
@@ -105,9 +106,9 @@ def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -
     mesh.update(calc_edges=True)
 
 
-def write_agents(mesh: bpy.types.Mesh, crowd: Crowd, agents: np.ndarray) -> None:
+def write_agents(mesh: bpy.types.Mesh, crowd: Crowd, agents: np.ndarray, slopes: HeightMap | None = None) -> None:
     """Make `mesh` one loose vertex for each of `agents` (m,), world space, with the attributes heading and phase
-    (FLOAT), group and the stable id (INT)."""
+    (FLOAT), group and the stable id (INT); with `slopes` also pitch and roll (FLOAT), see HeightMap.tilt."""
     mesh.clear_geometry()
     mesh.vertices.add(len(agents))
     points = np.empty((len(agents), 3), np.float32)
@@ -120,6 +121,9 @@ def write_agents(mesh: bpy.types.Mesh, crowd: Crowd, agents: np.ndarray) -> None
         "group": ("INT", crowd.group[agents].astype(np.int32)),
         "id": ("INT", agents.astype(np.int32)),
     }
+    if slopes is not None:
+        pitch, roll = slopes.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents])
+        columns |= {"pitch": ("FLOAT", pitch), "roll": ("FLOAT", roll)}
     for name, (kind, values) in columns.items():
         mesh.attributes.new(name, kind, "POINT").data.foreach_set("value", values)
     mesh.update_tag()
