@@ -7,7 +7,9 @@ import numpy as np
 
 from ..crowd_lod.agents import Crowd
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.maps import HeightMap
 from ..crowd_lod.sorting import Buckets
+from . import cameras
 from . import scene as io
 from .levels import OWNED, TINTS, make_levels, remove_owned
 from .nodes.instances import instances
@@ -54,12 +56,13 @@ def remove_build(settings) -> None:
         remove_owned(top)
 
 
-def write(top: bpy.types.Collection, crowd: Crowd, buckets: Buckets) -> None:
-    """Write each bucket's agents, as they stand in `crowd`, to its point object in the build `top`."""
+def write(top: bpy.types.Collection, crowd: Crowd, buckets: Buckets, slopes: HeightMap | None = None) -> None:
+    """Write each bucket's agents, as they stand in `crowd`, to its point object in the build `top`; with `slopes` they
+    lean with them."""
     for points in top.objects:
         level = points.get(LEVEL)
         if level is not None and level < len(buckets.counts):
-            io.write_agents(points.data, crowd, buckets[level])
+            io.write_agents(points.data, crowd, buckets[level], slopes)
 
 
 def empty(top: bpy.types.Collection) -> None:
@@ -88,10 +91,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """
     time = scene.frame_current + scene.frame_subframe
     whole = shutter_frame(scene)
-    camera = None if whole == time else io.camera_at(scene, whole)
-    frame = frame_of(scene, depsgraph, whole, camera)
-    crowd = frame.crowd if whole == time else trajectory_of(scene).at(time)
-    write(scene.crowd_lod.build, crowd, frame.buckets)
+    camera = None if whole == time else cameras.camera_at(scene, whole)
+    frame, trajectory = frame_of(scene, depsgraph, whole, camera), trajectory_of(scene)
+    crowd = frame.crowd if whole == time else trajectory.at(time)
+    slopes = trajectory.heights if scene.crowd_lod.tilt else None
+    write(scene.crowd_lod.build, crowd, frame.buckets, slopes)
 
 
 @bpy.app.handlers.persistent

@@ -145,14 +145,16 @@ def _preview(args, command: list[str]) -> dict:
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
+    warning = f"{plan['trouble_says']}\n" if plan["trouble_says"] else ""
     least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
     return {
         "out": str(folder),
         "frames": rows,
         "seconds": plan["seconds"],
+        "trouble": plan["trouble"],
         "summary": (
             f"{len(rows)} frames of {rows[0]['agents']:,} agents in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
-            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{folder}"
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{warning}{folder}"
         ),
     }
 

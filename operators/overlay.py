@@ -4,7 +4,7 @@ import sys
 import time as clock
 import traceback
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 
 import bpy
@@ -14,9 +14,11 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
+from ..crowd_lod.levels import Bias
+from ..crowd_lod.live import held
+from .cameras import read_cameras, read_shutter
 from .points import Drawing, drawing
-from .populate import groups_of, policy_of, trajectory_of
-from .scene import read_camera
+from .populate import bias_of, groups_of, policy_of, trajectory_of
 
 SHADERS = Path(__file__).parent.parent / "shaders"
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
@@ -37,6 +39,7 @@ class Shown:
     frame_inputs: tuple = ()
     looked: float = 0.0
     trajectory: Trajectory | None = None
+    bias: Bias | None = None
     frame: Frame | None = None
     batches: "Batches | None" = None
     problem: str | None = None
@@ -45,6 +48,9 @@ class Shown:
 _handlers = []
 _shaders = {}
 _shown: dict[int, Shown] = {}  # by the scene's session_uid
+# Of scenes with motion blur, by session_uid: what an open shutter is asked for, and (that, read_shutter's answer).
+_asked: dict[int, tuple] = {}
+_shutters: dict[int, tuple] = {}
 _failure: str | None = None
 
 
@@ -58,10 +64,11 @@ def register():
 def unregister():
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
-    _shown.clear()
-    _shaders.clear()
-    if bpy.app.timers.is_registered(_redraw_sidebars):
-        bpy.app.timers.unregister(_redraw_sidebars)
+    for kept in (_shown, _shaders, _asked, _shutters):
+        kept.clear()
+    for timer in (_redraw_sidebars, _read_shutters):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
 
 
 def latest(scene: bpy.types.Scene) -> Frame | None:
@@ -109,6 +116,7 @@ def _follow(context) -> Shown:
     if shown is not before:
         for gone in _shown.keys() - {each.session_uid for each in bpy.data.scenes}:
             del _shown[gone]
+            _shutters.pop(gone, None)
         _shown[scene.session_uid] = shown
         _redraw_sidebars_soon()
     return shown
@@ -118,20 +126,27 @@ def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
     looked = clock.monotonic()
     try:
         crowd_inputs = _crowd_inputs(scene)
-        camera, policy = read_camera(scene, depsgraph), policy_of(scene.crowd_lod)
+        settings, eyes = scene.crowd_lod, read_cameras(scene, depsgraph)
+        policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
         time = scene.frame_current + scene.frame_subframe
-        frame_inputs = time, policy, _values(camera)
+        key, shutter = _open_shutter(scene, time, eyes)
+        frame_inputs = time, policy, *map(_values, eyes), key if shutter else ()
         known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN:
-            trajectory, looked = known, before.looked
+            trajectory, bias, looked = known, before.bias, before.looked
         else:
             trajectory = trajectory_of(scene)
-        if trajectory is known and before.frame_inputs == frame_inputs:
+            bias = bias_of(settings, trajectory.world.area)
+            if known is not None and _same(bias, before.bias):
+                bias = before.bias
+        if trajectory is known and bias is before.bias and before.frame_inputs == frame_inputs:
             before.looked = looked
             return before
-        frame = plan(trajectory, camera, policy, time)
+        frame = plan(trajectory, eyes, policy, time, shutter, bias)
+        if policy.hysteresis and before is not None and before.trajectory is trajectory:
+            frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
         batches = Batches(drawing(frame, trajectory.groups, policy))
-        return Shown(crowd_inputs, frame_inputs, looked, trajectory, frame, batches)
+        return Shown(crowd_inputs, frame_inputs, looked, trajectory, bias, frame, batches)
     except CrowdError as error:
         if before is not None and before.problem == str(error):
             return before
@@ -139,16 +154,62 @@ def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
 
 
 def _crowd_inputs(scene) -> tuple:
-    """What the trajectory follows from, but for the map's pixels and the state machine's text."""
+    """What trajectory and bias follow from, but for the images' pixels and the state machine's text."""
     settings = scene.crowd_lod
-    blocks = (block and block.session_uid for block in (settings.map_image, settings.machine))
+    chosen = settings.map_image, settings.machine, settings.height_image, settings.bias_image
+    blocks = (block and block.session_uid for block in chosen)
     numbers = settings.count, settings.seed, settings.first_frame, scene.render.fps, scene.render.fps_base
-    return groups_of(settings), *blocks, *numbers, *settings.centre, *settings.size
+    return groups_of(settings), *blocks, *numbers, *settings.centre, *settings.size, settings.height_scale, settings.tilt
 
 
 def _values(camera: Camera) -> tuple:
-    vectors = np.stack([camera.origin, camera.X, camera.Y, camera.Z]).tobytes()
-    return camera.kind, vectors, camera.window, camera.near, camera.far
+    """All of the camera, as values that compare."""
+    found = (getattr(camera, each.name) for each in fields(camera))
+    return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in found)
+
+
+def _same(one: Bias | None, other: Bias | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return one.area == other.area and np.array_equal(one.values, other.values)
+
+
+def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
+    """(key, what read_shutter says, or () while that is not known).
+
+    Other times are read in a scene made for it, which must not be done while Blender draws: a timer does, and the
+    viewport is drawn again. What the camera does at other times alone is noticed when the frame or the camera changes.
+    """
+    render = scene.render
+    if not render.use_motion_blur:
+        return (), ()
+    key = time, render.motion_blur_position, render.motion_blur_shutter, *map(_values, eyes)
+    known, samples = _shutters.get(scene.session_uid, ((), ()))
+    if known == key:
+        return key, samples
+    _asked[scene.session_uid] = key
+    if not bpy.app.timers.is_registered(_read_shutters):
+        bpy.app.timers.register(_read_shutters)
+    return key, ()
+
+
+def _read_shutters() -> float | None:
+    """Read the shutters asked for; while an animation plays later, for its next frame would ask again."""
+    if any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows):
+        return LOOK_AGAIN
+    for scene in bpy.data.scenes:
+        key = _asked.pop(scene.session_uid, None)
+        if key is not None:
+            try:
+                _shutters[scene.session_uid] = key, read_shutter(scene, key[0])
+            except CrowdError:  # the drawing itself says so
+                _shutters[scene.session_uid] = key, ()
+    _asked.clear()
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+    return None
 
 
 def _redraw_sidebars_soon():

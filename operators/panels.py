@@ -123,9 +123,13 @@ class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
         layout.template_ID(settings, "height_image", open="image.open")
         if settings.height_image is not None:
             layout.prop(settings, "height_scale")
+            layout.prop(settings, "tilt")
         layout.label(text="State machine")
         layout.template_ID(settings, "machine", new="text.new", open="text.open")
+        layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
         layout.prop(settings, "first_frame")
+        if settings.trouble:
+            _say(context, layout, settings.trouble, "ERROR")
         shown = overlay.shown_of(context.scene)
         if shown and shown.trajectory:
             machine = shown.trajectory.machine
@@ -150,6 +154,7 @@ class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
             layout.prop(settings, "margin", text=" ")
         if context.scene.render.use_border:
             layout.prop(settings, "cull_to_border")
+        layout.prop(settings, "drop_lost")
 
 
 class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
@@ -181,6 +186,12 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 threshold = settings.thresholds[level - 1]
                 cells.label(text=_length(context, far * threshold) if far else "?")
         layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
+        for group in settings.groups[:MOST_ROWS] if settings.level_count > 1 else ():
+            layout.prop(group, "own_thresholds", text=f"{group.name}: thresholds of its own")
+            if group.own_thresholds:
+                row = layout.row(align=True)
+                for level in range(settings.level_count - 1):
+                    row.prop(group, "sizes" if settings.metric == "PIXELS" else "thresholds", index=level, text="")
         if settings.levels is not None:
             for group in settings.groups[: MOST_ROWS // settings.level_count]:
                 sizes = zip(group.vertices, group.triangles, strict=True)
@@ -192,7 +203,7 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
     bl_label = "Preview"
 
     def body(self, context, layout, settings):
-        for name in ("overlay", "frames", "step", "width", "engine", "colour"):
+        for name in ("overlay", "hysteresis", "frames", "step", "width", "engine", "colour"):
             layout.prop(settings, name)
         layout.prop(settings, "above", text="From Above")
         layout.prop(settings, "folder")

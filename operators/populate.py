@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Sequence
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -15,7 +16,9 @@ from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
 from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from . import scene as io
+from .cameras import read_cameras, read_shutter
 from .operator import Reporting
+from .trouble import find
 
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
 MOST_POSES = 120
@@ -76,7 +79,8 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
 
 
 def store_groups(settings, groups: tuple[Group, ...]) -> None:
-    """Keep the measured groups in the scene's settings."""
+    """Keep the measured groups in the scene's settings; groups of the same name keep their own thresholds."""
+    own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes)) for g in settings.groups}
     settings.groups.clear()
     for group in groups:
         entry = settings.groups.add()
@@ -85,6 +89,8 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         for name in ("vertices", "triangles"):
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
+        if group.name in own:
+            entry.own_thresholds, entry.thresholds, entry.sizes = own[group.name]
 
 
 def _action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
@@ -157,6 +163,21 @@ def heights_of(settings, area: Area) -> HeightMap | None:
     return HeightMap(io.read_values(settings.height_image)[..., 0] * np.float32(settings.height_scale), area)
 
 
+def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
+    """`groups` with spheres that hold characters which lean with the slopes of `heights`.
+
+    A lean of t takes a sphere's centre, up to now `centre` above the feet, 2 sin(t / 2) of that away; the sphere is
+    widened by as much, for the steepest slope that the map may have anywhere.
+    """
+    rows, columns = heights.heights.shape
+    width, depth = heights.area.size
+    relief = heights.heights.astype(np.float64)
+    along_x = np.abs(np.diff(relief, axis=1)).max(initial=0) * columns / width
+    along_y = np.abs(np.diff(relief, axis=0)).max(initial=0) * rows / depth
+    away = 2 * np.sin(np.arctan(np.hypot(along_x, along_y)) / 2) * (1 + 1e-6)  # pitch and roll are float32
+    return tuple(replace(group, radius=float(group.radius + abs(group.centre) * away)) for group in groups)
+
+
 def groups_of(settings) -> tuple[Group, ...]:
     """The measured groups of the settings."""
     count = settings.level_count
@@ -176,13 +197,20 @@ def groups_of(settings) -> tuple[Group, ...]:
 
 def policy_of(settings) -> LevelPolicy:
     """The LOD policy of the settings."""
-    chosen = settings.sizes if settings.metric == "PIXELS" else settings.thresholds
+    own = [_thresholds(group, settings) if group.own_thresholds else () for group in settings.groups]
     return LevelPolicy(
-        thresholds=tuple(round(t, 6) for t in chosen[: settings.level_count - 1]),
+        thresholds=_thresholds(settings, settings),
+        group_thresholds=tuple(own) if any(own) else (),
         metric=settings.metric,
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
         drop_lost=settings.drop_lost,
     )
+
+
+def _thresholds(owner, settings) -> tuple[float, ...]:
+    """The thresholds that `owner`, the settings or a group, has for the metric and the count of `settings`."""
+    chosen = owner.sizes if settings.metric == "PIXELS" else owner.thresholds
+    return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
 
 
 def bias_of(settings, area: Area) -> Bias | None:
@@ -205,9 +233,12 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     seconds = scene.render.fps_base / scene.render.fps
     heights = heights_of(settings, world.area)
     key = (machine.text, world.area, world.labels.shape, groups, settings.count, settings.seed, settings.first_frame, seconds)
+    key = (*key, settings.tilt)
     relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
     digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + relief).digest()
     if digest not in _trajectories:
+        if settings.tilt and heights is not None:
+            groups = leaning(groups, heights)
         start = populate(settings.count, settings.seed, len(groups), machine, world)
         while len(_trajectories) >= MOST_TRAJECTORIES:
             _trajectories.pop(next(iter(_trajectories)))
@@ -228,9 +259,9 @@ def frame_of(
     if time is None:
         time = scene.frame_current + scene.frame_subframe
     trajectory, settings = trajectory_of(scene), scene.crowd_lod
-    cameras = camera or io.read_cameras(scene, depsgraph)
-    shutter, bias = io.read_shutter(scene, time), bias_of(settings, trajectory.world.area)
-    return plan(trajectory, cameras, policy_of(settings), time, shutter, bias)
+    eyes = camera or read_cameras(scene, depsgraph)
+    shutter, bias = read_shutter(scene, time), bias_of(settings, trajectory.world.area)
+    return plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
 
 
 def forget() -> None:
@@ -247,10 +278,13 @@ class CROWDLOD_OT_populate(Reporting, bpy.types.Operator):
     def run(self, context):
         settings = context.scene.crowd_lod
         groups = measure_groups(context.scene)
-        crowd = trajectory_of(context.scene, groups).start
+        trajectory = trajectory_of(context.scene, groups)
+        troubles = find(trajectory)
         store_groups(settings, groups)
-        settings.overlay = True
-        return f"{len(crowd):,} agents in {len(groups)} character groups."
+        settings.overlay, settings.trouble = True, troubles.sentence
+        if troubles.found:
+            self.report({"WARNING"}, troubles.sentence)
+        return " ".join(filter(None, (f"{len(trajectory.start):,} agents in {len(groups)} character groups.", troubles.sentence)))
 
 
 CLASSES = (CROWDLOD_OT_populate,)

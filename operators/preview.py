@@ -15,11 +15,12 @@ from ..crowd_lod import __version__, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.shot import parse_frames
-from . import above, build
+from . import above, build, cameras
 from . import scene as io
 from .levels import TINTS, make_levels
 from .operator import Stepwise
 from .populate import characters_of, frame_of, machine_of, measure_groups, policy_of, store_groups, trajectory_of
+from .trouble import find
 
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}
 MOST_IN_SHEET = 24  # frames on the contact sheet
@@ -47,7 +48,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     """
     with report.staged(wanted.folder) as folder, io.scratch():
         started = clock.perf_counter()
-        io.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
+        cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
         stage = _stage(scene, wanted)
         layer = stage.view_layers[0]
         layer.update()
@@ -88,7 +89,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
                 frame,
                 np.array([g.centre for g in trajectory_of(stage).groups]),
                 policy_of(stage.crowd_lod),
-                io.camera_from(view, stage.render, layer.depsgraph),
+                cameras.camera_from(view, stage.render, layer.depsgraph),
             )
             drawing.hide_render = False
             layer.material_override = None
@@ -202,6 +203,7 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -
     machine = machine_of(settings)
     labels = trajectory.world.labels
     area = trajectory.world.area
+    troubles = find(trajectory)
     file = Path(bpy.data.filepath) if bpy.data.filepath else None
     return {
         "version": report.PLAN_VERSION,
@@ -231,13 +233,22 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -
             "cells": list(labels.shape[::-1]),
             "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
         },
+        "height": {
+            "image": settings.height_image.name if settings.height_image else None,
+            "scale": settings.height_scale,
+            "tilt": settings.tilt,
+        },
         "machine": json.loads(machine.text),
+        "trouble": troubles.rows,
+        "trouble_says": troubles.sentence,
         "camera": stage.camera.name,
         "levels": {
             "metric": policy.metric,
             "margin": policy.margin,
             "ratios": [round(r, 6) for r in settings.ratios[: policy.count]],
             "thresholds": list(policy.thresholds),
+            "group_thresholds": [list(own) for own in policy.group_thresholds],
+            "drop_lost": policy.drop_lost,
             "tints": TINTS[: policy.count],
         },
         "preview": {

@@ -16,9 +16,12 @@ from bpy.props import (
 from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.levels import MOST_LEVELS
 
+SIZES = (200, 80, 40, 20, 10, 5, 2)
+THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
+
 
 class CrowdLodGroup(bpy.types.PropertyGroup):
-    """What was measured of one character group (`name` is its name)."""
+    """What was measured of one character group (`name` is its name), and LOD thresholds of its own."""
 
     centre: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's centre")
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
@@ -26,6 +29,23 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     period: FloatProperty(name="Period", description="Seconds in a cycle of the action")
     vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
     triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
+    own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
+    thresholds: FloatVectorProperty(
+        name="Threshold",
+        precision=3,
+        size=MOST_LEVELS - 1,
+        min=0,
+        max=1,
+        default=THRESHOLDS,
+        description="Part of the camera's far distance at which this group's next LOD begins",
+    )
+    sizes: FloatVectorProperty(
+        name="Size",
+        size=MOST_LEVELS - 1,
+        min=0.01,
+        default=SIZES,
+        description="Height of this group's character in pixels below which its next LOD begins",
+    )
 
 
 class CrowdLodSettings(bpy.types.PropertyGroup):
@@ -58,6 +78,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     height_scale: FloatProperty(
         name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
     )
+    tilt: BoolProperty(name="Lean with the Slope", description="Agents on a height map stand square on its slope instead of upright")
     machine: PointerProperty(
         type=bpy.types.Text, name="State Machine", description="State machine as JSON; none is the chapter's, walk to and fro"
     )
@@ -78,7 +99,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         size=MOST_LEVELS - 1,
         min=0,
         max=1,
-        default=(0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0),
+        default=THRESHOLDS,
         description="Part of the camera's far distance at which the next LOD begins",
     )
     metric: EnumProperty(
@@ -93,8 +114,15 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Size",
         size=MOST_LEVELS - 1,
         min=0.01,
-        default=(200, 80, 40, 20, 10, 5, 2),
+        default=SIZES,
         description="Height of a character in pixels below which the next LOD begins",
+    )
+    hysteresis: FloatProperty(
+        name="Hysteresis",
+        min=0,
+        max=0.5,
+        description="Part of a distance by which an agent must pass it to change its LOD in the overlay, which remembers the "
+        "frame before; preview and build do not",
     )
     bias_image: PointerProperty(
         type=bpy.types.Image,
@@ -139,6 +167,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     overlay: BoolProperty(name="Overlay", description="Draw the crowd as points, tinted by LOD, in the viewport")
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup)
+    trouble: StringProperty()
     levels: PointerProperty(type=bpy.types.Collection)
     build: PointerProperty(type=bpy.types.Collection)
 

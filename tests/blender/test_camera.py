@@ -9,6 +9,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.audit import standing
 from crowd_lod_extension.crowd_lod.camera import frustum_corners
 from crowd_lod_extension.crowd_lod.culling import radar
+from crowd_lod_extension.operators import cameras
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.populate import _bounds, _poses
 from mathutils import Euler, Matrix, Vector
@@ -82,7 +83,7 @@ def matrices(scene, depsgraph, side=None):
         model, shift = Asked.answers[side]
     own, camera.data.shift_x = camera.data.shift_x, shift
     try:
-        width, height = io.image_size(render)
+        width, height = cameras.image_size(render)
         aspect = {"scale_x": render.pixel_aspect_x, "scale_y": render.pixel_aspect_y}
         clip = camera.calc_matrix_camera(depsgraph_of(scene), x=width, y=height, **aspect)
     finally:
@@ -119,9 +120,9 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
             bpy.ops.render.render(scene=scene.name)
             scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = size
             depsgraph, sides = depsgraph_of(scene), ["left", "right"]
-        cameras = io.read_cameras(scene, depsgraph)
-        assert len(cameras) == len(sides)
-        eye = cameras[0]
+        eyes = cameras.read_cameras(scene, depsgraph)
+        assert len(eyes) == len(sides)
+        eye = eyes[0]
         # agents about the frustum, with points on their spheres
         t, w = random.uniform(-0.2, 1.2, (AGENTS, 1)), random.uniform(-0.5, 1.5, (AGENTS, 2))
         near, far = frustum_corners(eye, eye.near), frustum_corners(eye, eye.far)
@@ -130,7 +131,7 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
         radius = 10.0 ** random.uniform(-2, 1)
         way = random.normal(size=(AGENTS, 6, 3))
         surface = (points[:, None] + radius * way / np.linalg.norm(way, axis=2, keepdims=True)).reshape(-1, 3)
-        visible, _ = radar(standing(points), cameras, np.zeros(1), np.array([radius]))
+        visible, _ = radar(standing(points), eyes, np.zeros(1), np.array([radius]))
         seen = np.zeros(AGENTS, bool)
         for side in sides:
             view, clip = matrices(scene, depsgraph, side)
@@ -139,7 +140,7 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
         total, shown, kept = total + AGENTS, shown + int(seen.sum()), kept + int(visible.sum())
         if kind == "PERSP":
             scene.render.resolution_percentage = 100  # world_to_camera_view knows no percentage, so no rounding to pixels
-            eye = io.read_camera(scene, depsgraph_of(scene))
+            eye = cameras.read_camera(scene, depsgraph_of(scene))
             for point in points[:50]:
                 x, y, depth = world_to_camera_view(scene, scene.camera, Vector(point))
                 if 1e-4 < min(x, y) and max(x, y) < 1 - 1e-4 and eye.near < depth < eye.far:
@@ -152,7 +153,7 @@ def test_the_window_is_blenders(scene, kind):
     random = np.random.default_rng(20)
     for _ in range(30):
         depsgraph = shuffle(scene, random, kind)
-        camera = io.read_camera(scene, depsgraph)
+        camera = cameras.read_camera(scene, depsgraph)
         view, clip = matrices(scene, depsgraph)
         corners = np.concatenate([frustum_corners(camera, camera.far), np.ones((4, 1))], axis=1) @ (clip @ view).T
         corners = corners[:, :3] / corners[:, 3:]
@@ -170,8 +171,8 @@ def test_eyes_are_blenders(scene, mode, pivot):
     render.engine, render.use_multiview = Asked.bl_idname, True
     render.resolution_x = render.resolution_y = 16
     bpy.ops.render.render(scene=scene.name)
-    eyes = io.read_cameras(scene, depsgraph_of(scene))
-    plain = io.camera_from(camera, render, depsgraph_of(scene))
+    eyes = cameras.read_cameras(scene, depsgraph_of(scene))
+    plain = cameras.camera_from(camera, render, depsgraph_of(scene))
     for eye, side in zip(eyes, ("left", "right"), strict=True):
         matrix, shift = Asked.answers[side]
         np.testing.assert_allclose(eye.origin, matrix[:3, 3], atol=1e-6)
@@ -189,9 +190,9 @@ def test_views_with_cameras_of_their_own(scene):
         scene.collection.objects.link(item)
     scene.camera = scene.objects["Shot_L"]
     render.use_multiview, render.views_format = True, "MULTIVIEW"
-    assert [camera.origin[0] for camera in io.read_cameras(scene, depsgraph_of(scene))] == [1, 2]
+    assert [camera.origin[0] for camera in cameras.read_cameras(scene, depsgraph_of(scene))] == [1, 2]
     render.views["right"].use = False
-    assert [camera.origin[0] for camera in io.read_cameras(scene, depsgraph_of(scene))] == [1]
+    assert [camera.origin[0] for camera in cameras.read_cameras(scene, depsgraph_of(scene))] == [1]
 
 
 def lit(scene, point, folder, engine):
@@ -238,7 +239,7 @@ def test_a_sheared_mirrored_camera_renders_where_its_coordinates_say(scene, engi
     scene.camera.rotation_euler = 0.7, 0.4, 0.9
     scene.camera.data.lens = 20
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 96, 64, 100
-    camera = io.read_camera(scene, depsgraph_of(scene))
+    camera = cameras.read_camera(scene, depsgraph_of(scene))
     assert abs(camera.X @ camera.Z) > 0.1  # sheared indeed
     point = camera.origin + np.linalg.inv([camera.X, camera.Y, camera.Z]) @ (3.0, -1.5, 8.0)
     w = camera.window
@@ -252,7 +253,7 @@ def test_fisheye_shows_its_cone(scene, tmp_path):
     addon_utils.enable("cycles")
     data = scene.camera.data
     data.type, data.panorama_type, data.fisheye_fov = "PANO", "FISHEYE_EQUIDISTANT", 2.4
-    camera = io.read_camera(scene, depsgraph_of(scene))
+    camera = cameras.read_camera(scene, depsgraph_of(scene))
     assert camera.kind == "PANO" and camera.cone == pytest.approx(1.2)
     for angle, seen in ((1.1, True), (1.35, False)):
         point = np.array([0, 4 * np.sin(angle), -4 * np.cos(angle)])
@@ -265,7 +266,7 @@ def test_every_panoramic_type_has_a_density(scene):
     data.type = "PANO"
     for item in data.bl_rna.properties["panorama_type"].enum_items:
         data.panorama_type = item.identifier
-        camera = io.read_camera(scene, depsgraph_of(scene))
+        camera = cameras.read_camera(scene, depsgraph_of(scene))
         fisheye = item.identifier.startswith("FISHEYE")
         assert camera.cone == pytest.approx(min(np.pi, data.fisheye_fov / 2) if fisheye else np.pi)
         assert 50 < camera.pixels_per_unit < 10_000, item.identifier
@@ -275,9 +276,9 @@ def test_render_border_is_an_option(scene):
     render = scene.render
     render.use_border = True
     render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.5, 0.1, 0.4
-    whole = io.read_camera(scene, depsgraph_of(scene))
+    whole = cameras.read_camera(scene, depsgraph_of(scene))
     scene.crowd_lod.cull_to_border = True
-    part = io.read_camera(scene, depsgraph_of(scene))
+    part = cameras.read_camera(scene, depsgraph_of(scene))
     assert part.window != whole.window
     for corner, (x, y) in zip(frustum_corners(part, 10.0), ((0.25, 0.1), (0.5, 0.1), (0.5, 0.4), (0.25, 0.4)), strict=True):
         at = world_to_camera_view(scene, scene.camera, Vector(corner))
@@ -298,9 +299,9 @@ def animate(scene):
 def test_animated_lens_clip_and_shift_are_those_of_the_time(scene):
     animate(scene)
     for time in (1.0, 4.25, 8.5):
-        ahead = io.camera_at(scene, time)[0]
+        ahead = cameras.camera_at(scene, time)[0]
         scene.frame_set(int(time), subframe=time % 1)
-        now = io.read_camera(scene, scene.view_layers[0].depsgraph)
+        now = cameras.read_camera(scene, scene.view_layers[0].depsgraph)
         assert (ahead.window, ahead.near, ahead.far) == (now.window, now.near, now.far)
         assert (ahead.origin == now.origin).all() and (ahead.Z == now.Z).all()
     assert now.far != 100
@@ -309,20 +310,20 @@ def test_animated_lens_clip_and_shift_are_those_of_the_time(scene):
 def test_motion_blur_keeps_what_any_time_of_the_shutter_shows(scene):
     animate(scene)
     scene.frame_set(5)
-    assert io.read_shutter(scene, 5.0) == []
+    assert cameras.read_shutter(scene, 5.0) == []
     scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.8
     scene.render.motion_blur_position = "CENTER"
-    samples = io.read_shutter(scene, 5.0)
+    samples = cameras.read_shutter(scene, 5.0)
     assert [time for time, _ in samples] == pytest.approx([4.6, 5.0, 5.4])
     points = np.random.default_rng(1).uniform(-150, 150, (20_000, 3))
     crowd, radius = standing(points), np.array([0.5])
     kept = np.zeros(len(points), bool)
     for _, eyes in samples:
         kept |= radar(crowd, eyes, np.zeros(1), radius)[0]
-    alone = radar(crowd, io.camera_at(scene, 5.0), np.zeros(1), radius)[0]
+    alone = radar(crowd, cameras.camera_at(scene, 5.0), np.zeros(1), radius)[0]
     assert kept.sum() > alone.sum() > 100
     for time in np.linspace(4.6, 5.4, 9):
-        assert not (radar(crowd, io.camera_at(scene, float(time)), np.zeros(1), radius)[0] & ~kept).any()
+        assert not (radar(crowd, cameras.camera_at(scene, float(time)), np.zeros(1), radius)[0] & ~kept).any()
 
 
 def test_depth_of_field_widens_the_view(scene):
@@ -332,7 +333,7 @@ def test_depth_of_field_widens_the_view(scene):
     target.location = 3, 0, -4
     scene.collection.objects.link(target)
     data.dof.focus_object = target
-    camera = io.read_camera(scene, depsgraph_of(scene))
+    camera = cameras.read_camera(scene, depsgraph_of(scene))
     assert camera.pad == pytest.approx(0.05) and camera.turn == pytest.approx(0.05 / 4)
 
 

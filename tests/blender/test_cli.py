@@ -55,6 +55,20 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
     assert min(shares(out / "above_0001.png")) > 0.0005
 
 
+def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(scene, tmp_path, capfd):
+    scene.crowd_lod.machine = bpy.data.texts.new("east")
+    scene.crowd_lod.machine.from_string(
+        '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"go": {"on": {"*": {"move": [1.5, 0]}}}}}'
+    )
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "stuck.blend"))
+    assert run("preview", tmp_path / "stuck.blend", *SHORT, "--out", tmp_path / "out") == 0
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text())
+    (row,) = plan["trouble"]
+    assert row["kind"] == "stuck" and row["agents"] == row["count"] == 300
+    assert row["column"] == 63 and row["row"] == 0 and row["place"][0] == pytest.approx(20 - 40 / 128)
+    assert "300 agents stand for good" in capfd.readouterr().out
+
+
 def test_the_same_command_twice_gives_the_same_figures(tmp_path, capfd):
     def figures(folder):
         assert run("preview", "chapter", *SHORT, "--out", tmp_path / folder) == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.operators import populate
+from crowd_lod_extension.operators import cameras, populate
 from crowd_lod_extension.operators import scene as io
 from mathutils.bvhtree import BVHTree
 
@@ -64,7 +64,7 @@ def frames_of(scene):
     for frame in FRAMES:
         scene.frame_set(frame)
         depsgraph = scene.view_layers[0].depsgraph
-        yield plan(trajectory, io.camera_from(scene.camera, scene.render, depsgraph), policy, frame)
+        yield plan(trajectory, cameras.camera_from(scene.camera, scene.render, depsgraph), policy, frame)
 
 
 @pytest.mark.parametrize("name", sample_scenes.NAMES)

@@ -1,0 +1,42 @@
+"""Causal hysteresis, for views that live: a frame that remembers the one shown before it."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from .agents import Group
+from .camera import Camera
+from .culling import radar
+from .frame import Frame
+from .levels import Bias, LevelPolicy, hold, limits
+from .sorting import sort
+
+
+def held(
+    frame: Frame,
+    previous: np.ndarray,
+    groups: tuple[Group, ...],
+    cameras: Sequence[Camera],
+    policy: LevelPolicy,
+    bias: Bias | None = None,
+) -> Frame:
+    """`frame`, whose plan had the other arguments, with the LODs `previous` (n,) uint8 held by policy.hysteresis.
+
+    Who is visible stays. It measures the distances once more, so it costs the culling's time again.
+    """
+    crowd = frame.crowd
+    centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "radius"))
+    _, distance = radar(crowd, cameras, centre, radius, policy.margin, policy.metric == "RADIAL")
+    factor = None if bias is None else bias.at(crowd.x, crowd.y)
+    levels = hold(previous, distance, limits(policy, cameras[0], radius), crowd.group, factor, policy.hysteresis)
+    buckets = sort(frame.visible, levels, policy.count)
+    if not frame.full_triangles:
+        return replace(frame, levels=levels, buckets=buckets)
+    count = np.zeros((len(groups), policy.count), int)
+    np.add.at(count, (crowd.group[buckets.order], levels[buckets.order]), 1)
+    vertices, triangles = (
+        int((count * np.array([getattr(group, name)[: policy.count] for group in groups])).sum())
+        for name in ("vertices", "triangles")
+    )
+    return replace(frame, levels=levels, buckets=buckets, vertices=vertices, triangles=triangles)

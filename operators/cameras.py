@@ -1,0 +1,187 @@
+"""Blender's cameras -> the core's. With scene.py the only files that copy between bpy and NumPy."""
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ..crowd_lod import stereo
+from ..crowd_lod.camera import Camera, crop, lens_blur, opened, referential, window
+from ..crowd_lod.errors import CrowdError
+from .scene import scratch
+
+
+def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Width and height of the rendered image in pixels."""
+    percent = render.resolution_percentage
+    return max(1, render.resolution_x * percent // 100), max(1, render.resolution_y * percent // 100)
+
+
+def active_camera(scene: bpy.types.Scene) -> bpy.types.Object:
+    """The scene's active camera object."""
+    if scene.camera is None:
+        raise CrowdError(f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties.")
+    if scene.camera.type != "CAMERA":
+        raise CrowdError(f"{scene.camera.name}, the active camera of {scene.name}, is no camera: choose a camera object.")
+    return scene.camera
+
+
+def read_camera(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """The scene's active camera as `depsgraph` has evaluated it; of a stereo picture the first eye's."""
+    return read_cameras(scene, depsgraph)[0]
+
+
+def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
+    """The cameras that film the scene's picture, as `depsgraph` has evaluated them: the active one, or the eyes of a
+    stereo or multi-view picture. With the setting cull_to_border, only the render border is filmed."""
+    return cameras_from(scene, scene, depsgraph)
+
+
+def cameras_from(
+    scene: bpy.types.Scene, stage: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+) -> tuple[Camera, ...]:
+    """The eyes of `scene`, as the depsgraph of `stage`, which shares its cameras, has evaluated them."""
+    render, camera = scene.render, active_camera(scene)
+    views = [view for view in render.views if view.use] if render.use_multiview else []
+    if not views:
+        found = [camera_from(camera, render, depsgraph)]
+    elif render.views_format == "MULTIVIEW":
+        eyes = dict.fromkeys(_view_camera(scene, camera, view.camera_suffix) for view in views)
+        found = [camera_from(eye, render, depsgraph) for eye in eyes]
+    else:
+        found = [camera_from(camera, render, depsgraph, view.name) for view in views if view.name in stereo.EYES]
+    if scene.crowd_lod.cull_to_border and render.use_border:
+        border = render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y
+        found = [crop(each, *border) for each in found]
+    return tuple(found)
+
+
+def _view_camera(scene: bpy.types.Scene, camera: bpy.types.Object, suffix: str) -> bpy.types.Object:
+    """The camera of the multi-view picture's view `suffix`: the active one's name with its own suffix exchanged."""
+    own = max((v.camera_suffix for v in scene.render.views if camera.name.endswith(v.camera_suffix)), key=len, default=None)
+    return camera if own is None else scene.objects.get(camera.name.removesuffix(own) + suffix, camera)
+
+
+def camera_from(
+    camera: bpy.types.Object, render: bpy.types.RenderSettings, depsgraph: bpy.types.Depsgraph, side: str | None = None
+) -> Camera:
+    """`camera` as `depsgraph` has evaluated it, filming with `render`: itself, or its `side`, left or right, in stereo."""
+    evaluated = camera.evaluated_get(depsgraph)
+    data, matrix = evaluated.data, np.array(evaluated.matrix_world, np.float64)
+    if not 0 <= data.clip_start < data.clip_end:
+        raise CrowdError(
+            f"The camera {camera.name} clips from {data.clip_start:g} to {data.clip_end:g} m: the end must lie behind the start."
+        )
+    kind = data.type if data.type in ("PERSP", "ORTHO") else "PANO"
+    eyes = stereo.Stereo(
+        data.stereo.convergence_mode,
+        data.stereo.pivot,
+        data.stereo.interocular_distance,
+        data.stereo.convergence_distance,
+    )
+    spherical = side is not None and data.stereo.use_spherical_stereo and kind != "ORTHO"
+    shift_x = data.shift_x
+    if side is not None and not spherical:
+        matrix, slope = stereo.eye(matrix, eyes, side)
+        shift_x += slope * data.lens / data.sensor_width if kind != "PANO" else 0.0
+    pixels = image_size(render)
+    origin, X, Y, Z = referential(matrix, camera.name)
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    cone, density = _panorama(data, pixels, sensor) if kind == "PANO" else (np.pi, None)
+    film = Camera(
+        kind=kind,
+        origin=origin,
+        X=X,
+        Y=Y,
+        Z=Z,
+        window=window(
+            data.ortho_scale if kind == "ORTHO" else sensor / data.lens,
+            data.sensor_fit,
+            pixels,
+            (render.pixel_aspect_x, render.pixel_aspect_y),
+            (shift_x, data.shift_y),
+        ),
+        near=data.clip_start,
+        far=data.clip_end,
+        pixels=pixels,
+        cone=cone,
+        density=density,
+    )
+    if data.dof.use_dof:
+        film = _focused(film, data, depsgraph)
+    return stereo.spherical(film, eyes) if spherical else film
+
+
+def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], sensor: float) -> tuple[float, float]:
+    """(cone in radians, pixels per radian in the picture's middle) of a panoramic camera.
+
+    Fisheyes end at half their field of view from the axis; of the others every direction is taken for seen. A CUSTOM
+    camera's shader may do anything with its rays' directions; that it moves their origins is not foreseen.
+    """
+    width, height = pixels
+    half = min(np.pi, data.fisheye_fov / 2)
+    types = {
+        "FISHEYE_EQUIDISTANT": (half, width / data.fisheye_fov),
+        "FISHEYE_EQUISOLID": (half, max(pixels) * data.fisheye_lens / sensor),
+        "FISHEYE_LENS_POLYNOMIAL": (half, max(pixels) / sensor / max(abs(data.fisheye_polynomial_k1), 1e-6)),
+        "EQUIRECTANGULAR": (
+            np.pi,
+            max(
+                width / max(abs(data.longitude_max - data.longitude_min), 1e-6),
+                height / max(abs(data.latitude_max - data.latitude_min), 1e-6),
+            ),
+        ),
+        "EQUIANGULAR_CUBEMAP_FACE": (np.pi, max(pixels) / (np.pi / 2)),
+        "MIRRORBALL": (np.pi, max(pixels) / 4),
+        "CENTRAL_CYLINDRICAL": (
+            np.pi,
+            width / max(abs(data.central_cylindrical_range_u_max - data.central_cylindrical_range_u_min), 1e-6),
+        ),
+    }
+    flat = (np.pi, max(pixels) * data.lens / sensor)
+    return flat if data.type == "CUSTOM" else types.get(data.panorama_type, flat)
+
+
+def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """`film` with the depth of field of `data`, as Cycles has it (blender_camera_from_object)."""
+    dof = data.dof
+    aperture = (1.0 if film.kind == "ORTHO" else data.lens * 1e-3) / (2 * max(dof.aperture_fstop, 1e-5))
+    focus = dof.focus_distance
+    if dof.focus_object is not None:
+        target = dof.focus_object.evaluated_get(depsgraph)
+        place = target.matrix_world
+        if dof.focus_subtarget and target.pose and dof.focus_subtarget in target.pose.bones:
+            place = place @ target.pose.bones[dof.focus_subtarget].matrix
+        focus = abs(float((np.array(place.translation) - film.origin) @ film.Z))
+    return lens_blur(film, aperture * max(1.0, 1 / max(dof.aperture_ratio, 1e-5)), max(focus, 1e-5))
+
+
+def camera_at(scene: bpy.types.Scene, time: float) -> tuple[Camera, ...]:
+    """The scene's cameras, as `read_cameras`, as they will be at `time`, in frames; the scene stays at its own time."""
+    return cameras_at(scene, [time])[0]
+
+
+def cameras_at(scene: bpy.types.Scene, times: Sequence[float]) -> list[tuple[Camera, ...]]:
+    """`camera_at` for several times."""
+    with scratch():
+        stage = bpy.data.scenes.new("Crowd LOD camera")
+        active = active_camera(scene)
+        for item in {active, *(_view_camera(scene, active, view.camera_suffix) for view in scene.render.views)}:
+            stage.collection.objects.link(item)
+        found = []
+        for time in times:
+            stage.frame_set(int(time // 1), subframe=time % 1)
+            found.append(cameras_from(scene, stage, stage.view_layers[0].depsgraph))
+        return found
+
+
+def read_shutter(scene: bpy.types.Scene, time: float) -> list[tuple[float, tuple[Camera, ...]]]:
+    """With motion blur, what camera.opened makes of the cameras while the shutter of the frame `time` is open: at its
+    beginning, middle and end, as Cycles samples them; else nothing."""
+    render = scene.render
+    if not render.use_motion_blur or render.motion_blur_shutter <= 0:
+        return []
+    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position]
+    times = [time + render.motion_blur_shutter * (part - opens) for part in (0.0, 0.5, 1.0)]
+    eyes = [opened(each) for each in zip(*cameras_at(scene, times), strict=True)]
+    return list(zip(times, zip(*eyes, strict=True), strict=True))

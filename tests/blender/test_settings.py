@@ -1,0 +1,134 @@
+"""Settings reach the method, and what it finds reaches the user: tilt, trouble, own thresholds, presets."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod import machine as machines
+from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators import populate, trouble
+from crowd_lod_extension.operators.levels import make_levels
+
+STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
+ "states": {"go": {"on": {"*": {"move": [%s, 0]}}}}}"""
+
+
+def relief(scene, scale=6.0):
+    """A height map of waves over the crowd's ground; the function z(x, y) where it is bilinear is HeightMap's."""
+    values = np.ones((8, 8, 4), np.float32)
+    values[..., 0] = np.random.default_rng(3).uniform(0, 1, (8, 8))
+    image = bpy.data.images.new("relief", 8, 8, float_buffer=True, is_data=True)
+    image.pixels.foreach_set(values.ravel())
+    scene.crowd_lod.height_image, scene.crowd_lod.height_scale = image, scale
+
+
+def turns(scene):
+    """{agent: (3, 3)} the rotation of each instance's matrix, from the depsgraph, by the point's id."""
+    found = {}
+    for each in bpy.context.evaluated_depsgraph_get().object_instances:
+        if each.is_instance and builder.LEVEL in each.parent.original and each.object.type == "MESH":
+            matrix = np.array(each.matrix_world, np.float64)
+            found[tuple(np.round(matrix[:2, 3], 4))] = matrix[:3, :3]
+    return found
+
+
+@pytest.mark.parametrize("forward", ["X", "-Y"])
+def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, forward):
+    relief(scene)
+    scene.crowd_lod.tilt, scene.crowd_lod.forward = True, forward
+    populate.store_groups(scene.crowd_lod, populate.measure_groups(scene))
+    list(make_levels(scene))
+    builder.build(scene)
+    scene.frame_set(7)
+    frame = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    heights, found, checked = populate.trajectory_of(scene).heights, turns(scene), 0
+    own_forward = np.array({"X": (1, 0, 0), "-Y": (0, -1, 0)}[forward])
+    steepest = 0.0
+    for agent in frame.buckets.order:
+        x, y, heading = (float(column[agent]) for column in (frame.crowd.x, frame.crowd.y, frame.crowd.heading))
+        turn, step = found[tuple(np.round(np.float32([x, y]).astype(float), 4))], 1e-4
+        rise = [heights.at(np.array([x + step * a]), np.array([y + step * b]))[0] for a, b in ((1, 0), (-1, 0), (0, 1), (0, -1))]
+        slope = np.array([rise[0] - rise[1], rise[2] - rise[3]]) / (2 * step)
+        normal = np.array([-slope[0], -slope[1], 1]) / np.sqrt(1 + slope @ slope)
+        if np.abs(heights.slope(np.array([x]), np.array([y])) - slope[:, None]).max() > 1e-5:
+            continue  # within a step of the border between two pixels
+        np.testing.assert_allclose(turn @ (0, 0, 1), normal, atol=1e-4)
+        way = turn @ own_forward
+        np.testing.assert_allclose(way[:2] / np.linalg.norm(way[:2]), (np.cos(heading), np.sin(heading)), atol=1e-4)
+        steepest, checked = max(steepest, np.degrees(np.arccos(normal[2]))), checked + 1
+    assert checked > 50 and steepest > 20
+    scene.crowd_lod.tilt = False
+    scene.frame_set(7)
+    assert all(abs(turn[2, 2] - 1) < 1e-6 for turn in turns(scene).values())
+
+
+def test_spheres_hold_characters_that_lean(scene):
+    relief(scene)
+    groups = populate.measure_groups(scene)
+    heights = populate.heights_of(scene.crowd_lod, populate.trajectory_of(scene, groups).world.area)
+    scene.crowd_lod.tilt = True
+    wide = populate.trajectory_of(scene, groups).groups
+    assert all(w.radius > g.radius * 1.1 and w.centre == g.centre for w, g in zip(wide, groups, strict=True))
+    x, y = np.random.default_rng(0).uniform(-20, 20, (2, 5000))
+    slope = np.stack(heights.slope(x, y))
+    normal = np.concatenate([-slope, np.ones((1, 5000))]) / np.sqrt(1 + (slope**2).sum(axis=0))
+    for g, w in zip(groups, wide, strict=True):  # the leant sphere lies within the widened, upright one
+        away = np.linalg.norm(g.centre * normal - [[0], [0], [g.centre]], axis=0)
+        assert (away + g.radius <= w.radius).all() and away.max() > 0.3 * (w.radius - g.radius)
+    scene.crowd_lod.height_image = None
+    assert populate.trajectory_of(scene, groups).groups == groups
+
+
+def machine(scene, text):
+    scene.crowd_lod.machine = bpy.data.texts.new("machine")
+    scene.crowd_lod.machine.from_string(text)
+
+
+def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
+    machine(scene, STUCK % "1.5")
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    assert "stand for good" in scene.crowd_lod.trouble and f"{scene.crowd_lod.count} agents" in scene.crowd_lod.trouble
+    found = trouble.find(populate.trajectory_of(scene))
+    (row,) = found.rows
+    assert row["kind"] == "stuck" and row["agents"] == 300 and row["count"] == 300
+    assert row["column"] == 63 and 19 < row["place"][0] < 20 and found.agents == 300
+    scene.crowd_lod.machine = None
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    assert scene.crowd_lod.trouble == ""
+
+
+def test_the_search_for_trouble_is_bounded_and_says_so(scene, monkeypatch):
+    machine(scene, STUCK % "1.5")
+    populate.store_groups(scene.crowd_lod, populate.measure_groups(scene))
+    monkeypatch.setattr(trouble, "MOST_AGENTS", 40)
+    few = trouble.find(populate.trajectory_of(scene))
+    assert few.agents == 40 and few.rows[0]["agents"] == 40
+    assert "Only the first 40 of 300 agents" in few.sentence
+    machine(scene, STUCK % "15000")
+    fast = trouble.find(populate.trajectory_of(scene))
+    assert fast.seconds < 1 and "s ahead" in fast.sentence
+
+
+def test_thresholds_of_a_group_s_own_reach_the_frame_and_outlive_populate(scene):
+    bpy.ops.crowd_lod.populate()
+    settings = scene.crowd_lod
+    before = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    settings.groups[1].own_thresholds = True
+    settings.groups[1].thresholds[:2] = (0.01, 0.02)
+    settings.groups[1].sizes[:2] = (150, 90)
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    policy = populate.policy_of(settings)
+    assert policy.thresholds == (0.2, 0.5) and policy.group_thresholds == ((), (0.01, 0.02))
+    after = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    own = after.crowd.group == 1
+    assert (after.levels[~own] == before.levels[~own]).all()
+    assert (before.levels[own & after.visible] < 2).any() and (after.levels[own & after.visible] == 2).all()
+    settings.metric = "PIXELS"
+    assert populate.policy_of(settings).group_thresholds == ((), (150, 90))
+
+
+@pytest.mark.parametrize("name", machines.preset_names())
+def test_presets_come_as_text_that_the_artist_can_edit(scene, name):
+    bpy.data.texts.new(f"{name}.json").from_string("mine")
+    assert bpy.ops.crowd_lod.machine_preset(name=name) == {"FINISHED"}
+    assert populate.machine_of(scene.crowd_lod).text == machines.preset_text(name)
+    assert bpy.data.texts[f"{name}.json"].as_string().strip() == "mine"

@@ -1,0 +1,127 @@
+"""The overlay follows everything that the plan follows: eyes, shutter, height and detail maps, hysteresis."""
+
+from types import SimpleNamespace
+
+import bpy
+import gpu
+import numpy as np
+import pytest
+from crowd_lod_extension.operators import overlay, registration
+from crowd_lod_extension.operators.populate import frame_of
+
+
+@pytest.fixture(scope="module", autouse=True)
+def extension():
+    gpu.init()
+    registration.register()
+    yield
+    registration.unregister()
+
+
+@pytest.fixture
+def scene():
+    """Tetrahedra that walk, before a camera that pans fast."""
+    scene = bpy.data.scenes.new("follow all")
+    characters = bpy.data.collections.new("characters")
+    scene.collection.children.link(characters)
+    mesh = bpy.data.meshes.new("one")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 2)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+    characters.objects.link(bpy.data.objects.new("one", mesh))
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    camera.location, camera.data.clip_end = (0, -40, 2), 80
+    for frame, turn in ((1, -0.8), (21, 0.8)):
+        camera.rotation_euler = (1.5708, 0, turn)
+        camera.keyframe_insert("rotation_euler", frame=frame)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.crowd_lod.characters, scene.crowd_lod.count = characters, 2000
+    scene.crowd_lod.overlay = True
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    scene.frame_set(11)
+    yield scene
+    bpy.data.scenes.remove(scene)
+    bpy.data.batch_remove([*characters.objects, characters, camera])
+
+
+def shown(scene):
+    layer = scene.view_layers[0]
+    layer.update()
+    return overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
+
+
+def image(name, value):
+    made = bpy.data.images.new(name, 4, 4, float_buffer=True, is_data=True)
+    made.pixels.foreach_set(np.full(64, value, np.float32))
+    return made
+
+
+def assert_as_planned(scene):
+    now, planned = shown(scene).frame, frame_of(scene, scene.view_layers[0].depsgraph)
+    assert (now.visible == planned.visible).all() and (now.levels == planned.levels).all()
+    assert (now.crowd.z == planned.crowd.z).all()
+    return now
+
+
+def test_the_overlay_shows_what_the_plan_plans(scene):
+    before = assert_as_planned(scene)
+    settings, render = scene.crowd_lod, scene.render
+    settings.bias_image = image("bias", 1.0)
+    finer = assert_as_planned(scene)
+    assert (finer.levels <= before.levels).all() and (finer.levels < before.levels).any()
+    settings.height_image, settings.height_scale = image("height", 1.0), 4.0
+    assert np.allclose(assert_as_planned(scene).crowd.z, 4.0)
+    settings.height_scale = 2.0
+    assert np.allclose(assert_as_planned(scene).crowd.z, 2.0)
+    alone = shown(scene).frame.visible.sum()
+    render.use_multiview, scene.camera.data.stereo.interocular_distance = True, 8.0
+    assert assert_as_planned(scene).visible.sum() > alone
+    render.use_multiview = False
+    render.use_border, render.border_max_x, settings.cull_to_border = True, 0.3, True
+    assert assert_as_planned(scene).visible.sum() < alone
+
+
+def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monkeypatch):
+    still = shown(scene)
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
+    names = {s.name for s in bpy.data.scenes}
+    shown(scene)
+    assert bpy.app.timers.is_registered(overlay._read_shutters)
+    assert {s.name for s in bpy.data.scenes} == names
+    assert overlay._read_shutters() is None
+    blurred = assert_as_planned(scene)
+    assert (blurred.visible >= still.frame.visible).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
+    monkeypatch.setattr(overlay, "plan", None)
+    assert shown(scene).frame is blurred
+
+
+def test_a_painted_detail_map_is_seen_and_one_that_stays_is_kept(scene, monkeypatch):
+    scene.crowd_lod.bias_image = image("bias", 128 / 255)
+    first = shown(scene)
+    monkeypatch.setattr(overlay, "LOOK_AGAIN", 0.0)
+    assert shown(scene) is first
+    scene.crowd_lod.bias_image.pixels.foreach_set(np.zeros(64, np.float32))
+    assert (shown(scene).frame.levels >= first.frame.levels).all() and shown(scene).frame.levels.sum() > first.frame.levels.sum()
+
+
+def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):
+    scene.animation_data_clear()
+    changes = {}
+    for width in (0.0, 0.3):
+        scene.crowd_lod.hysteresis = width
+        scene.frame_set(1)
+        overlay._shown.clear()
+        before, count = shown(scene).frame, 0
+        assert (before.levels == frame_of(scene, scene.view_layers[0].depsgraph).levels).all()
+        for step in (3, -3, 3, -3):
+            scene.camera.location.y += step
+            now = shown(scene).frame
+            planned = frame_of(scene, scene.view_layers[0].depsgraph)
+            assert (now.visible == planned.visible).all()
+            assert now.buckets.counts.sum() == planned.buckets.counts.sum() == now.visible.sum()
+            assert (np.bincount(now.levels[now.visible], minlength=3) == now.buckets.counts).all()
+            count, before = count + int((now.levels != before.levels).sum()), now
+        changes[width] = count
+        if not width:
+            assert (now.levels == planned.levels).all()
+    assert changes[0.0] > 200 and changes[0.3] < changes[0.0] / 10
