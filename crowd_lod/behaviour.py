@@ -19,7 +19,7 @@ import numpy as np
 from . import chance
 from .agents import Crowd, Group
 from .errors import CrowdError
-from .lean import ALL, NOTHING, ONE_GROUP, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
+from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
 
@@ -143,7 +143,7 @@ def advance(
         y[agents] = np.clip(to_y, area.y_min, area.y_max)
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
         heading[agents] = np.where(speed > 0, np.arctan2(velocity[:, 1], velocity[:, 0]), heading[agents])
-        per_metre, per_second = cycles[0 if ONE_GROUP in leave else crowd.group[agents]].T
+        per_metre, per_second = cycles[0 if ONE_ACTION in leave else crowd.group[agents]].T
         phase[agents] = (phase[agents] + span * (per_metre * speed + per_second)) % 1.0
         if machine.timed:
             wait[agents] -= span
@@ -314,7 +314,7 @@ class Trajectory:
                 frame, crowd = nearest, self._kept[nearest]
             while frame < target:
                 frame, crowd = frame + 1, self._step(crowd, 1.0)
-                if frame % self.every == 0:
+                if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
                     self._kept[frame] = crowd
             self._latest = frame, crowd
             return crowd

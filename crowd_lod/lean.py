@@ -22,6 +22,7 @@ STILL = LeftOut("behaviour", "No agent ever moves or changes its state: behaviou
 UNCHANGING = LeftOut("behaviour", "No label on the map changes a state: no transition is looked up.")
 ONE_LABEL = LeftOut("behaviour", "The map bears one label: it is not looked up.")
 NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
+ONE_ACTION = LeftOut("behaviour", "There is one character group: its action's pace is a number, not one looked up for each agent.")
 ONE_GROUP = LeftOut("culling", "There is one character group: its sphere is a number, not one looked up for each agent.")
 FLAT = LeftOut("culling", "All agents stand at one height: two products a plane instead of three.")
 ALL_INSIDE = LeftOut("culling", "All agents lie inside the picture: none is tested by itself.")
@@ -31,7 +32,8 @@ ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: th
 
 # In the order of the pipeline.
 ITEMS = (
-    STATIC, STILL, UNCHANGING, ONE_LABEL, NO_HEIGHTS, ONE_GROUP, FLAT, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
+    STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_ACTION, NO_HEIGHTS,
+    ONE_GROUP, FLAT, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
 NOTHING = frozenset()
@@ -48,10 +50,13 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
         UNCHANGING: unchanging,
         ONE_LABEL: len(labels) == 1,
         NO_HEIGHTS: not relief,
+        ONE_ACTION: groups == 1,
         ONE_GROUP: groups == 1,
         # with several groups the product would be looked up for each agent, which costs more than it saves
         FLAT: groups == 1 and not relief and len(crowd) > 0 and (crowd.z == crowd.z[0]).all(),
     }
+    if holds[STILL]:  # then there are no steps to make shorter
+        holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_ACTION), False)
     return frozenset(item for item, true in holds.items() if true)
 
 
