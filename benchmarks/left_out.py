@@ -5,6 +5,7 @@ python benchmarks/left_out.py [AGENTS]    1,000,000 if not given
 
 import sys
 
+import numpy as np
 from crowd_lod_extension.crowd_lod.agents import Group, populate
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera, Window
@@ -17,25 +18,25 @@ STAND = '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"
 WALK = STAND.replace('{"*": {}}', '{"*": {"move": [1.25, 0.5]}}').replace('"labels"', '"edge": "wrap", "labels"')
 
 
-def camera(height: float, half: float, far: float, near: float = 0.1) -> Camera:
-    """Straight down from `height` metres."""
-    import numpy as np
-
-    X, Y, Z = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]])
-    return Camera("PERSP", np.array([0, 0, height]), X, Y, Z, Window(-half, half, -half, half), near, far, (1920, 1080))
+def camera(origin: tuple, pitch: float, half: float, far: float) -> Camera:
+    """At `origin`, metres, looking along +y and `pitch` radians down."""
+    X, c, s = np.array([1.0, 0, 0]), np.cos(pitch), np.sin(pitch)
+    Y, Z = np.array([0, s, c]), np.array([0, c, -s])
+    return Camera("PERSP", np.array(origin, float), X, Y, Z, Window(-half, half, -half, half), 0.1, far, (1920, 1080))
 
 
 def main(agents: int) -> None:
     walker = Group("walker", 0.9, 1.0, 1.25, 1.0, (1000, 400, 120), (2000, 800, 240))
     area, three = Area(-200, -200, 200, 200), LevelPolicy((0.2, 0.6))
-    some, all_, none = camera(150, 0.6, 400), camera(300, 3.0, 600), camera(300, 0.6, 100)
+    some, all_, none = camera((0, -210, 60), 0.2, 0.5, 400), camera((0, -300, 150), 0.4, 4.0, 700), camera((0, 300, 60), 0, 0.5, 400)
     chapter, walk, stand = load_preset("chapter"), parse(WALK, "walk"), parse(STAND, "stand")
     cases = {
-        "nothing but flat ground": (chapter, 3, some, three),
+        "three groups, some visible": (chapter, 3, some, three),
         "one group": (chapter, 1, some, three),
         "one label": (walk, 3, some, three),
         "all inside, three groups": (chapter, 3, all_, three),
-        "all outside, three groups": (chapter, 3, none, three),
+        "all inside, one LOD": (chapter, 3, all_, LevelPolicy(())),
+        "all outside, three LODs": (chapter, 3, none, three),
         "one LOD": (chapter, 3, some, LevelPolicy(())),
         "nobody moves": (stand, 3, some, three),
     }

@@ -10,7 +10,7 @@ import numpy as np
 from .behaviour import Trajectory
 from .camera import Camera
 from .frame import plan
-from .lean import ALL, ITEMS, NO_HEIGHTS, STATIC, LeftOut
+from .lean import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
 from .levels import LevelPolicy
 from .maps import HeightMap
 
@@ -39,9 +39,13 @@ def savings(
     bare = start if trajectory.heights is None else replace(start, z=trajectory.start.z)
 
     def measured(leave: frozenset[LeftOut]) -> tuple[np.ndarray, tuple[LeftOut, ...]]:
-        """(milliseconds of behaviour and of the rest, what was left out) of the frame after one that is planned."""
-        shot = replace(trajectory, start=bare, leave=leave, first_frame=time - 2, _kept={}, _lock=threading.Lock())
-        plan(shot, camera, policy, time - 1, *more)
+        """(milliseconds of behaviour and of the rest, what was left out) of the frame."""
+        settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
+        first = time - 2 if settled else time - 1
+        shot = replace(trajectory, start=bare, leave=leave, first_frame=first, _kept={}, _lock=threading.Lock())
+        shot.left_out = leave & trajectory.left_out  # of the whole shot, not of what is still to come
+        if settled:
+            plan(shot, camera, policy, time - 1, *more)
         frame = plan(shot, camera, policy, time, *more)
         behaviour, *rest = frame.milliseconds.values()
         return np.array([behaviour, sum(rest)]), frame.left_out
