@@ -267,3 +267,20 @@ def test_presets_lean_and_full():
         world = LabelMap(random.integers(len(table.labels), size=(11, 13), dtype=np.uint8), AREA)
         trajectory = shot(table, world, (Group("g", 1.0, 1.1, 0.0, 1.3),), 300)
         left(trajectory, straight(offset=(0, 30, 0)), POLICY, 30.5)
+
+
+@pytest.mark.parametrize("side", ["right", "far"])
+def test_a_small_character_past_a_plane_that_a_large_one_would_reach_over(side):
+    trajectory = shot(groups=(walker(), replace(walker(), radius=20.0)))
+    start = trajectory.start
+    values = start.x if side == "right" else start.y
+    group = start.group.copy()
+    group[values.argmax()], group[values.argmin()] = 0, 1
+    trajectory = replace(trajectory, start=replace(start, group=group), _kept={})
+    window = replace(straight().window, left=-60, right=60, bottom=-60, top=60)
+    camera = replace(straight(), kind="ORTHO", window=window, far=110.0, origin=np.array([0, -2, 0]))
+    edge = float(values.max()) - 1.5
+    past = replace(camera, window=replace(window, right=edge)) if side == "right" else replace(camera, far=edge + 2)
+    assert lean.ALL_INSIDE in left(trajectory, camera)
+    assert lean.ALL_INSIDE not in left(trajectory, past)
+    assert not plan(trajectory, past, POLICY, 9).visible[values.argmax()]
