@@ -12,12 +12,14 @@ cells touch at their corners only. A timer that ends within a step cuts it too.
 
 import threading
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from . import chance
 from .agents import Crowd, Group
 from .errors import CrowdError
+from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
 
@@ -38,15 +40,23 @@ class Tally:
     held: np.ndarray
 
 
-def step(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float) -> Crowd:
+def step(
+    crowd: Crowd,
+    machine: StateMachine,
+    world: LabelMap,
+    cycles: np.ndarray,
+    seconds: float,
+    leave: frozenset[LeftOut] = NOTHING,
+) -> Crowd:
     """The crowd `seconds` later, by one step of listing 1.1 cut at the cells' borders.
 
     cycles: (G, 2) float64 from `cycles_of`. Agents that reach the map's edge meet the machine's policy: `clamp` slides
     along it, `stop` stands, `wrap` goes on at the other side, `reflect` goes on mirrored until the state changes.
+    leave: what of it to leave out, from lean.needless.
     CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
     """
     check_speeds(machine, world, seconds)
-    return advance(crowd, machine, world, cycles, seconds)[0]
+    return advance(crowd, machine, world, cycles, seconds, leave=leave)[0]
 
 
 def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
@@ -67,7 +77,9 @@ def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None
         )
 
 
-def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False):
+def advance(
+    crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False, leave=NOTHING
+):
     """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
     further than out of the cell on whose border it stands, and reads the table again (walk.py)."""
     area = world.area
@@ -86,11 +98,15 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
     while len(rest):
         if machine.timed:
             _time_out(machine, agents, state, wait, key)
-        old, label = state[agents], world.labels[row, column]
-        velocity = machine.velocity[old, label]
-        new = machine.following(old, label, key[agents])
-        changed = new != old
-        state[agents] = new
+        old = state[agents]
+        label = world.labels[:1, 0] if ONE_LABEL in leave else world.labels[row, column]
+        velocity = machine.velocity[:, label[0]][old] if ONE_LABEL in leave else machine.velocity[old, label]
+        if UNCHANGING in leave:
+            changed = np.zeros(len(rest), bool)
+        else:
+            new = machine.following(old, label, key[agents])
+            changed = new != old
+            state[agents] = new
         reads += len(rest)
         if reflects:
             velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)], axis=1)
@@ -121,13 +137,13 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
                 mirror[np.arange(len(x))[agents][c]] ^= flips
             if draws:
                 entered = np.zeros(len(rest), bool)
-                entered[c] = world.labels[row[c], column[c]] != label[c]
+                entered[c] = ONE_LABEL not in leave and world.labels[row[c], column[c]] != label[c]
                 key[agents] = chance.moved_on(key[agents], entered)
         x[agents] = np.clip(to_x, area.x_min, area.x_max)
         y[agents] = np.clip(to_y, area.y_min, area.y_max)
         speed = np.hypot(velocity[:, 0], velocity[:, 1])
         heading[agents] = np.where(speed > 0, np.arctan2(velocity[:, 1], velocity[:, 0]), heading[agents])
-        per_metre, per_second = cycles[crowd.group[agents]].T
+        per_metre, per_second = cycles[0 if ONE_ACTION in leave else crowd.group[agents]].T
         phase[agents] = (phase[agents] + span * (per_metre * speed + per_second)) % 1.0
         if machine.timed:
             wait[agents] -= span
@@ -232,7 +248,7 @@ class Trajectory:
 
     Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
     `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one crowd is kept, so that going back is cheap;
-    Blender may ask from several threads.
+    Blender may ask from several threads. leave: what may be left out where the scene does not need it (lean.py).
     """
 
     start: Crowd
@@ -243,6 +259,7 @@ class Trajectory:
     first_frame: int = 1
     every: int = 16
     heights: HeightMap | None = None
+    leave: frozenset[LeftOut] = ALL
     _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
@@ -250,16 +267,44 @@ class Trajectory:
         self._cycles = cycles_of(self.groups)
         self._kept[0] = self.start
         self._latest = 0, self.start
+        self._ground = None, None
+        self.left_out = self.leave and self.leave & needless(
+            self.start, self.machine, self.world, len(self.groups), self.heights is not None
+        )
+        self.memo = None  # of frame.plan: a cache, never the truth
 
     def at(self, time: float) -> Crowd:
         """The crowd at `time`, in frames."""
         whole, part = divmod(max(time - self.first_frame, 0.0), 1.0)
         crowd = self._at_whole(int(whole))
         crowd = self._step(crowd, part) if part else crowd
-        return crowd if self.heights is None else replace(crowd, z=self.heights.at(crowd.x, crowd.y))
+        if self.heights is None:
+            return crowd
+        x, z = self._ground
+        if crowd.x is not x:  # who stands still, stands on the ground found before
+            z = self.heights.at(crowd.x, crowd.y)
+            self._ground = (crowd.x, z) if STILL in self.left_out else (None, None)
+        return replace(crowd, z=z)
+
+    @cached_property
+    def full(self) -> "Trajectory":
+        """The same with nothing left out."""
+        return replace(self, leave=NOTHING, _kept={}, _lock=threading.Lock())
 
     def _step(self, crowd: Crowd, frames: float) -> Crowd:
-        return step(crowd, self.machine, self.world, self._cycles, frames * self.seconds_per_frame)
+        seconds = frames * self.seconds_per_frame
+        if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
+            return self._play(crowd, seconds)
+        return step(crowd, self.machine, self.world, self._cycles, seconds, self.left_out)
+
+    def _play(self, crowd: Crowd, seconds: float) -> Crowd:
+        """The crowd `seconds` later where nothing but the actions that play by time goes on: as `advance` rounds it."""
+        per_second = self._cycles[:, 1]
+        if not per_second.any():
+            return crowd
+        phase = ((crowd.phase + seconds * per_second[crowd.group]) % 1.0).astype(np.float32)
+        phase[phase >= 1] = 0
+        return replace(crowd, phase=phase)
 
     def _at_whole(self, target: int) -> Crowd:
         with self._lock:
@@ -269,7 +314,7 @@ class Trajectory:
                 frame, crowd = nearest, self._kept[nearest]
             while frame < target:
                 frame, crowd = frame + 1, self._step(crowd, 1.0)
-                if frame % self.every == 0:
+                if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
                     self._kept[frame] = crowd
             self._latest = frame, crowd
             return crowd

@@ -1,12 +1,14 @@
 """View-frustum culling: the radar test (chapter eqs 1.4 to 1.6, listing 1.2)."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from .agents import Crowd
 from .camera import Camera, Planes, planes, stretch
 from .errors import CrowdError
+from .lean import FLAT, NOTHING, ONE_GROUP, LeftOut
 
 # Agents a block: its few float64 columns stay in the processor's cache.
 BLOCK = 16_384
@@ -26,6 +28,9 @@ def radar(
     radius: np.ndarray,
     margin: float | None = None,
     radial: bool = False,
+    leave: frozenset[LeftOut] = NOTHING,
+    every: bool | None = None,
+    measure: bool = True,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(visible, distance): which agents any of the cameras may see, and how far away they are.
 
@@ -39,44 +44,140 @@ def radar(
     |v| with `radial` and for panoramic cameras; with several cameras the least, so that all show the finest LOD that
     one needs. Agents exactly on a plane are visible; those at NaN or infinity are not. Positions relative to the camera
     are formed in float64.
+
+    leave: what the crowd does not need, from lean.needless. every: the answer for all, from `bounds`, if it is known.
+    measure: whether distances are asked for; inf stands for those that are not.
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
     frustums = [None if camera.kind == "PANO" else planes(camera) for camera in cameras]
     count = len(crowd)
-    visible, distance = np.zeros(count, bool), np.full(count, np.inf)
+    visible, distance = np.full(count, bool(every)), np.full(count, np.inf)
+    if every is not None and not measure:
+        return visible, distance
+    height = crowd.z[0] + centre if FLAT in leave else None
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         for begin in range(0, count, BLOCK):
             block = slice(begin, begin + BLOCK)
-            group = crowd.group[block]
-            z, r = crowd.z[block] + centre[group], radius[group] if margin is None else 0.0
+            group = 0 if ONE_GROUP in leave else crowd.group[block]
+            z = crowd.z[block] + centre[group] if height is None else height[group]
+            r = radius[group] if margin is None else 0.0
             for camera, frustum in zip(cameras, frustums, strict=True):
                 v = crowd.x[block] - camera.origin[0], crowd.y[block] - camera.origin[1], z - camera.origin[2]
                 depth = _dot(v, camera.Z)
                 range_ = np.sqrt(_dot(v, v)) if radial or frustum is None or camera.turn else None
-                reach = r + camera.pad
-                if camera.turn:
-                    reach = reach + camera.turn * (range_ + reach)
-                slack = ROUNDING * (np.abs(v[0]) + np.abs(v[1]) + np.abs(v[2]) + np.abs(camera.origin[2]) + reach) + TINY
-                if frustum is None:
-                    inside = _in_cone(camera, v, depth, range_, reach + slack)
-                else:
-                    inside = _in_frustum(frustum, v, depth, reach + frustum.rounding * slack, margin)
-                visible[block] |= inside & np.isfinite(slack)
-                np.fmin(distance[block], range_ if radial or frustum is None else depth, out=distance[block])
+                if every is None:
+                    reach, slack = _reach(camera, v, range_, r)
+                    if frustum is None:
+                        inside = _in_cone(camera, v, depth, range_, reach + slack)
+                    else:
+                        inside = _in_frustum(frustum, v, depth, reach + frustum.rounding * slack, margin)
+                    visible[block] |= inside & np.isfinite(slack)
+                if measure:
+                    np.fmin(distance[block], range_ if radial or frustum is None else depth, out=distance[block])
     return visible, distance
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What holds for all agents. every: whether the radar keeps all (True), none (False), or some, as far as is known
+    (None). finite: no agent stands at NaN or infinity. nearest, farthest: between these lie all its distances, metres."""
+
+    every: bool | None = None
+    finite: bool = False
+    nearest: float = -np.inf
+    farthest: float = np.inf
+
+
+def bounds(
+    crowd: Crowd,
+    cameras: Sequence[Camera],
+    centre: np.ndarray,
+    radius: np.ndarray,
+    margin: float | None = None,
+    radial: bool = False,
+    leave: frozenset[LeftOut] = NOTHING,
+) -> Bounds:
+    """What `radar`, with the same arguments, will find for all agents, from the box about them.
+
+    Rounding keeps the order of numbers: x <= y gives fl(x) <= fl(y). So of each of the radar's terms, formed with the
+    same operations in the same order, the box's corners (of |v|: its nearest point) bound the agents' own, roundings
+    included, and the answer is the radar's to the bit.
+    """
+    if not len(crowd):
+        return Bounds()
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        z = crowd.z[:1] if FLAT in leave else crowd.z
+        low = np.array([crowd.x.min(), crowd.y.min(), z.min() + centre.min()])
+        high = np.array([crowd.x.max(), crowd.y.max(), z.max() + centre.max()])
+        if not np.isfinite([low, high]).all():
+            return Bounds()
+        r = (radius.min(), radius.max()) if margin is None else (0.0, 0.0)
+        each = [_bounds(camera, low, high, r, margin, radial) for camera in cameras]
+    answers = [one.every for one in each]
+    return Bounds(
+        every=True if True in answers else None if None in answers else False,
+        finite=True,
+        nearest=min(one.nearest for one in each),
+        farthest=min(one.farthest for one in each),
+    )
+
+
+def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin: float | None, radial: bool) -> Bounds:
+    """The bounds for one camera of the spheres with their centres in the box low, high (3,), of the radii r[0] to r[1]."""
+    low, high = low - camera.origin, high - camera.origin
+    corners = tuple(np.stack(np.meshgrid(*zip(low, high, strict=True))).reshape(3, 8))
+    nearest = tuple(np.clip(0.0, low, high)[:, None])
+    close, away = np.sqrt(_dot(nearest, nearest)), np.sqrt(_dot(corners, corners))
+    (least, little), (most, much) = _reach(camera, nearest, close, r[0]), _reach(camera, corners, away, r[1])
+    depth = _dot(corners, camera.Z)
+    if camera.kind == "PANO":
+        least, most = (least + little).min(), (most + much).max()
+        begin, end = camera.near * (1 - ROUNDING), camera.far * (1 + ROUNDING)
+        inside = camera.cone >= np.pi and close.min() >= begin - least and away.max() <= end + least
+        outside = close.min() > end + most or away.max() < begin - most
+    else:
+        frustum = planes(camera)
+        least, most = (least + frustum.rounding * little).min(), (most + frustum.rounding * much).max()
+        near, far, sides = _limits(frustum, margin)
+        along = depth * frustum.fixed[5]
+        beyond = [(_dot(corners, normal), side) for normal, side in zip(frustum.normals, sides, strict=False)]
+        inside = along.max() <= far + least and along.min() >= -near - least
+        inside = inside and all(d.max() <= least + side for d, side in beyond)
+        outside = along.min() > far + most or along.max() < -near - most
+        outside = outside or any(d.min() > most + side for d, side in beyond)
+    every = None if not np.isfinite(much).all() else True if inside else False if outside else None
+    if radial or camera.kind == "PANO":
+        return Bounds(every, True, float(close.min()), float(away.max()))
+    return Bounds(every, True, float(depth.min()), float(depth.max()))
+
+
+def _reach(camera: Camera, v: tuple, range_: np.ndarray | None, r: np.ndarray | float) -> tuple:
+    """(how far spheres of the radius r with their centres at v, |v| = range_, reach, the rounding of it), metres."""
+    reach = r + camera.pad
+    if camera.turn:
+        reach = reach + camera.turn * (range_ + reach)
+    least = np.abs(v[2]) + np.abs(camera.origin[2]) + reach
+    return reach, ROUNDING * (np.abs(v[0]) + np.abs(v[1]) + least) + TINY
+
+
+def _limits(frustum: Planes, margin: float | None) -> tuple:
+    """(near, far, the four sides): the planes' offsets with their rounding, the sides' with the fixed margin."""
+    near, far = frustum.offsets[4:] + ROUNDING * np.abs(frustum.offsets[4:])
+    sides = frustum.offsets[:4]
+    return near, far, sides + ROUNDING * np.abs(sides) + (margin or 0.0) * frustum.fixed[:4]
 
 
 def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray, margin: float | None) -> np.ndarray:
     """(b,) bool: spheres with their centres at v that reach no further than `bound` (b,) beyond any of the six planes.
     What lies before near or behind far, often the most, does not meet the sides."""
-    near, far = frustum.offsets[4:] + ROUNDING * np.abs(frustum.offsets[4:])
+    near, far, sides = _limits(frustum, margin)
     along = depth * frustum.fixed[5]
     inside = (along <= far + bound) & (along >= -near - bound)
     rest = np.flatnonzero(inside)
-    v, bound = tuple(component[rest] for component in v), bound[rest]
+    v, bound = tuple(component[rest] if np.ndim(component) else component for component in v), bound[rest]
     ok = np.ones(len(rest), bool)
-    for normal, offset, fixed in zip(frustum.normals[:4], frustum.offsets, frustum.fixed, strict=False):
-        ok &= _dot(v, normal) <= bound + (offset + ROUNDING * abs(offset) + (margin or 0.0) * fixed)
+    for normal, side in zip(frustum.normals, sides, strict=False):
+        ok &= _dot(v, normal) <= bound + side
     inside[rest] = ok
     return inside
 

@@ -19,18 +19,26 @@ from .populate import frame_of, policy_of, trajectory_of
 LEVEL = "crowd_lod_level"  # custom property of a point object: its LOD
 
 
-def build(scene: bpy.types.Scene) -> None:
-    """Put one point object a LOD into a new collection of the scene, in place of those of an earlier build."""
+def check_levels(scene: bpy.types.Scene) -> int:
+    """The number of LODs, if the scene's LOD meshes are those of its settings."""
     settings = scene.crowd_lod
     if settings.levels is None:
         raise CrowdError(f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the LOD panel.")
-    levels = settings.levels.children
-    count = policy_of(settings).count
-    if len(levels) < count or len(levels[0].children) != len(settings.groups):
+    levels, count = settings.levels.children, policy_of(settings).count
+    made = len(levels[0].children) if levels else 0
+    if len(levels) < count or made != len(settings.groups):
         raise CrowdError(
-            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {len(levels[0].children)} character groups) do not fit the "
-            f"settings ({count} of {len(settings.groups)}): press Make LOD Meshes again."
+            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do not fit the settings "
+            f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
         )
+    return count
+
+
+def build(scene: bpy.types.Scene) -> None:
+    """Put one point object a LOD into a new collection of the scene, in place of those of an earlier build."""
+    settings = scene.crowd_lod
+    count = check_levels(scene)
+    levels = settings.levels.children
     remove_build(settings)
     top = bpy.data.collections.new("Crowd LOD Build")
     top[OWNED] = True
@@ -89,13 +97,16 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     With motion blur every time within a frame's shutter shows that frame's buckets, at the positions of its own time:
     an agent that changed its LOD, and so its object, while the shutter is open would lose its blur.
     """
+    top = scene.crowd_lod.build
+    if {item.get(LEVEL) for item in top.objects} < set(range(check_levels(scene))):
+        raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
     time = scene.frame_current + scene.frame_subframe
     whole = shutter_frame(scene)
     camera = None if whole == time else cameras.camera_at(scene, whole)
     frame, trajectory = frame_of(scene, depsgraph, whole, camera), trajectory_of(scene)
     crowd = frame.crowd if whole == time else trajectory.at(time)
     slopes = trajectory.heights if scene.crowd_lod.tilt else None
-    write(scene.crowd_lod.build, crowd, frame.buckets, slopes)
+    write(top, crowd, frame.buckets, slopes)
 
 
 @bpy.app.handlers.persistent

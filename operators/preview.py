@@ -14,12 +14,22 @@ import numpy as np
 from ..crowd_lod import __version__, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
+from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
 from . import above, build, cameras
 from . import scene as io
 from .levels import TINTS, make_levels
 from .operator import Stepwise
-from .populate import characters_of, frame_of, machine_of, measure_groups, policy_of, store_groups, trajectory_of
+from .populate import (
+    bias_of,
+    characters_of,
+    frame_of,
+    machine_of,
+    measure_groups,
+    policy_of,
+    store_groups,
+    trajectory_of,
+)
 from .trouble import find
 
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}
@@ -258,8 +268,20 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -
             "engine": wanted.engine,
             "colour": wanted.colour,
         },
+        "left_out": _left_out(stage, wanted.frames[-1]),
         "frames": rows,
     }
+
+
+def _left_out(stage: bpy.types.Scene, number: int) -> list[dict]:
+    """What the scene did not need, why, and the milliseconds that this saves in the frame `number`."""
+    trajectory, settings = trajectory_of(stage), stage.crowd_lod
+    stage.frame_set(number)
+    eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
+    bias = bias_of(settings, trajectory.world.area)
+    time = max(float(number), trajectory.first_frame + 2.0)
+    found = savings(trajectory, eyes, policy_of(settings), time, (), bias)
+    return [{"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3)} for item, ms in found.items.items()]
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):

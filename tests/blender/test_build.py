@@ -155,3 +155,16 @@ def test_build_before_levels_is_refused(scene):
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
         builder.build(scene)
     assert scene.crowd_lod.build is None
+
+
+def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, capfd):
+    built.crowd_lod.level_count = 4
+    built.frame_set(2)
+    assert sum(1 for _ in instances(built)) == 0
+    assert "press Make LOD Meshes and Build again" in capfd.readouterr().err
+    list(make_levels(built))
+    built.frame_set(3)
+    assert "press Build again" in capfd.readouterr().err
+    builder.build(built)
+    built.frame_set(4)
+    assert sum(1 for _ in instances(built)) > 0

@@ -1,0 +1,75 @@
+"""What a scene does not need, each with its reason. The plan without it is the full pipeline's, bit for bit."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .agents import Crowd
+from .machine import StateMachine
+from .maps import LabelMap
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A part of the pipeline's `stage` that a scene does not need, and why."""
+
+    stage: str
+    reason: str
+
+
+STATIC = LeftOut("plan", "Neither an agent nor the camera moves: the plan made before holds.")
+STILL = LeftOut("behaviour", "No agent ever moves or changes its state: behaviour ran once, and only the action plays on.")
+UNCHANGING = LeftOut("behaviour", "No label on the map changes a state: no transition is looked up.")
+ONE_LABEL = LeftOut("behaviour", "The map bears one label: it is not looked up.")
+NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
+ONE_ACTION = LeftOut("behaviour", "There is one character group: its action's pace is a number, not one looked up for each agent.")
+ONE_GROUP = LeftOut("culling", "There is one character group: its sphere is a number, not one looked up for each agent.")
+FLAT = LeftOut("culling", "All agents stand at one height: two products a plane instead of three.")
+ALL_INSIDE = LeftOut("culling", "All agents lie inside the picture: none is tested by itself.")
+ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is tested by itself.")
+ONE_LEVEL = LeftOut("levels", "All agents lie in the range of one level of detail: distances are not measured.")
+ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: they are not sorted.")
+
+# In the order of the pipeline.
+ITEMS = (
+    STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_ACTION, NO_HEIGHTS,
+    ONE_GROUP, FLAT, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
+)  # fmt: skip
+ALL = frozenset(ITEMS)
+NOTHING = frozenset()
+
+
+def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, relief: bool) -> frozenset[LeftOut]:
+    """What no frame of the crowd that starts as `crowd` needs. relief: whether there is a height map."""
+    labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
+    states = np.flatnonzero(_reached(machine, crowd.state, labels))
+    here = np.ix_(states, labels)
+    unchanging = (machine.next_state[here] == states[:, None]).all() and (machine.next_choice[here] < 0).all()
+    holds = {
+        STILL: unchanging and not machine.timed and not machine.velocity[here].any(),
+        UNCHANGING: unchanging,
+        ONE_LABEL: len(labels) == 1,
+        NO_HEIGHTS: not relief,
+        ONE_ACTION: groups == 1,
+        ONE_GROUP: groups == 1,
+        # with several groups the product would be looked up for each agent, which costs more than it saves
+        FLAT: groups == 1 and not relief and len(crowd) > 0 and (crowd.z == crowd.z[0]).all(),
+    }
+    if holds[STILL]:  # then there are no steps to make shorter
+        holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_ACTION), False)
+    return frozenset(item for item, true in holds.items() if true)
+
+
+def _reached(machine: StateMachine, start: np.ndarray, labels: np.ndarray) -> np.ndarray:
+    """(S,) bool: the states that agents in the states `start` (n,) may ever be in on a map with `labels` (m,)."""
+    reached = np.bincount(start, minlength=len(machine.states)) > 0
+    if machine.chancy:
+        return np.ones_like(reached)
+    while True:
+        states = np.flatnonzero(reached)
+        timed = states[np.isfinite(machine.after[states]).any(axis=1)]
+        before = reached.sum()
+        reached[machine.next_state[np.ix_(states, labels)]] = True
+        reached[machine.then[timed]] = True
+        if reached.sum() == before:
+            return reached
