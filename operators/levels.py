@@ -1,7 +1,7 @@
 """LOD meshes: decimated copies of every character, in collections that the user can see and edit."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import bpy
@@ -74,7 +74,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     finally:
         if not done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
-    remove_levels(settings)
+    if settings.levels is not None:
+        remove_owned(settings.levels, levels)
     for block in bpy.data.user_map():
         if block not in before:
             block[OWNED] = True
@@ -87,15 +88,9 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     store_groups(settings, tuple(made))
 
 
-def remove_levels(settings) -> None:
-    """Remove the LOD collections and what they hold, as far as Crowd LOD made it."""
-    top, settings.levels = settings.levels, None
-    if top is not None:
-        remove_owned(top)
-
-
-def remove_owned(top: bpy.types.Collection) -> None:
-    """Remove the collection `top` and all that Crowd LOD made in it; what the user put there moves up into the scene."""
+def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
+    """Remove the collection `top` and all that Crowd LOD made in it; what the user put there moves up into the scene.
+    Whatever refers to a child of `top`, such as a build, then refers to the heir in its place."""
     inside = {top, *top.children_recursive}
     for item in list(top.all_objects):
         if not item.get(OWNED) and inside.issuperset(item.users_collection):
@@ -103,7 +98,10 @@ def remove_owned(top: bpy.types.Collection) -> None:
                 scene.collection.objects.link(item)
     objects = [o for o in top.all_objects if o.get(OWNED)]
     data = [o.data for o in objects if o.data is not None and o.data.get(OWNED)]
-    bpy.data.batch_remove([*objects, *data, *top.children_recursive, top])
+    doomed = [*objects, *data, *top.children_recursive, top]
+    for child, heir in zip(list(top.children), heirs, strict=False):
+        child.user_remap(heir)
+    bpy.data.batch_remove(doomed)
 
 
 def _source_mesh(item: bpy.types.Object) -> bpy.types.Mesh:

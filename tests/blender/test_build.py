@@ -168,3 +168,14 @@ def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, cap
     builder.build(built)
     built.frame_set(4)
     assert sum(1 for _ in instances(built)) > 0
+
+
+def test_levels_made_anew_take_the_place_of_those_that_a_build_shows(built):
+    before = [(level, matrix.tobytes()) for level, _, matrix in instances(built)]
+    built.crowd_lod.ratios[1] = 0.2
+    list(make_levels(built))
+    built.frame_set(1)
+    assert [(level, matrix.tobytes()) for level, _, matrix in instances(built)] == before
+    middle = {item.data.name: len(item.data.polygons) for level, item, _ in instances(built) if level == 1}
+    full = {item.data.name: 2 * len(item.data.polygons) for level, item, _ in instances(built) if level == 0}
+    assert sum(middle.values()) == pytest.approx(0.2 * sum(full.values()), rel=0.05)
