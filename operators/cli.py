@@ -11,9 +11,11 @@ from pathlib import Path
 import bpy
 
 from .. import sample_scenes
-from ..crowd_lod import __version__
+from ..crowd_lod import __version__, extremes
+from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.shot import parse_frames
+from . import report
 from . import scene as io
 from .preview import Preview, preview
 
@@ -82,6 +84,30 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
     command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: NAME.blend)")
     command.set_defaults(run=_sample)
+
+    about = "tables of error, run time and extreme cases"
+    reports = commands.add_parser("report", help=about, description=about.capitalize() + ".").add_subparsers(
+        required=True, metavar="REPORT"
+    )
+    command = _command(
+        reports, program, "error", "plot error against run time of a scene, with tables", "report error plaza --out plaza_error"
+    )
+    _scene(command, program)
+    command.add_argument("--out", type=Path, metavar="DIR", help="the folder for plots and tables (default: SCENE_error)")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--repeats", type=int, default=7, metavar="N", help="runs a time is the median of (default: 7)")
+    command.set_defaults(run=_report_error)
+    command = _command(
+        reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
+    )
+    command.add_argument("--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="other agents of the same cases")
+    command.add_argument("--out", type=Path, metavar="FILE", help="write the table to a Markdown file as well")
+    command.set_defaults(run=_report_extremes)
+    command = _command(reports, program, "cull", "judge the culling of random cameras, by lens", "report cull --pairs 1000000")
+    command.add_argument("--pairs", type=int, default=1_000_000, metavar="N", help="of camera and agent (default: 1 million)")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="other cameras and agents")
+    command.set_defaults(run=_report_cull)
     return parser
 
 
@@ -129,11 +155,9 @@ def _preview(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
     if args.seed is not None:
-        if not 0 <= args.seed < 2**31:
-            raise CrowdError(f"The seed is {args.seed}; give a whole number from 0 to {2**31 - 1}.")
-        settings.seed = args.seed
-    if args.width is not None and not 16 <= args.width <= 8192:
-        raise CrowdError(f"The width is {args.width} pixels; give one from 16 to 8192.")
+        settings.seed = _within("seed", args.seed, 0, 2**31 - 1)
+    if args.width is not None:
+        _within("width", args.width, 16, 8192)
     stem = Path(args.scene or bpy.data.filepath or "scene").stem
     folder = (args.out or Path(f"{stem}_preview")).absolute()
     wanted = Preview(
@@ -157,6 +181,42 @@ def _preview(args, command: list[str]) -> dict:
             f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{warning}{folder}"
         ),
     }
+
+
+def _within(what: str, value: int, least: int, most: int) -> int:
+    """The value; CrowdError names what lies outside its range."""
+    if not least <= value <= most:
+        raise CrowdError(f"The {what} is {value}; give a whole number from {least} to {most}.")
+    return value
+
+
+def _report_error(args, command: list[str]) -> dict:
+    repeats = _within("number of repeats", args.repeats, 1, 1000)
+    scene = open_scene(args.scene)
+    if args.seed is not None:
+        scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
+    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    folder = (args.out or Path(f"{stem}_error")).absolute()
+    result = _finish(report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
+    tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
+    summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), str(folder))))
+    return {**result, "tables": tables, "out": str(folder), "summary": summary}
+
+
+def _report_extremes(args, command: list[str]) -> dict:
+    most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
+    rows = _finish(report.cases(most, seed), "extreme cases", args.quiet)
+    text = extremes.to_text(rows)
+    if args.out:
+        report.write_cases(args.out.absolute(), text)
+    found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
+    return {"cases": found, "summary": text}
+
+
+def _report_cull(args, command: list[str]) -> dict:
+    pairs, seed = _within("number of pairs", args.pairs, 1, 10**9), _within("seed", args.seed, 0, 2**31 - 1)
+    rows = _finish(report.lenses(pairs, seed), "culling's audit", args.quiet)
+    return {"lenses": rows, "summary": report.lenses_text(rows)}
 
 
 def _sample(args, command: list[str]) -> dict:

@@ -1,0 +1,135 @@
+"""The reports: error against run time of a scene, the culling's audit, the extreme cases."""
+
+import os
+import platform
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..crowd_lod import __version__, audit, extremes, precision, report
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.levels import LevelPolicy
+from ..crowd_lod.shot import parse_frames
+from . import scene as io
+from .populate import measure_groups, policy_of, store_groups, trajectory_of
+
+MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
+VIEWS = 5  # frames of the scene, at even distances
+
+
+def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[float]:
+    """Write tables and plots of error against run time of `scene` into the folder, all or none; yields the progress and
+    returns a dict: machine, tables by name, files, and `without`, why there are no plots, or ""."""
+    with report.staged(folder) as stage:
+        io.active_camera(scene)
+        store_groups(scene.crowd_lod, measure_groups(scene))
+        trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
+        frames = parse_frames(scene.crowd_lod.frames, scene.crowd_lod.step)
+        chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, VIEWS).round().astype(int)})
+        cameras = io.cameras_at(scene, chosen)
+        views = [(precision.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, cameras, strict=True)]
+        centre = np.array([group.centre for group in trajectory.groups])
+        radius = np.array([group.radius for group in trajectory.groups])
+        crowd = precision.some(trajectory.start, MOST_AGENTS)
+        parts = {  # name: (rows to come, of about how many, share of the time)
+            "behaviour": (precision.behaviour(crowd, trajectory.machine, trajectory.world, trajectory.seconds_per_frame, repeats=repeats), 15, 0.6),
+            "drift": (precision.drifts(), 12, 0.1),
+            "culling": (precision.culling(views, centre, radius, policy.margin, repeats), 17, 0.15),
+            "levels": (precision.levels(views, centre, radius, _policies(policy), policy.metric, repeats), 18, 0.15),
+        }
+        tables, done = {}, 0.0
+        for name, (rows, about, share) in parts.items():
+            tables[name] = []
+            for row in rows:
+                tables[name].append(row)
+                yield min(done + share * len(tables[name]) / about, 0.99)
+            done += share
+        machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {repeats} runs"
+        for name, rows in tables.items():
+            (stage / f"error_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+        without = _plots(stage, tables, machine)
+        files = sorted(path.name for path in stage.iterdir())
+    yield 1.0
+    return {"machine": machine, "tables": tables, "files": files, "without": without}
+
+
+def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
+    """The scene's policy under each metric; thresholds of the other kind are made up."""
+    parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
+    sizes = policy.thresholds if policy.metric == "PIXELS" else tuple(200 / 2**k for k in range(policy.count - 1))
+    plain = replace(policy, tolerance=None, group_thresholds=())
+    return [replace(plain, metric=m, thresholds=sizes if m == "PIXELS" else parts) for m in ("AXIS", "RADIAL", "PIXELS")]
+
+
+def _plots(folder: Path, tables: dict, caption: str) -> str:
+    try:
+        from . import plots
+    except ImportError:
+        return "matplotlib is not in this Blender, so there are tables and no plots: the command crowd-lod in the shell has it."
+    plots.draw(folder, tables, caption)
+    return ""
+
+
+def machine_name() -> str:
+    """What the times were taken on."""
+    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
+    return f"{platform.system()} {platform.machine()} {_processor()}, {os.cpu_count()} CPUs; {versions}"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+    except OSError:
+        return platform.processor()
+
+
+def cases(most: int, seed: int) -> Iterator[float]:
+    """The extreme cases, each judged; yields the progress and returns a list of extremes.Row."""
+    rows, count = [], len(extremes.cases(most)) + 1
+    for row in extremes.table(most, seed):
+        rows.append(row)
+        yield len(rows) / count
+    return rows
+
+
+def write_cases(path: Path, text: str) -> None:
+    """The table of extremes as a Markdown file."""
+    words = (
+        "# Extreme cases\n\nEach is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
+        "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a plane, where a quarter of the agents "
+        "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states. Made with "
+        f"`crowd-lod report extremes --out {path.name}` on {machine_name()}.\n\n```\n{text}\n```\n"
+    )
+    beside = path.with_name(f".{path.name}.part")
+    try:
+        beside.write_text(words, encoding="utf-8")
+        beside.replace(path)
+    except OSError as error:
+        beside.unlink(missing_ok=True) if path.parent.is_dir() else None
+        raise CrowdError(f"The file {path} cannot be written ({error.strerror}): choose another with --out.") from None
+
+
+def lenses(pairs: int, seed: int) -> Iterator[float]:
+    """About `pairs` random pairs of camera and agent over all lenses; yields the progress and returns rows of dicts."""
+    rows = []
+    for lens in audit.LENSES:
+        v = audit.audit(lens, -(-pairs // len(audit.LENSES)), seed)
+        surplus, beside = 100 * v.surplus / max(v.kept, 1), 100 * v.beside / max(v.visible, 1)
+        counts = {"pairs": v.pairs, "visible": v.visible, "missed": v.missed}
+        rows.append({"lens": lens, **counts, "surplus_percent": round(surplus, 4), "beside_percent": round(beside, 3)})
+        yield len(rows) / len(audit.LENSES)
+    return rows
+
+
+def lenses_text(rows: list[dict]) -> str:
+    """The audit as lines of text."""
+    head = f"{'lens':14} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
+    lines = [
+        f"{r['lens']:14} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
+        for r in rows
+    ]
+    return "\n".join([head, *lines, "surplus: of those kept, not visible; beside: of those visible by the planes, beside the frustum's body"])
