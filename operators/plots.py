@@ -30,8 +30,9 @@ def draw(folder: Path, tables: dict[str, list[dict]], caption: str) -> None:
 def _figure(title: str, caption: str) -> Figure:
     figure = Figure(figsize=(12, 8), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(title, fontsize=14)
-    figure.supxlabel(fill(caption, 170), fontsize=8, color="#444444")
+    figure.text(0.5, 0.985, title, fontsize=14, ha="center", va="top")
+    figure.text(0.5, 0.945, fill(caption, 170), fontsize=8, color="#444444", ha="center", va="top")
+    figure.get_layout_engine().set(rect=(0, 0, 1, 0.93))
     return figure
 
 
@@ -47,6 +48,9 @@ def _axes(axes, floor: float, x: str, y: str) -> None:
     axes.text(0.01, floor, "0 (none)", transform=axes.get_yaxis_transform(), va="bottom", fontsize=8, color="#666666")
     axes.set(xlabel=x, ylabel=y)
     axes.margins(x=0.12, y=0.08)
+    low, high = axes.get_ylim()
+    if high < 100 * low:  # everything lies on the floor, or near it
+        axes.set_ylim(floor / 3, 1000 * floor)
     axes.grid(alpha=0.25, which="major")
 
 
@@ -60,6 +64,11 @@ def _points(axes, rows: list[dict], value, floor: float, **style) -> None:
 
 def _star(axes, row: dict, value, floor: float) -> None:
     axes.plot(row["ms"], max(value(row), floor), "*", ms=18, mfc="none", mec="black", mew=1.4, zorder=9, label="default")
+
+
+def _shared_legend(axes) -> None:
+    """One legend under both plots of the figure."""
+    axes.figure.legend(*axes.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=4, frameon=False)
 
 
 def _legend(axes) -> None:
@@ -127,7 +136,8 @@ def _culling(axes, rows: list[dict], what: str, legend: bool) -> None:
             _star(axes, row, lambda r: r[what], floor)
     says = {"missed": "missed: visible agents culled", "surplus": "surplus: agents kept for nothing"}
     _axes(axes, floor, "ms per frame (bars: least to most)", f"{says[what]}, per frame of {rows[0]['visible']:,.0f} visible")
-    _legend(axes)
+    if legend:
+        _shared_legend(axes)
 
 
 def _levels(axes, rows: list[dict], what: str, legend: bool) -> None:
@@ -143,4 +153,5 @@ def _levels(axes, rows: list[dict], what: str, legend: bool) -> None:
             _star(axes, row, lambda r: r[what], floor)
     says = {"differ_ppm": "LOD ids that differ, of a million", "worst_m": "worst error of the distance, m"}
     _axes(axes, floor, "ms per frame (bars: least to most)", says[what])
-    _legend(axes)
+    if legend:
+        _shared_legend(axes)

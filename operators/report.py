@@ -13,7 +13,7 @@ from ..crowd_lod import __version__, audit, extremes, precision, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
-from . import scene as io
+from . import cameras
 from .populate import measure_groups, policy_of, store_groups, trajectory_of
 
 MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
@@ -24,13 +24,13 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
     """Write tables and plots of error against run time of `scene` into the folder, all or none; yields the progress and
     returns a dict: machine, tables by name, files, and `without`, why there are no plots, or ""."""
     with report.staged(folder) as stage:
-        io.active_camera(scene)
+        cameras.active_camera(scene)
         store_groups(scene.crowd_lod, measure_groups(scene))
         trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
         frames = parse_frames(scene.crowd_lod.frames, scene.crowd_lod.step)
         chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, VIEWS).round().astype(int)})
-        cameras = io.cameras_at(scene, chosen)
-        views = [(precision.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, cameras, strict=True)]
+        seen = cameras.cameras_at(scene, chosen)
+        views = [(precision.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
         centre = np.array([group.centre for group in trajectory.groups])
         radius = np.array([group.radius for group in trajectory.groups])
         crowd = precision.some(trajectory.start, MOST_AGENTS)

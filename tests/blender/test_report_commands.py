@@ -1,0 +1,54 @@
+"""The report commands, run small."""
+
+import csv
+import json
+import os
+
+import pytest
+from crowd_lod_extension.operators import cli
+
+
+def run(*words):
+    return cli._run([str(word) for word in words], "crowd-lod")
+
+
+def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
+    assert run("report", "error", "chapter", "--out", tmp_path / "out", "--quiet", "--json") == 0
+    result = json.loads(capfd.readouterr().out)
+    assert sorted(os.listdir(tmp_path / "out")) == sorted(result["files"])
+    tables = {}
+    for name in ("behaviour", "culling", "drift", "levels"):
+        lines = (tmp_path / "out" / f"error_{name}.csv").read_text().splitlines()
+        assert "CPUs" in lines[0]
+        tables[name] = list(csv.DictReader(lines[1:]))
+        if name != "drift":
+            assert (tmp_path / "out" / f"error_{name}.png").stat().st_size > 20_000
+    # derived Delta and exact planes agree; no Delta misses agents, a huge one keeps some for nothing
+    derived = [row for row in tables["culling"] if row["method"] == "derived Delta"]
+    assert derived and all(float(row["missed"]) == 0 == float(row["surplus"]) for row in derived)
+    fixed = {float(row["delta_m"]): row for row in tables["culling"] if row["method"] == "fixed Delta"}
+    assert float(fixed[0.0]["missed"]) > 0 and float(fixed[10.0]["surplus"]) > 0
+    steps = [float(row["worst_m"]) for row in tables["behaviour"] if row["method"] == "step"]
+    listing = [float(row["worst_m"]) for row in tables["behaviour"] if row["method"] == "listing"]
+    assert max(steps) < 1e-9 < 0.01 < min(listing)  # the chapter's walls meet its cells: only the listing overshoots
+    assert float(listing[-1]) == pytest.approx(listing[0] / 64, rel=0.1)  # of first order, over 6 halvings
+
+
+def test_extremes_and_audit_are_tables_without_a_missed_agent(capfd):
+    assert run("report", "extremes", "--most", "10000", "--quiet") == 0
+    lines = capfd.readouterr().out.strip().splitlines()
+    missed = lines[0].split().index("missed") - len(lines[0].split())
+    assert len(lines) > 20 and all(int(line.split()[-5]) == 0 for line in lines[1:]) and missed == -6
+    assert run("report", "cull", "--pairs", "20000", "--quiet", "--json") == 0
+    assert sum(row["missed"] for row in json.loads(capfd.readouterr().out)["lenses"]) == 0
+
+
+def test_bad_input_is_one_sentence(scene, tmp_path, capfd):
+    import bpy
+
+    scene.camera = None
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "bad.blend"))
+    capfd.readouterr()
+    assert run("report", "error", tmp_path / "bad.blend", "--out", tmp_path / "out", "--quiet") == 1
+    said = capfd.readouterr()
+    assert "no active camera" in said.err and said.err.count("\n") == 1 and not (tmp_path / "out").exists()
