@@ -113,8 +113,8 @@ def plan(
         left.add(ALL_INSIDE if every else ALL_OUTSIDE)
     if ONE_BUCKET in leave and np.count_nonzero(buckets.counts) <= 1:
         left.add(ONE_BUCKET)
-    vertices, full_vertices = _cost(crowd, buckets, [g.vertices for g in groups])
-    triangles, full_triangles = _cost(crowd, buckets, [g.triangles for g in groups])
+    vertices, full_vertices = cost(crowd, buckets, [g.vertices for g in groups])
+    triangles, full_triangles = cost(crowd, buckets, [g.triangles for g in groups])
     frame = Frame(
         time=time,
         crowd=crowd,
@@ -161,7 +161,7 @@ def _most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
     return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame
 
 
-def _cost(crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]]) -> tuple[int, int]:
+def cost(crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]]) -> tuple[int, int]:
     """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over buckets, over all agents."""
     if not all(len(each) >= len(buckets.counts) for each in sizes):
         return 0, 0

@@ -8,7 +8,7 @@ import numpy as np
 from .agents import Group
 from .camera import Camera
 from .culling import radar
-from .frame import Frame
+from .frame import Frame, cost
 from .levels import Bias, LevelPolicy, hold, limits
 from .sorting import sort
 
@@ -31,12 +31,6 @@ def held(
     factor = None if bias is None else bias.at(crowd.x, crowd.y)
     levels = hold(previous, distance, limits(policy, cameras[0], radius), crowd.group, factor, policy.hysteresis)
     buckets = sort(frame.visible, levels, policy.count)
-    if not frame.full_triangles:
-        return replace(frame, levels=levels, buckets=buckets)
-    count = np.zeros((len(groups), policy.count), int)
-    np.add.at(count, (crowd.group[buckets.order], levels[buckets.order]), 1)
-    vertices, triangles = (
-        int((count * np.array([getattr(group, name)[: policy.count] for group in groups])).sum())
-        for name in ("vertices", "triangles")
-    )
+    vertices, _ = cost(crowd, buckets, [group.vertices for group in groups])
+    triangles, _ = cost(crowd, buckets, [group.triangles for group in groups])
     return replace(frame, levels=levels, buckets=buckets, vertices=vertices, triangles=triangles)

@@ -232,8 +232,8 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     world = world_of(settings, machine)
     seconds = scene.render.fps_base / scene.render.fps
     heights = heights_of(settings, world.area)
-    key = (machine.text, world.area, world.labels.shape, groups, settings.count, settings.seed, settings.first_frame, seconds)
-    key = (*key, settings.tilt)
+    crowd = (settings.count, settings.seed, settings.first_frame, settings.tilt)
+    key = (machine.text, world.area, world.labels.shape, groups, *crowd, seconds)
     relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
     digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + relief).digest()
     if digest not in _trajectories:

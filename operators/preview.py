@@ -73,6 +73,9 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
         view = None
         stage.collection.objects.link(drawing)
+        # nothing that these depend on changes from here on, and each look reads the whole map
+        trajectory, policy = trajectory_of(stage), policy_of(stage.crowd_lod)
+        centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
             stage.crowd_lod.build = None  # else it would follow, and the frame's own times be those of a cache
@@ -92,13 +95,13 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             ticks.append(clock.perf_counter())
 
             camera = stage.camera
-            view = stage.crowd_lod.above or view or above.straight_down(stage, trajectory_of(stage).world.area, frame.camera)
+            view = stage.crowd_lod.above or view or above.straight_down(stage, trajectory.world.area, frame.camera)
             layer.update()
             above.draw(
                 drawing.data,
                 frame,
-                np.array([g.centre for g in trajectory_of(stage).groups]),
-                policy_of(stage.crowd_lod),
+                centre,
+                policy,
                 cameras.camera_from(view, stage.render, layer.depsgraph),
             )
             drawing.hide_render = False

@@ -3,17 +3,8 @@
 from types import SimpleNamespace
 
 import bpy
-import gpu
 import pytest
-from crowd_lod_extension.operators import overlay, registration
-
-
-@pytest.fixture(scope="module", autouse=True)
-def extension():
-    gpu.init()
-    registration.register()
-    yield
-    registration.unregister()
+from crowd_lod_extension.operators import overlay
 
 
 @pytest.fixture

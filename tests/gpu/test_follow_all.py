@@ -3,19 +3,10 @@
 from types import SimpleNamespace
 
 import bpy
-import gpu
 import numpy as np
 import pytest
-from crowd_lod_extension.operators import overlay, registration
+from crowd_lod_extension.operators import overlay
 from crowd_lod_extension.operators.populate import frame_of
-
-
-@pytest.fixture(scope="module", autouse=True)
-def extension():
-    gpu.init()
-    registration.register()
-    yield
-    registration.unregister()
 
 
 @pytest.fixture
