@@ -2,19 +2,16 @@
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
-from mathutils import Vector
-from mathutils.bvhtree import BVHTree
 
-from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.meshes import LodMesh, decimate
-from . import scene as io
+from . import source as sources
+from . import transfer, ways
 from .operator import Stepwise
-from .populate import characters_of, measure_groups, store_groups
+from .populate import armatures_of, characters_of, measure_groups, store_groups
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
 # (Okabe and Ito). Linear RGB.
@@ -29,15 +26,37 @@ TINTS = (
     (0.90, 0.90, 0.90),
 )
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
+# Custom properties of a LOD's collection of one character group: the hash of what it was made from; how many objects,
+# vertices and triangles it has. Of its objects: the hash of what was made; how, why so, and the milliseconds it took.
+DIGEST, SIZE = "crowd_lod_digest", "crowd_lod_size"
+AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
+VERSION = 2  # of the code that makes LOD meshes: another one makes them anew
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What make_levels did: names of the character groups whose LOD meshes it `made`, and of those that it `kept` as they
+    were; `edited`: groups made anew only because their LOD meshes had been edited or deleted."""
+
+    made: tuple[str, ...]
+    kept: tuple[str, ...]
+    edited: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        parts = [f"LOD meshes of {len(self.made)} character groups made, of {len(self.kept)} kept: nothing they depend on changed."]
+        if self.edited:
+            parts.append(f"Edited or deleted by hand, and so made anew: {', '.join(self.edited)}.")
+        return " ".join(parts)
 
 
 def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
-    """Make the LOD collections of `scene` anew; yields the progress, 0 to 1.
+    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns the Outcome.
 
     "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their natural order is the
-    groups'. LOD 0 shares the characters' own meshes; the others are decimated from the character as modified, keep its
-    weights, materials and UVs, and follow its armature. Nothing of the user's is changed. If it fails or is closed
-    early, the LODs that were there stay.
+    groups'. LOD 0 shares the characters' own meshes; the others are decimated from the character as modified, at rest,
+    and follow its armature. Groups whose LODs were made from just what there is now, and were not edited since, are kept.
+    Nothing of the user's is changed. If it fails or is closed early, the LODs that were there stay.
     """
     settings = scene.crowd_lod
     characters = characters_of(scene)
@@ -47,45 +66,68 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for k in range(1, count):
         if ratios[k] >= ratios[k - 1]:
             raise CrowdError(f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, {ratios[k - 1]:g}: lower it.")
+    earlier = settings.levels
     before = set(bpy.data.user_map())
-    top = bpy.data.collections.new("Crowd LOD")
     done = False
     try:
-        levels = []
-        for k in range(count):
-            level = bpy.data.collections.new(f"Crowd LOD {k}")
+        top = bpy.data.collections.new("Crowd LOD")
+        levels = [bpy.data.collections.new(f"Crowd LOD {k}") for k in range(count)]
+        for level in levels:
             top.children.link(level)
-            levels.append(level)
-        made: list[Group] = []
-        for g, ((name, objects, origin), group) in enumerate(zip(characters, groups, strict=True)):
-            sources = [_source_mesh(item) for item in objects]
-            vertices, triangles = [], []
-            for k, (level, ratio) in enumerate(zip(levels, ratios, strict=True)):
-                home = bpy.data.collections.new(f"{g:03d} {name} LOD {k}")
-                home.instance_offset = origin
-                level.children.link(home)
-                sizes = [_level_object(item, source, home, k, ratio) for item, source in zip(objects, sources, strict=True)]
-                vertices.append(sum(v for v, _ in sizes))
-                triangles.append(sum(t for _, t in sizes))
-                yield (g * count + k + 1) / (len(characters) * count)
-            bpy.data.batch_remove(sources)
-            made.append(replace(group, vertices=tuple(vertices), triangles=tuple(triangles)))
+        homes: list[list[bpy.types.Collection]] = []  # per group, per LOD
+        edited = []
+        for g, (name, objects, _) in enumerate(characters):
+            share = 1 / len(characters)
+            chain = _Chain(name, objects, ratios, settings.way)
+            for part in chain.read():
+                yield (g + 0.2 * part) * share
+            old = _earlier(earlier, chain.digest, count)
+            if old and all(_untouched(home) for home in old):
+                homes.append(old)
+            else:
+                edited += [name] if old else []
+                homes.append([bpy.data.collections.new(f"{g:03d} {name} LOD {k}") for k in range(count)])
+                for level, home in zip(levels, homes[-1], strict=True):
+                    level.children.link(home)
+                for part in chain.make(homes[-1]):
+                    yield (g + 0.2 + 0.8 * part) * share
+            chain.forget()
+            yield (g + 1) * share if g + 1 < len(characters) else 0.999
         done = True
     finally:
         if not done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
-    if settings.levels is not None:
-        remove_owned(settings.levels, levels)
-    for block in bpy.data.user_map():
-        if block not in before:
-            block[OWNED] = True
-            block.name = re.sub(r"\.\d+$", "", block.name)  # free again, now that the earlier LODs are gone
+    new = [block for block in bpy.data.user_map() if block not in before]
+    kept = []
+    for (name, _, origin), chain_homes in zip(characters, homes, strict=True):
+        for k, home in enumerate(chain_homes):
+            home.instance_offset = origin
+            if home in before:
+                for level in earlier.children:
+                    if home.name in level.children:
+                        level.children.unlink(home)
+                levels[k].children.link(home)
+        if chain_homes[0] in before:
+            kept.append(name)
+    if earlier is not None:
+        remove_owned(earlier, levels)
+    for block in new:
+        block[OWNED] = True
+        # free again, now that the earlier LODs are gone; never at the cost of what else has the name
+        block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
+    for g, ((name, _, _), chain_homes) in enumerate(zip(characters, homes, strict=True)):
+        for k, home in enumerate(chain_homes):
+            home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")
     scene.collection.children.link(top)
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels = top
-    store_groups(settings, tuple(made))
+    sizes = [np.array([home[SIZE] for home in chain_homes]).T.tolist() for chain_homes in homes]
+    store_groups(settings, tuple(replace(g, vertices=tuple(s[1]), triangles=tuple(s[2])) for g, s in zip(groups, sizes, strict=True)))
+    yield 1.0
+    made = tuple(name for name, _, _ in characters if name not in kept)
+    return Outcome(made, tuple(kept), tuple(edited))
 
 
 def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
@@ -104,113 +146,147 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     bpy.data.batch_remove(doomed)
 
 
-def _source_mesh(item: bpy.types.Object) -> bpy.types.Mesh:
-    """A new mesh: `item` with its modifiers applied, but for armatures, in its own space and rest pose."""
-    with_modifiers = item.copy()
-    try:
-        for modifier in list(with_modifiers.modifiers):
-            if modifier.type == "ARMATURE":
-                with_modifiers.modifiers.remove(modifier)
-        if with_modifiers.parent_type == "ARMATURE":
-            with_modifiers.parent_type = "OBJECT"
-        stage = bpy.data.scenes.new("Crowd LOD source")
+def _earlier(top: bpy.types.Collection | None, digest: str, count: int) -> list[bpy.types.Collection] | None:
+    """The collections, one a LOD, in `top` that were made from what has this digest."""
+    if top is None:
+        return None
+    found = [next((home for home in level.children if home.get(DIGEST) == digest), None) for level in top.children]
+    return found[:count] if len(found) >= count and all(found[:count]) else None
+
+
+def _untouched(home: bpy.types.Collection) -> bool:
+    """Whether all that was made in `home` is there, and as it was made."""
+    objects = [item for item in home.objects if item.get(OWNED)]
+    return len(objects) == home[SIZE][0] and all(item.get(AS_MADE) == _as_made(item) for item in objects)
+
+
+def _as_made(item: bpy.types.Object) -> str:
+    """A hash of what the user may edit in a LOD's object; its own mesh where that was made for it."""
+    looks = [modifier.type for modifier in item.modifiers], item.data.name_full if WAY not in item else ""
+    if WAY not in item:
+        return repr(looks)
+    item.update_from_editmode()
+    return sources.digest(item.data, looks, item.vertex_groups.keys())
+
+
+class _Chain:
+    """The LODs of one character group. read() gives its `digest`, make() fills the collections of its LODs; both yield
+    their progress, 0 to 1. forget() removes what they were made from."""
+
+    def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], way: str):
+        self.name, self.objects, self.ratios, self.way = name, objects, ratios, way
+        self.sources: list[sources.Source] = []
+
+    def read(self) -> Iterator[float]:
+        digests = []
+        for number, item in enumerate(self.objects):
+            source = sources.read_source(item)
+            self.sources.append(source)
+            digests.append(_object_digest(item, source))
+            yield (number + 1) / len(self.objects)
+        if not any(source.mesh for source in self.sources):
+            raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
+        self.digest = sources.text_digest(digests, self.ratios, self.way, VERSION)
+
+    def make(self, homes: list[bpy.types.Collection]) -> Iterator[float]:
+        steps = len(homes) * len(self.sources)
+        for k, (home, ratio) in enumerate(zip(homes, self.ratios, strict=True)):
+            sizes = []
+            for number, source in enumerate(self.sources):
+                sizes.append((yield from _level_object(source, home, k, ratio, self.way, (k * len(self.sources) + number) / steps)))
+                yield (k * len(self.sources) + number + 1) / steps
+            home[DIGEST] = self.digest
+            home[SIZE] = [len(sizes), sum(v for v, _ in sizes), sum(t for _, t in sizes)]
+
+    def forget(self) -> None:
+        bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
+
+
+def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
+    """A hash of all that LODs take from the object."""
+    animated = [item, *armatures_of([item]), getattr(item.data, "shape_keys", None)]
+    actions = [block.animation_data.action for block in animated if block and block.animation_data]
+    curves = [
+        (curve.data_path, curve.array_index, [tuple(point.co) for point in curve.keyframe_points])
+        for action in actions
+        for curve in sources.curves_of(action)
+    ]
+    stance = (
+        item.name_full,
+        item.type,
+        item.parent and (item.parent.name_full, item.parent_type, item.parent_bone),
+        [tuple(row) for matrix in (item.matrix_parent_inverse, item.matrix_basis) for row in matrix] if not curves else (),
+        [(modifier.name, modifier.type) for modifier in item.modifiers],
+        [constraint.name for constraint in item.constraints],
+        [slot.material and slot.material.name_full for slot in item.material_slots],
+        source.keys,
+    )
+    if source.mesh is None:
+        return sources.text_digest(stance, curves)
+    return sources.digest(source.mesh, stance, _group_names(item), curves)
+
+
+def _group_names(item: bpy.types.Object) -> list[str]:
+    return [group.name for group in item.vertex_groups] if item.type == "MESH" else []
+
+
+def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, way: str, progress: float):
+    """Put the LOD `level` of the source into `home`; yields `progress` and returns (vertices, triangles) of its mesh."""
+    item, name = source.item, f"{source.item.name} LOD {level}"
+    if source.mesh is None or (level == 0 and ratio == 1):
+        # the character's own data; the counts are of what is drawn, modifiers applied
+        copy = _copy(item)
+        _place(copy, name, home, level)
+        copy[AS_MADE] = _as_made(copy)
+        mesh = source.mesh
+        return (len(mesh.vertices), len(mesh.loops) - 2 * len(mesh.polygons)) if mesh else (0, 0)
+    steps = ways.make(source, ratio, way, name)
+    while True:
         try:
-            stage.collection.objects.link(with_modifiers)
-            stage.view_layers[0].update()
-            depsgraph = stage.view_layers[0].depsgraph
-            return bpy.data.meshes.new_from_object(
-                with_modifiers.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
-            )
-        finally:
-            bpy.data.scenes.remove(stage)
-    finally:
-        bpy.data.objects.remove(with_modifiers)
+            next(steps)
+            yield progress
+        except StopIteration as end:
+            made = end.value
+            break
+    copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
+    for modifier in list(copy.modifiers):
+        if modifier.type not in sources.FOLLOWED:
+            copy.modifiers.remove(modifier)
+    copy.data = made.mesh
+    for slot in copy.material_slots:
+        slot.link = "DATA"
+    bones = {bone.name for armature in armatures_of([item]) for bone in armature.data.bones if bone.use_deform}
+    transfer.set_weights(copy, _group_names(item), bones, made.weights)
+    transfer.set_normals(made.mesh)
+    transfer.set_keys(copy, source)
+    transfer.mark_active(made.mesh, source.mesh)
+    _place(copy, name, home, level)
+    copy[WAY], copy[WHY], copy[MILLISECONDS] = made.way, " ".join([made.why, *source.notes]), made.milliseconds
+    copy[AS_MADE] = _as_made(copy)
+    return len(made.mesh.vertices), len(made.mesh.loops) - 2 * len(made.mesh.polygons)
 
 
-def _level_object(item, source: bpy.types.Mesh, home: bpy.types.Collection, level: int, ratio: float) -> tuple[int, int]:
-    """Put the LOD `level` of the object `item` into `home`; (vertices, triangles) of its mesh."""
-    copy = item.copy()
+def _place(copy: bpy.types.Object, name: str, home: bpy.types.Collection, level: int) -> None:
     home.objects.link(copy)
-    copy.name = f"{item.name} LOD {level}"
+    copy.name = name
     copy.color = (*TINTS[level], 1.0)
     copy.hide_render = copy.hide_viewport = False
-    if level == 0 and ratio == 1:
-        # the character's own mesh; the counts are of what is drawn, modifiers applied
-        return len(source.vertices), len(source.loops) - 2 * len(source.polygons)
-    for modifier in list(copy.modifiers):
-        if modifier.type != "ARMATURE":
-            copy.modifiers.remove(modifier)
-    # the names live in the mesh, and go with the old one
-    names = [group.name for group in item.vertex_groups]
-    if len(source.polygons):
-        points, triangles, corners, faces = io.read_triangles(source)
-        result = decimate(points, triangles, ratio, item.name)
-        copy.data = _dress(f"{item.name} LOD {level}", result, source, points, triangles, corners, faces)
-        _carry_weights(copy, names, result, source)
-    else:
-        copy.data = bpy.data.meshes.new(f"{item.name} LOD {level}")
-    return len(copy.data.vertices), len(copy.data.polygons)
 
 
-def _dress(name: str, result: LodMesh, source: bpy.types.Mesh, points, triangles, corners, faces) -> bpy.types.Mesh:
-    """The decimated mesh with the source's weights, materials, smoothness and UVs.
-
-    Weights come from the source vertex that each vertex stands for; the rest from the source face nearest to each
-    triangle's centre, UVs by barycentric coordinates of the corners on the source face nearest to them, seen from the
-    triangle's inside so that a corner on a UV seam takes the right side.
-    """
-    mesh = io.new_mesh(name, result.points, result.triangles)
-    for material in source.materials:
-        mesh.materials.append(material)
-    tree = BVHTree.FromPolygons(points.tolist(), triangles.tolist())
-    centres = result.points[result.triangles].mean(axis=1)
-    nearest = np.array([tree.find_nearest(Vector(c))[2] for c in centres])
-    for attribute, kind in (("material_index", np.int32), ("use_smooth", bool)):
-        values = np.empty(len(source.polygons), kind)
-        source.polygons.foreach_get(attribute, values)
-        mesh.polygons.foreach_set(attribute, values[faces[nearest]])
-    if source.uv_layers:
-        _carry_uvs(mesh, result, source, points, triangles, corners, tree, centres)
-    mesh.update()
-    return mesh
+def _copy(item: bpy.types.Object) -> bpy.types.Object:
+    copy = item.copy()
+    if copy.override_library:
+        copy.make_local()
+    return copy
 
 
-def _carry_uvs(mesh, result: LodMesh, source, points, triangles, corners, tree: BVHTree, centres) -> None:
-    inward = 0.9 * result.points[result.triangles] + 0.1 * centres[:, None]
-    hits = [tree.find_nearest(Vector(p)) for p in inward.reshape(-1, 3)]
-    faces = np.array([hit[2] for hit in hits])
-    at = np.array([tuple(hit[0]) for hit in hits])
-    a, b, c = (points[triangles[faces, i]].astype(np.float64) for i in range(3))
-    weights = _barycentric(at, a, b, c)
-    for layer in source.uv_layers:
-        uvs = np.empty((len(source.loops), 2), np.float32)
-        layer.uv.foreach_get("vector", uvs.ravel())
-        carried = np.einsum("nk,nkd->nd", weights, uvs[corners[faces]])
-        mesh.uv_layers.new(name=layer.name).uv.foreach_set("vector", carried.astype(np.float32).ravel())
-
-
-def _barycentric(p, a, b, c) -> np.ndarray:
-    """Barycentric coordinates (n, 3) of the points p on the triangles a, b, c, each (n, 3)."""
-    u, v, w = b - a, c - a, p - a
-    uu, uv, vv, wu, wv = (np.einsum("nd,nd->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v)))
-    area = uu * vv - uv * uv
-    flat = area <= 1e-30
-    area[flat] = 1
-    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
-    s[flat] = t[flat] = 1 / 3
-    return np.stack([1 - s - t, s, t], axis=1).clip(0, 1)
-
-
-def _carry_weights(copy: bpy.types.Object, names: list[str], result: LodMesh, source: bpy.types.Mesh) -> None:
-    """Give `copy`, whose mesh is `result`, the weights that the source's vertices have in the vertex groups `names`."""
-    for name in names:
-        copy.vertex_groups.new(name=name)
-    vertices_by_entry: dict[tuple[int, float], list[int]] = {}
-    for vertex, origin in enumerate(result.source):
-        for entry in source.vertices[int(origin)].groups:
-            vertices_by_entry.setdefault((entry.group, entry.weight), []).append(vertex)
-    for (index, weight), vertices in vertices_by_entry.items():
-        copy.vertex_groups[index].add(vertices, weight, "REPLACE")
+def _stand_in(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
+    """A mesh object in place of `item`, which is of another kind: it goes where that goes, and follows its armature."""
+    copy = bpy.data.objects.new(item.name, mesh)
+    copy.constraints.new("COPY_TRANSFORMS").target = item
+    for armature in armatures_of([item]):
+        copy.modifiers.new(armature.name, "ARMATURE").object = armature
+    return copy
 
 
 class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
@@ -220,9 +296,8 @@ class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
     bl_label = "Make LOD Meshes"
 
     def steps(self, context):
-        yield from make_levels(context.scene)
-        settings = context.scene.crowd_lod
-        return f"{settings.level_count} LODs of {len(settings.groups)} character groups."
+        outcome = yield from make_levels(context.scene)
+        return outcome.sentence
 
 
 CLASSES = (CROWDLOD_OT_make_levels,)

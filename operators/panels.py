@@ -185,6 +185,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 cells.prop(settings, "thresholds", index=level - 1, text="")
                 threshold = settings.thresholds[level - 1]
                 cells.label(text=_length(context, far * threshold) if far else "?")
+        layout.prop(settings, "way")
         layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
         for group in settings.groups[:MOST_ROWS] if settings.level_count > 1 else ():
             layout.prop(group, "own_thresholds", text=f"{group.name}: thresholds of its own")

@@ -18,6 +18,7 @@ from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_co
 from . import scene as io
 from .cameras import read_cameras, read_shutter
 from .operator import Reporting
+from .source import may_have_faces, parts
 from .trouble import find
 
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
@@ -28,7 +29,7 @@ MOST_TRAJECTORIES = 4
 
 
 def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
-    """(name, mesh objects, origin in world metres) of each character group, in natural order of their names.
+    """(name, objects with a shape, origin in world metres) of each character group, in natural order of their names.
 
     A group is a child collection of the characters' collection, or one of its objects with all that is parented to it.
     """
@@ -37,16 +38,15 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
         raise CrowdError(
             f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
         )
-    groups = [(child.name, list(child.all_objects), tuple(child.instance_offset)) for child in top.children]
+    groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in top.children]
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
-            groups.append((root.name, [root, *root.children_recursive], tuple(root.matrix_world.translation)))
-    groups = [(name, [o for o in objects if o.type == "MESH"], origin) for name, objects, origin in groups]
+            groups.append((root.name, parts(root, [root, *root.children_recursive]), tuple(root.matrix_world.translation)))
     if not groups:
         raise CrowdError(f"The collection {top.name} is empty: put the characters in it, one child collection or object each.")
     for name, objects, _ in groups:
-        if not any(len(o.data.polygons) for o in objects):
+        if not any(map(may_have_faces, objects)):
             raise CrowdError(f"The character group {name} in {top.name} holds no mesh with faces: give it one, or take it out.")
     if len(groups) > MOST_GROUPS:
         raise CrowdError(f"The collection {top.name} holds {len(groups)} character groups; use at most {MOST_GROUPS}.")

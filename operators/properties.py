@@ -93,6 +93,14 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
         description="Part of the triangles that each LOD keeps",
     )
+    way: EnumProperty(
+        name="Decimation",
+        items=[
+            ("AUTO", "Automatic", "Try both ways on each mesh, measure, and take the fast one where it is no worse"),
+            ("FAST", "Fast", "Quadric edge collapse; weights, UVs, colors and normals are carried over"),
+            ("PRECISE", "Precise", "Blender's Decimate modifier: closer in shape and UVs, and ten times slower"),
+        ],
+    )
     thresholds: FloatVectorProperty(
         name="Threshold",
         precision=3,

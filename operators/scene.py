@@ -144,8 +144,11 @@ def rotation(forward: str) -> float:
 
 
 def world_points(evaluated: bpy.types.Object) -> np.ndarray:
-    """Vertices (n, 3) float64 of an evaluated object's mesh, world space."""
-    mesh = evaluated.to_mesh()
+    """Vertices (n, 3) float64 of an evaluated object's mesh, world space; none where it has no mesh, as hair has not."""
+    try:
+        mesh = evaluated.to_mesh()
+    except RuntimeError:
+        return np.empty((0, 3))
     try:
         points = np.empty((len(mesh.vertices), 3), np.float32)
         mesh.vertices.foreach_get("co", points.ravel())

@@ -1,0 +1,282 @@
+"""What LOD meshes are made from: the objects of a character, as modified, at rest."""
+
+import hashlib
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import bmesh
+import bpy
+import numpy as np
+
+from ..crowd_lod.errors import CrowdError
+from . import scene as io
+from .surface import Surface
+
+GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}  # kinds of objects whose shape may be a mesh
+FOLLOWED = {"ARMATURE", "LATTICE"}  # modifiers that deform a LOD as they do its source, and so are left to it
+DEFORMERS = {"CLOTH", "HOOK", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "SOFT_BODY", "SURFACE_DEFORM", "WAVE"}
+# What a LOD takes from its source beyond Blender's own layers travels as attributes of these names, gone when it is done.
+NORMALS, KEY = "crowd_lod_normals", "crowd_lod_key_"
+# Types of attributes: (name of the value, numbers in it, their type).
+KINDS = {
+    "FLOAT": ("value", 1, np.float32),
+    "INT": ("value", 1, np.int32),
+    "INT8": ("value", 1, np.int32),
+    "BOOLEAN": ("value", 1, bool),
+    "FLOAT2": ("vector", 2, np.float32),
+    "FLOAT_VECTOR": ("vector", 3, np.float32),
+    "FLOAT_COLOR": ("color", 4, np.float32),
+    "BYTE_COLOR": ("color", 4, np.float32),
+    "QUATERNION": ("value", 4, np.float32),
+    "INT16_2D": ("value", 2, np.int32),
+    "INT32_2D": ("value", 2, np.int32),
+    "FLOAT4X4": ("value", 16, np.float32),
+}
+
+
+@dataclass
+class Source:
+    """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
+    vertices; None if that has no faces. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh.
+    notes: sentences on what LODs leave out."""
+
+    item: bpy.types.Object
+    mesh: bpy.types.Mesh | None
+    keys: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    charts: object = None  # transfer.Charts, when first asked for
+
+    @cached_property
+    def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """points, triangles, corners, faces, as io.read_triangles gives them."""
+        return io.read_triangles(self.mesh)
+
+    @cached_property
+    def surface(self) -> Surface:
+        return Surface(*self.geometry[:2])
+
+    @cached_property
+    def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return read_weights(self.mesh)
+
+
+def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those of the `objects` of the character group `owner` that have a shape: what is hidden in renders is left out,
+    unless all is, and so are the shapes of bones."""
+    for block in (owner, *objects, *(item.data for item in objects if item.data is not None)):
+        if block.is_missing:
+            path = block.library.filepath if block.library else "its library"
+            raise CrowdError(f"{block.name}, of the character group {owner.name}, is missing: bring back {path}, or link it anew.")
+    for item in objects:
+        if item.type == "META":
+            raise CrowdError(f"{item.name}, of the character group {owner.name}, is a metaball: turn it into a mesh (Object > Convert).")
+        if item.instance_type == "COLLECTION" and item.instance_collection is not None:
+            raise CrowdError(
+                f"{item.name}, of the character group {owner.name}, instances the collection {item.instance_collection.name}: put that "
+                "collection in its place, or make the instance real (Object > Apply)."
+            )
+    bones = [bone for item in objects if item.type == "ARMATURE" for bone in item.pose.bones]
+    shapes = {bone.custom_shape for bone in bones}
+    found = [item for item in objects if item.type in GEOMETRY and item not in shapes]
+    inside = [] if isinstance(owner, bpy.types.Object) else owner.children_recursive
+    hidden = {item for collection in inside if collection.hide_render for item in collection.all_objects}
+    return [item for item in found if not item.hide_render and item not in hidden] or found
+
+
+def may_have_faces(item: bpy.types.Object) -> bool:
+    """Whether the object's shape may have faces: a modifier may make them."""
+    return item.type != "MESH" or len(item.data.polygons) > 0 or len(item.modifiers) > 0
+
+
+@contextmanager
+def staged(item: bpy.types.Object):
+    """A depsgraph in which `item` is evaluated, alone with what it depends on, at frame 1."""
+    stage = bpy.data.scenes.new("Crowd LOD source")
+    try:
+        stage.collection.objects.link(item)
+        stage.view_layers[0].update()
+        yield stage.view_layers[0].depsgraph
+    finally:
+        bpy.data.scenes.remove(stage)
+
+
+def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh | None:
+    """A new mesh of `item` as modified, with all its layers; None if it has none, as hair has not."""
+    try:
+        return bpy.data.meshes.new_from_object(item.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
+    except RuntimeError:
+        return None
+
+
+def read_source(item: bpy.types.Object) -> Source:
+    """The object as LODs are made from it; CrowdError if it has vertices at NaN or infinity. Its mesh is the caller's to
+    remove."""
+    twin = item.copy()
+    made = [twin]
+    try:
+        if twin.override_library:
+            twin.make_local()
+        if item.type == "MESH":
+            item.update_from_editmode()
+            twin.data = item.data.copy()  # its keys can be set, and it is in no edit mode
+            made.append(twin.data)
+        for modifier in list(twin.modifiers):
+            if modifier.type in FOLLOWED:
+                twin.modifiers.remove(modifier)
+        if twin.parent_type in FOLLOWED:
+            twin.parent_type = "OBJECT"
+        return _read(item, twin)
+    finally:
+        bpy.data.batch_remove(made)
+
+
+def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
+    """The source of `item` from its copy `twin`, whose data is its own."""
+    notes = _notes(item)
+    values = {name: twin.data.shape_keys.key_blocks[name].value for name in _moving_keys(item)}
+    if values:
+        twin.data.shape_keys.animation_data_clear()
+        for name in values:
+            key = twin.data.shape_keys.key_blocks[name]
+            key.slider_min, key.slider_max, key.value = 0, 1, 0
+    with staged(twin) as depsgraph:
+        mesh = evaluated_mesh(twin, depsgraph)
+        offsets = {name: _offset(twin, depsgraph, name, mesh) for name in values} if mesh is not None else {}
+        if any(offset is None for offset in offsets.values()):
+            notes.append("Its shape keys are baked as they are now: a modifier makes another mesh of each.")
+            bpy.data.meshes.remove(mesh)
+            for name, value in values.items():
+                key = twin.data.shape_keys.key_blocks[name]
+                key.slider_min, key.slider_max, key.value = min(value, 0), max(value, 1), value
+            depsgraph.view_layer.update()
+            mesh, offsets = evaluated_mesh(twin, depsgraph), {}
+        slots = [slot.material if slot.link == "OBJECT" else None for slot in item.material_slots]
+    if mesh is None or not len(mesh.polygons):
+        if mesh is not None:
+            bpy.data.meshes.remove(mesh)
+        return Source(item, None, notes=notes)
+    for index, material in enumerate(slots[: len(mesh.materials)]):
+        if material is not None:
+            mesh.materials[index] = material
+    for index, offset in enumerate(offsets.values()):
+        mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", offset.ravel())
+    if mesh.has_custom_normals:
+        normals = np.empty((len(mesh.loops), 3), np.float32)
+        mesh.corner_normals.foreach_get("vector", normals.ravel())
+        mesh.attributes.remove(mesh.attributes["custom_normal"])  # it is relative to this very mesh
+        mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
+    _drop_loose(mesh)
+    points = positions(mesh)
+    wrong = ~np.isfinite(points).all(axis=1)
+    if wrong.any():
+        bpy.data.meshes.remove(mesh)
+        raise CrowdError(f"The object {item.name} has {int(wrong.sum())} vertices at NaN or infinity: mend its mesh or its modifiers.")
+    return Source(item, mesh, list(offsets), notes)
+
+
+def positions(mesh: bpy.types.Mesh) -> np.ndarray:
+    """The mesh's vertices, (n, 3) float32, in its own space."""
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    return points
+
+
+def _offset(twin, depsgraph, name: str, rest: bpy.types.Mesh) -> np.ndarray | None:
+    """How far the shape key `name` moves the vertices of the modified mesh, (n, 3); None if it makes another mesh."""
+    key = twin.data.shape_keys.key_blocks[name]
+    key.value = 1
+    depsgraph.view_layer.update()
+    evaluated = twin.evaluated_get(depsgraph)
+    try:
+        mesh = evaluated.to_mesh()
+        return positions(mesh) - positions(rest) if len(mesh.vertices) == len(rest.vertices) else None
+    finally:
+        evaluated.to_mesh_clear()
+        key.value = 0
+
+
+def _moving_keys(item: bpy.types.Object) -> list[str]:
+    """The names of the object's relative shape keys that are animated, driven or not at zero."""
+    keys = getattr(item.data, "shape_keys", None)
+    if keys is None or item.type != "MESH" or not keys.use_relative:
+        return []
+    moved = keys.animation_data
+    if moved and moved.nla_tracks:
+        paths = [f'"{key.name}"' for key in keys.key_blocks]
+    else:
+        paths = [curve.data_path for curve in (*moved.drivers, *curves_of(moved.action))] if moved else []
+    return [
+        key.name
+        for key in keys.key_blocks[1:]
+        if not key.mute and (key.value != 0 or any(f'"{bpy.utils.escape_identifier(key.name)}"' in path for path in paths))
+    ]
+
+
+def curves_of(action: bpy.types.Action | None) -> list[bpy.types.FCurve]:
+    """All curves of the action, in whatever layer and slot."""
+    if action is None:
+        return []
+    strips = (strip for layer in action.layers for strip in layer.strips if strip.type == "KEYFRAME")
+    return [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
+
+
+def _notes(item: bpy.types.Object) -> list[str]:
+    notes = []
+    baked = [modifier.name for modifier in item.modifiers if modifier.type in DEFORMERS and modifier.show_viewport]
+    if baked:
+        notes.append(f"What its modifiers {', '.join(baked)} do at frame 1 is baked.")
+    if any(modifier.type == "PARTICLE_SYSTEM" for modifier in item.modifiers):
+        notes.append("Its particles are left out.")
+    keys = getattr(item.data, "shape_keys", None)
+    if keys is not None and (item.type != "MESH" or not keys.use_relative):
+        notes.append("Its shape keys are baked as at frame 1.")
+    return notes
+
+
+def _drop_loose(mesh: bpy.types.Mesh) -> None:
+    """Remove vertices and edges without a face."""
+    if len(np.unique(io.read_triangles(mesh)[1])) == len(mesh.vertices):
+        return
+    body = bmesh.new()
+    body.from_mesh(mesh)
+    bmesh.ops.delete(body, geom=[e for e in body.edges if not e.link_faces], context="EDGES")
+    bmesh.ops.delete(body, geom=[v for v in body.verts if not v.link_faces], context="VERTS")
+    body.to_mesh(mesh)
+    body.free()
+
+
+def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarray]]:
+    """(domain, type, values (n, width)) of each of the mesh's attributes that is not Blender's own, by name."""
+    found = {}
+    for attribute in mesh.attributes:
+        if attribute.data_type in KINDS and not attribute.name.startswith(".") and attribute.name != "position":
+            value, width, kind = KINDS[attribute.data_type]
+            values = np.empty((len(attribute.data), width), kind)
+            attribute.data.foreach_get(value, values.ravel())
+            found[attribute.name] = (attribute.domain, attribute.data_type, values)
+    return found
+
+
+def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(vertex (k,) intp, group (k,) intp, weight (k,) float64) of all the mesh's weights, by vertex."""
+    table = [(vertex.index, entry.group, entry.weight) for vertex in mesh.vertices for entry in vertex.groups]
+    vertex, group, weight = np.array(table, np.float64).reshape(-1, 3).T
+    return vertex.astype(np.intp), group.astype(np.intp), weight
+
+
+def text_digest(*values) -> str:
+    """A hash of values by what they print as."""
+    return hashlib.sha256(repr(values).encode()).hexdigest()
+
+
+def digest(mesh: bpy.types.Mesh, *others) -> str:
+    """A hash of the mesh's shape, attributes, weights and materials, and of what else is given."""
+    points, triangles, _, faces = io.read_triangles(mesh)
+    weights = read_weights(mesh)
+    attributes = read_attributes(mesh)
+    names = [material and material.name_full for material in mesh.materials]
+    hashed = hashlib.sha256(repr((names, others, [(n, *a[:2]) for n, a in attributes.items()])).encode())
+    for array in (points, triangles, faces, *weights, *(values for _, _, values in attributes.values())):
+        hashed.update(np.ascontiguousarray(array))
+    return hashed.hexdigest()

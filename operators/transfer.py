@@ -1,0 +1,295 @@
+"""What a decimated mesh takes from its source: weights, UVs, colours, normals, materials, by UV chart."""
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..crowd_lod.meshes import LodMesh
+from . import scene as io
+from .source import KEY, KINDS, NORMALS, Source, positions, read_attributes
+from .surface import Surface
+
+MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
+INWARD = 0.1  # part of the way to its triangle's centre from where a corner looks for its colour and normal
+BEYOND = 2.0  # how many sizes of a triangle beyond it its UVs are continued
+SHARP = 0.94  # cosine between normals of two sides beyond which an edge is sharp, where the source has sharp edges
+
+
+@dataclass
+class Charts:
+    """The source's triangles cut into charts: islands of its UVs, in all its UV maps, and of its surface.
+
+    label: (m,) chart of each triangle; members: per chart its triangles; surfaces: per chart, made when first asked for.
+    vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex.
+    """
+
+    label: np.ndarray
+    members: list[np.ndarray]
+    surfaces: dict[int, Surface]
+    vertex: np.ndarray
+    chart: np.ndarray
+
+    def surface(self, chart: int, points: np.ndarray, triangles: np.ndarray) -> Surface:
+        if chart not in self.surfaces:
+            used, local = np.unique(triangles[self.members[chart]], return_inverse=True)
+            self.surfaces[chart] = Surface(points[used], local.reshape(-1, 3))
+        return self.surfaces[chart]
+
+
+def charts_of(source: Source) -> Charts:
+    """The charts of the source, kept with it. Triangles that share a vertex with the same UVs are of one chart."""
+    if source.charts is None:
+        points, triangles, corners, _ = source.geometry
+        columns = [triangles.reshape(-1, 1).astype(np.int64)]
+        for layer in source.mesh.uv_layers:
+            uvs = np.empty((len(source.mesh.loops), 2), np.float32)
+            layer.uv.foreach_get("vector", uvs.ravel())
+            columns.append(np.rint(uvs[corners].reshape(-1, 2).astype(np.float64) * 1e5).astype(np.int64))
+        ids = unique_rows(np.concatenate(columns, axis=1)).reshape(-1, 3)
+        _, label = np.unique(components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True)
+        order = np.argsort(label, kind="stable")
+        members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
+        pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
+        source.charts = Charts(label, members, {}, *pairs.T)
+    return source.charts
+
+
+def unique_rows(rows: np.ndarray) -> np.ndarray:
+    """For each of rows (n, c) integers the number of its like, (n,)."""
+    number = np.zeros(len(rows), np.int64)
+    for column in rows.T:
+        _, value = np.unique(column, return_inverse=True)
+        _, number = np.unique(number * (value.max() + 1) + value, return_inverse=True)
+    return number
+
+
+def components(count: int, triangles: np.ndarray) -> np.ndarray:
+    """For each of `count` vertices the least vertex that triangles (m, 3) join it to, (count,)."""
+    label = np.arange(count)
+    while True:
+        low = label[triangles].min(axis=1)
+        joined = label.copy()
+        for column in range(3):
+            np.minimum.at(joined, label[triangles[:, column]], low)
+            np.minimum.at(joined, triangles[:, column], low)
+        while (joined[joined] != joined).any():
+            joined = joined[joined]
+        if (joined == label).all():
+            return label
+        label = joined
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where points lie on the source. triangle: (n,) of the source; weights: (n, 3) barycentric, within it; outside:
+    the same where the point itself is, which may lie beyond the chart's edge."""
+
+    triangle: np.ndarray
+    weights: np.ndarray
+    outside: np.ndarray
+
+
+def locate(source: Source, chart: np.ndarray, points: np.ndarray) -> tuple[Place, np.ndarray]:
+    """(the places of points (n, 3) in their charts (n,), distances (n,))."""
+    charts = charts_of(source)
+    at_points, triangles = source.geometry[:2]
+    triangle, distance = np.empty(len(points), np.intp), np.empty(len(points))
+    inside = np.empty((len(points), 3))
+    order = np.argsort(chart, kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(chart[order])) + 1):
+        one = int(chart[group[0]])
+        at, hit, distance[group] = charts.surface(one, at_points, triangles).nearest(points[group])
+        triangle[group], inside[group] = charts.members[one][hit], at
+    a, b, c = (at_points[triangles[triangle, i]].astype(np.float64) for i in range(3))
+    within = barycentric(inside, a, b, c).clip(0, 1)
+    within /= within.sum(axis=1, keepdims=True)
+    outside = barycentric(points, a, b, c)
+    far = np.abs(outside - within).max(axis=1) > BEYOND
+    outside[far] = within[far]
+    return Place(triangle, within, outside), distance
+
+
+def barycentric(p, a, b, c) -> np.ndarray:
+    """Barycentric coordinates (n, 3) of the points p, dropped onto the planes of the triangles a, b, c, each (n, 3)."""
+    u, v, w = b - a, c - a, p - a
+    uu, uv, vv, wu, wv = (np.einsum("nd,nd->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v)))
+    area = uu * vv - uv * uv
+    flat = area <= 1e-12 * uu * vv
+    area[flat] = 1
+    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    s[flat] = t[flat] = 1 / 3
+    return np.stack([1 - s - t, s, t], axis=1)
+
+
+def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, np.ndarray]:
+    """(chart (m,), source triangle (m,)) of each triangle of the LOD: of the charts around the source's vertices that its
+    corners stand for, the one nearest to its centre. So a sleeve takes nothing from the arm in it."""
+    charts = charts_of(source)
+    first = np.searchsorted(charts.vertex, result.source)
+    count = np.searchsorted(charts.vertex, result.source, side="right") - first
+    # the pairs (LOD triangle, chart around one of its corners)
+    corner = result.triangles.ravel()
+    counts = count[corner]
+    triangle = np.repeat(np.arange(len(corner)) // 3, counts)
+    step = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
+    chart = charts.chart[np.repeat(first[corner], counts) + step]
+    triangle, chart = np.unique(np.stack([triangle, chart], axis=1), axis=0).T
+    centres = result.points[result.triangles].mean(axis=1)
+    place, distance = locate(source, chart, centres[triangle])
+    order = np.lexsort((distance, triangle))
+    best = order[np.searchsorted(triangle[order], np.arange(len(result.triangles)))]
+    return chart[best], place.triangle[best]
+
+
+def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
+    """The decimated mesh with the source's materials and attributes; its weights are the object's to take.
+
+    Points take those of the source's vertex that they stand for, faces those of the source's face nearest to their
+    centre. Each triangle is in one chart: UVs of its corners are those of the nearest points in it, continued beyond its
+    edge; colours and normals those a little inwards, so that each side of a sharp edge keeps its own.
+    """
+    mesh = io.new_mesh(name, result.points, result.triangles)
+    for material in source.mesh.materials:
+        mesh.materials.append(material)
+    corners, faces = source.geometry[2:]
+    chart, nearest = charts_chosen(source, result)
+    at = result.points[result.triangles]
+    every = chart.repeat(3)
+    # a vertex is looked up once a chart
+    _, first, back = np.unique(np.stack([result.triangles.ravel(), every], axis=1), axis=0, return_index=True, return_inverse=True)
+    edge, _ = locate(source, every[first], at.reshape(-1, 3)[first])
+    back = back.ravel()
+    attributes = read_attributes(source.mesh)
+    sharp = NORMALS not in attributes and "sharp_edge" in attributes and attributes["sharp_edge"][2].any()
+    inner = None
+    if sharp or any(domain == "CORNER" and kind != "FLOAT2" for domain, kind, _ in attributes.values()):
+        inner, _ = locate(source, every, ((1 - INWARD) * at + INWARD * at.mean(axis=1, keepdims=True)).reshape(-1, 3))
+    for key, (domain, kind, values) in attributes.items():
+        if domain == "POINT":
+            carried = values[result.source]
+        elif domain == "FACE":
+            carried = values[faces[nearest]]
+        elif domain == "CORNER" and kind == "FLOAT2":
+            carried = np.einsum("nk,nkd->nd", edge.outside, values[corners[edge.triangle]])[back]
+        elif domain == "CORNER" and values.dtype == np.float32:
+            carried = np.einsum("nk,nkd->nd", inner.weights, values[corners[inner.triangle]])
+        elif domain == "CORNER":
+            carried = values[corners[inner.triangle, inner.weights.argmax(axis=1)]]
+        else:
+            continue
+        write_attribute(mesh, key, domain, kind, carried.astype(values.dtype))
+    if sharp:
+        _mark_sharp(mesh, source, inner)
+    mesh.update()
+    return mesh
+
+
+def write_attribute(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
+    """Give the mesh the attribute `name` with these values (n, width)."""
+    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, domain)
+    attribute.data.foreach_set(KINDS[kind][0], np.ascontiguousarray(values).ravel())
+
+
+def _mark_sharp(mesh: bpy.types.Mesh, source: Source, inner: Place) -> None:
+    """Mark the edges sharp whose two sides have normals well apart on the source, at both ends."""
+    normals = np.empty((len(source.mesh.loops), 3), np.float32)
+    source.mesh.corner_normals.foreach_get("vector", normals.ravel())
+    seen = np.einsum("nk,nkd->nd", inner.weights, normals[source.geometry[2][inner.triangle]]).reshape(-1, 3, 3)
+    seen /= np.linalg.norm(seen, axis=2, keepdims=True).clip(1e-12)
+    corner, edge = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corner)
+    mesh.loops.foreach_get("edge_index", edge)
+    corner = corner.reshape(-1, 3)
+    following = np.roll(corner, -1, axis=1)
+    ends = np.stack([seen, np.roll(seen, -1, axis=1)], axis=2)  # (m, 3 edges, 2 ends, 3)
+    turned = corner > following
+    ends[turned] = ends[turned][:, ::-1]
+    ends, order = ends.reshape(-1, 2, 3), np.argsort(edge, kind="stable")
+    once, first, count = np.unique(edge[order], return_index=True, return_counts=True)
+    one, other = order[first[count == 2]], order[first[count == 2] + 1]
+    sharp = np.zeros((len(mesh.edges), 1), bool)
+    sharp[once[count == 2], 0] = ((ends[one] * ends[other]).sum(axis=2) < SHARP).all(axis=1)
+    write_attribute(mesh, "sharp_edge", "EDGE", "BOOLEAN", sharp)
+
+
+def mark_active(mesh: bpy.types.Mesh, source: bpy.types.Mesh) -> None:
+    """Let the same UV maps and colours be active as on the source."""
+    for index, layer in enumerate(source.uv_layers):
+        if layer.active_render:
+            mesh.uv_layers[layer.name].active_render = True
+        if index == source.uv_layers.active_index:
+            mesh.uv_layers.active = mesh.uv_layers[layer.name]
+    for name in ("active_color_name", "default_color_name"):
+        setattr(mesh.attributes, name, getattr(source.attributes, name))
+
+
+def set_normals(mesh: bpy.types.Mesh) -> None:
+    """Make the normals that travelled as an attribute the mesh's custom normals."""
+    attribute = mesh.attributes.get(NORMALS)
+    if attribute is not None:
+        normals = np.empty((len(mesh.loops), 3), np.float32)
+        attribute.data.foreach_get("vector", normals.ravel())
+        mesh.attributes.remove(attribute)
+        mesh.normals_split_custom_set(normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-12))
+
+
+def set_keys(item: bpy.types.Object, source: Source) -> None:
+    """Make the offsets that travelled as attributes shape keys of `item`, driven by those of the source's own object."""
+    mesh = item.data
+    if not source.keys:
+        return
+    points = positions(mesh)
+    offsets = []
+    for index in range(len(source.keys)):
+        offset = np.empty_like(points)
+        mesh.attributes[f"{KEY}{index}"].data.foreach_get("vector", offset.ravel())
+        offsets.append(offset)
+        mesh.attributes.remove(mesh.attributes[f"{KEY}{index}"])
+    item.shape_key_add(name="Basis", from_mix=False)
+    mesh.shape_keys.name = mesh.name
+    for name, offset in zip(source.keys, offsets, strict=True):
+        original = source.item.data.shape_keys.key_blocks[name]
+        key = item.shape_key_add(name=name, from_mix=False)
+        key.data.foreach_set("co", (points + offset).ravel())
+        key.slider_min, key.slider_max, key.value = original.slider_min, original.slider_max, original.value
+        driver = key.driver_add("value").driver
+        driver.type = "SUM"
+        variable = driver.variables.new()
+        variable.targets[0].id_type = "KEY"
+        variable.targets[0].id = source.item.data.shape_keys
+        variable.targets[0].data_path = f'key_blocks["{bpy.utils.escape_identifier(name)}"].value'
+
+
+def weights_of(result: LodMesh, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The weights, as read_weights gives them, of the source's vertices that those of the LOD stand for."""
+    vertex, group, weight = source.weights
+    first = np.searchsorted(vertex, result.source)
+    count = np.searchsorted(vertex, result.source, side="right") - first
+    step = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    entry = np.repeat(first, count) + step
+    return np.repeat(np.arange(len(count)), count), group[entry], weight[entry]
+
+
+def set_weights(item: bpy.types.Object, names: list[str], bones: set[str], weights) -> None:
+    """Give `item` the vertex groups `names` with these weights. Those of `bones` are cut to the largest MOST_INFLUENCES
+    a vertex and sum to one."""
+    vertex, group, weight = weights
+    item.vertex_groups.clear()
+    for name in names:
+        item.vertex_groups.new(name=name)
+    of_bone = np.array([name in bones for name in names], bool)[group] & (weight > 0)
+    order = np.lexsort((-weight, vertex, ~of_bone))
+    vertex, group, weight, of_bone = vertex[order], group[order], weight[order], of_bone[order]
+    skinned = int(of_bone.sum())
+    first = np.searchsorted(vertex[:skinned], vertex[:skinned])
+    keep = np.ones(len(vertex), bool)
+    keep[:skinned] = np.arange(skinned) - first < MOST_INFLUENCES
+    vertex, group, weight, of_bone = vertex[keep], group[keep], weight[keep], of_bone[keep]
+    total = np.bincount(vertex[of_bone], weight[of_bone], minlength=len(item.data.vertices))
+    weight[of_bone] /= total[vertex[of_bone]]
+    same = unique_rows(np.stack([group, np.rint(weight * 1e7).astype(np.int64)], axis=1)) if len(group) else group
+    order = np.argsort(same, kind="stable")
+    for entries in np.split(order, np.flatnonzero(np.diff(same[order])) + 1):
+        if len(entries):
+            item.vertex_groups[int(group[entries[0]])].add(vertex[entries].tolist(), float(weight[entries[0]]), "REPLACE")

@@ -1,0 +1,126 @@
+"""The two ways to a LOD's mesh, fast and precise, and the choice between them by measured error."""
+
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..crowd_lod.meshes import decimate
+from . import scene as io
+from .source import Source, evaluated_mesh, read_weights, staged
+from .surface import Surface, deviation
+from .transfer import barycentric, dress, weights_of
+
+SAMPLES = 5_000  # points that the two ways are compared at
+UV_OFF = 0.05  # distance in UV space from which on a point counts as off
+MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
+SLACK = 1.5  # how many times the precise way's distance the fast way's may be
+MOST_PRECISE = 300_000  # triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there
+
+
+@dataclass
+class Made:
+    """A LOD's mesh (its caller's to remove), with the weights as read_weights gives them. way: FAST, PRECISE or WHOLE;
+    why: sentences; milliseconds: that it took to make."""
+
+    mesh: bpy.types.Mesh
+    weights: tuple[np.ndarray, np.ndarray, np.ndarray]
+    way: str
+    why: str
+    milliseconds: float
+
+
+def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
+    """Make the mesh of about `ratio` of the source's triangles in the way asked for, AUTO, FAST or PRECISE; yields between
+    its steps and returns the Made."""
+    triangles = source.geometry[1]
+    if max(4, round(ratio * len(triangles))) >= len(triangles):
+        mesh = source.mesh.copy()
+        mesh.name = name
+        return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
+    if way == "PRECISE":
+        return _precise(source, ratio, name, "The precise way was asked for.")
+    fast = _fast(source, ratio, name, "The fast way was asked for.")
+    if way == "FAST":
+        return fast
+    if len(triangles) > MOST_PRECISE:
+        fast.why = f"Fast, as the mesh has {len(triangles):,} triangles, more than the {MOST_PRECISE:,} that the precise way is tried on."
+        return fast
+    yield
+    precise = _precise(source, ratio, name, "")
+    yield
+    (near, off), (precisely, precisely_off) = errors(source, fast.mesh), errors(source, precise.mesh)
+    better = near <= SLACK * precisely + 1e-4 and off <= max(MOST_OFF, precisely_off)
+    best, other = (fast, precise) if better else (precise, fast)
+    reason = "it is no worse" if better else ("its UVs are closer" if off > max(MOST_OFF, precisely_off) else "it is closer")
+    best.why = (
+        f"{best.way.capitalize()}, as {reason}: the fast way is up to {near:.2%} of the size away, with UVs off on {off:.1%} of the surface, "
+        f"in {fast.milliseconds:.0f} ms; the precise way {precisely:.2%}, {precisely_off:.1%}, {precise.milliseconds:.0f} ms."
+    )
+    bpy.data.meshes.remove(other.mesh)
+    return best
+
+
+def _fast(source: Source, ratio: float, name: str, why: str) -> Made:
+    """By quadric edge collapse, and what it loses carried over."""
+    start = clock.perf_counter()
+    result = decimate(*source.geometry[:2], ratio, source.item.name)
+    mesh = dress(name, result, source)
+    return Made(mesh, weights_of(result, source), "FAST", why, 1000 * (clock.perf_counter() - start))
+
+
+def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
+    """By Blender's Decimate modifier, which keeps the layers itself."""
+    start = clock.perf_counter()
+    item = bpy.data.objects.new(name, source.mesh)
+    try:
+        modifier = item.modifiers.new("Decimate", "DECIMATE")
+        modifier.ratio, modifier.use_collapse_triangulate = ratio, True
+        with staged(item) as depsgraph:
+            mesh = evaluated_mesh(item, depsgraph)
+    finally:
+        bpy.data.objects.remove(item)
+    mesh.name = name
+    return Made(mesh, read_weights(mesh), "PRECISE", why, 1000 * (clock.perf_counter() - start))
+
+
+def errors(source: Source, mesh: bpy.types.Mesh) -> tuple[float, float]:
+    """(symmetric Hausdorff distance as part of the source's diagonal, largest part of the surface, over the UV maps, whose
+    UVs are off by more than UV_OFF) of a LOD's mesh at rest."""
+    points, triangles, corners, _ = io.read_triangles(mesh)
+    diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
+    distance, _ = deviation(source.surface, Surface(points, triangles), SAMPLES)
+    return distance / diagonal, uv_error(source, mesh, points, triangles, corners)
+
+
+def uv_error(source: Source, mesh: bpy.types.Mesh, points, triangles, corners) -> float:
+    """The largest part, over the UV maps, of the mesh's surface whose UVs are off by more than UV_OFF from those of the
+    nearest point of the source."""
+    if not mesh.uv_layers:
+        return 0.0
+    a, b, c = (points[triangles[:, i]].astype(np.float64) for i in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    random = np.random.default_rng(0)
+    face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(SAMPLES) + random.random(SAMPLES)) / SAMPLES)
+    face = face.clip(0, len(area) - 1)
+    root, v = np.sqrt(random.random(SAMPLES)), random.random(SAMPLES)
+    mine = np.stack([1 - root, root * (1 - v), root * v], axis=1)
+    samples = np.einsum("nk,nkd->nd", mine, points[triangles[face]])
+    at, hit, _ = source.surface.nearest(samples)
+    there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
+    theirs = barycentric(at, *(source.geometry[0][there[:, i]].astype(np.float64) for i in range(3))).clip(0, 1)
+    worst = 0.0
+    for layer in mesh.uv_layers:
+        one, other = (_uvs(m.uv_layers[layer.name]) for m in (mesh, source.mesh))
+        gap = np.einsum("nk,nkd->nd", mine, one[corners[face]]) - np.einsum("nk,nkd->nd", theirs, other[there_corners])
+        worst = max(worst, float((np.linalg.norm(gap, axis=1) > UV_OFF).mean()))
+    return worst
+
+
+def _uvs(layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
+    """The layer's UVs, (loops, 2) float32."""
+    uvs = np.empty((len(layer.uv), 2), np.float32)
+    layer.uv.foreach_get("vector", uvs.ravel())
+    return uvs
