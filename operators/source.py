@@ -166,7 +166,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         mesh.corner_normals.foreach_get("vector", normals.ravel())
         mesh.attributes.remove(mesh.attributes["custom_normal"])  # it is relative to this very mesh
         mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
-    _drop_loose(mesh)
+    _mend(mesh)
     points = positions(mesh)
     wrong = ~np.isfinite(points).all(axis=1)
     if wrong.any():
@@ -234,16 +234,62 @@ def _notes(item: bpy.types.Object) -> list[str]:
     return notes
 
 
-def _drop_loose(mesh: bpy.types.Mesh) -> None:
-    """Remove vertices and edges without a face."""
-    if len(np.unique(io.read_triangles(mesh)[1])) == len(mesh.vertices):
+def _mend(mesh: bpy.types.Mesh) -> None:
+    """Remove vertices and edges without a face, and sew borders that lie on each other, as where an importer has split a
+    mesh along its UV seams: apart they would gape when decimated."""
+    points, triangles = io.read_triangles(mesh)[:2]
+    target = _sewn(points, triangles)
+    joined = np.flatnonzero(target != np.arange(len(points)))
+    if len(np.unique(triangles)) == len(points) and not len(joined):
         return
     body = bmesh.new()
     body.from_mesh(mesh)
+    body.verts.ensure_lookup_table()
+    if len(joined):
+        if NORMALS not in mesh.attributes:
+            for edge in body.edges:
+                edge.smooth = edge.smooth and not edge.is_boundary
+        bmesh.ops.weld_verts(body, targetmap={body.verts[int(v)]: body.verts[int(target[v])] for v in joined})
     bmesh.ops.delete(body, geom=[e for e in body.edges if not e.link_faces], context="EDGES")
     bmesh.ops.delete(body, geom=[v for v in body.verts if not v.link_faces], context="VERTS")
     body.to_mesh(mesh)
     body.free()
+
+
+def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """For each of the points (n,) the one that it is to be joined to. Only border edges are joined, of which just two lie
+    at the same place, run against each other, and have triangles that do not lie on each other, as those of a card's two
+    sides do."""
+    count = len(points)
+    half = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2).astype(np.int64)
+    low, high = half.min(axis=1), half.max(axis=1)
+    _, first, times = np.unique(low * count + high, return_index=True, return_counts=True)
+    border = first[times == 1]
+    target = np.arange(count)
+    if not len(border):
+        return target
+    a, b, c = (points[triangles[:, i]].astype(np.float64) for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-30)
+    _, place = np.unique(points[half[border]].reshape(-1, 3), axis=0, return_inverse=True)
+    place = place.reshape(-1, 2).astype(np.int64)
+    key = place.min(axis=1) * count + place.max(axis=1)
+    _, index, times = np.unique(key, return_inverse=True, return_counts=True)
+    order = np.argsort(index, kind="stable")
+    order = order[times[index[order]] == 2].reshape(-1, 2)
+    against = place[order[:, 0], 0] == place[order[:, 1], 1]
+    facing = (normal[border[order[:, 0]] // 3] * normal[border[order[:, 1]] // 3]).sum(axis=1)
+    one, other = half[border[order[against & (facing > -0.99)]]].transpose(1, 0, 2)
+    for _ in range(8):  # corners where several seams meet
+        before = target.copy()
+        for v, w in zip(one.T, other[:, ::-1].T, strict=True):
+            least = np.minimum(target[v], target[w])
+            np.minimum.at(target, v, least)
+            np.minimum.at(target, w, least)
+        target = target[target]
+        if (target == before).all():
+            break
+    return target
 
 
 def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarray]]:

@@ -11,7 +11,8 @@ from .source import KEY, KINDS, NORMALS, Source, positions, read_attributes
 from .surface import Surface
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
-INWARD = 0.1  # part of the way to its triangle's centre from where a corner looks for its colour and normal
+INWARD = 0.2  # part of the way to its triangle's centre from where a corner looks for its side of a seam or sharp edge
+JUMP = 0.3  # part of the way in UVs from a corner to its triangle's centre that the nearest UVs may be off
 BEYOND = 2.0  # how many sizes of a triangle beyond it its UVs are continued
 SHARP = 0.94  # cosine between normals of two sides beyond which an edge is sharp, where the source has sharp edges
 
@@ -21,7 +22,8 @@ class Charts:
     """The source's triangles cut into charts: islands of its UVs, in all its UV maps, and of its surface.
 
     label: (m,) chart of each triangle; members: per chart its triangles; surfaces: per chart, made when first asked for.
-    vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex.
+    vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex. seams: (s, 2) vertices of the edges whose
+    two sides differ in their UVs.
     """
 
     label: np.ndarray
@@ -29,6 +31,7 @@ class Charts:
     surfaces: dict[int, Surface]
     vertex: np.ndarray
     chart: np.ndarray
+    seams: np.ndarray
 
     def surface(self, chart: int, points: np.ndarray, triangles: np.ndarray) -> Surface:
         if chart not in self.surfaces:
@@ -51,8 +54,18 @@ def charts_of(source: Source) -> Charts:
         order = np.argsort(label, kind="stable")
         members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
         pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
-        source.charts = Charts(label, members, {}, *pairs.T)
+        source.charts = Charts(label, members, {}, *pairs.T, _seams(triangles, ids))
     return source.charts
+
+
+def _seams(triangles: np.ndarray, ids: np.ndarray) -> np.ndarray:
+    """The edges (s, 2) that several triangles share whose corners, numbered with their UVs as `ids`, are not the same."""
+    ends, own = (np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=2).reshape(-1, 2), axis=1) for t in (triangles, ids))
+    edge, uv_edge = unique_rows(ends), unique_rows(own)
+    _, first = np.unique(uv_edge, return_index=True)
+    split = np.bincount(edge[first], minlength=edge.max() + 1) > 1
+    _, at = np.unique(edge, return_index=True)
+    return ends[at[split]]
 
 
 def unique_rows(rows: np.ndarray) -> np.ndarray:
@@ -89,9 +102,12 @@ class Place:
     weights: np.ndarray
     outside: np.ndarray
 
+    def __getitem__(self, index) -> "Place":
+        return Place(self.triangle[index], self.weights[index], self.outside[index])
 
-def locate(source: Source, chart: np.ndarray, points: np.ndarray) -> tuple[Place, np.ndarray]:
-    """(the places of points (n, 3) in their charts (n,), distances (n,))."""
+
+def locate(source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.ndarray | None = None) -> tuple[Place, np.ndarray]:
+    """(the places of points (n, 3) in their charts (n,), distances (n,)); `outside` is of the points `beyond`, if given."""
     charts = charts_of(source)
     at_points, triangles = source.geometry[:2]
     triangle, distance = np.empty(len(points), np.intp), np.empty(len(points))
@@ -104,7 +120,7 @@ def locate(source: Source, chart: np.ndarray, points: np.ndarray) -> tuple[Place
     a, b, c = (at_points[triangles[triangle, i]].astype(np.float64) for i in range(3))
     within = barycentric(inside, a, b, c).clip(0, 1)
     within /= within.sum(axis=1, keepdims=True)
-    outside = barycentric(points, a, b, c)
+    outside = barycentric(points if beyond is None else beyond, a, b, c)
     far = np.abs(outside - within).max(axis=1) > BEYOND
     outside[far] = within[far]
     return Place(triangle, within, outside), distance
@@ -122,8 +138,8 @@ def barycentric(p, a, b, c) -> np.ndarray:
     return np.stack([1 - s - t, s, t], axis=1)
 
 
-def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, np.ndarray]:
-    """(chart (m,), source triangle (m,)) of each triangle of the LOD: of the charts around the source's vertices that its
+def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
+    """(chart (m,), place of the centre) of each triangle of the LOD: of the charts around the source's vertices that its
     corners stand for, the one nearest to its centre. So a sleeve takes nothing from the arm in it."""
     charts = charts_of(source)
     first = np.searchsorted(charts.vertex, result.source)
@@ -139,7 +155,7 @@ def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, np.ndarr
     place, distance = locate(source, chart, centres[triangle])
     order = np.lexsort((distance, triangle))
     best = order[np.searchsorted(triangle[order], np.arange(len(result.triangles)))]
-    return chart[best], place.triangle[best]
+    return chart[best], place[best]
 
 
 def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
@@ -153,25 +169,24 @@ def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
     for material in source.mesh.materials:
         mesh.materials.append(material)
     corners, faces = source.geometry[2:]
-    chart, nearest = charts_chosen(source, result)
+    chart, centre = charts_chosen(source, result)
     at = result.points[result.triangles]
+    middle = at.mean(axis=1, keepdims=True)
     every = chart.repeat(3)
+    inner, _ = locate(source, every, ((1 - INWARD) * at + INWARD * middle).reshape(-1, 3), at.reshape(-1, 3))
     # a vertex is looked up once a chart
     _, first, back = np.unique(np.stack([result.triangles.ravel(), every], axis=1), axis=0, return_index=True, return_inverse=True)
     edge, _ = locate(source, every[first], at.reshape(-1, 3)[first])
-    back = back.ravel()
+    edge = edge[back.ravel()]
     attributes = read_attributes(source.mesh)
     sharp = NORMALS not in attributes and "sharp_edge" in attributes and attributes["sharp_edge"][2].any()
-    inner = None
-    if sharp or any(domain == "CORNER" and kind != "FLOAT2" for domain, kind, _ in attributes.values()):
-        inner, _ = locate(source, every, ((1 - INWARD) * at + INWARD * at.mean(axis=1, keepdims=True)).reshape(-1, 3))
     for key, (domain, kind, values) in attributes.items():
         if domain == "POINT":
             carried = values[result.source]
         elif domain == "FACE":
-            carried = values[faces[nearest]]
+            carried = values[faces[centre.triangle]]
         elif domain == "CORNER" and kind == "FLOAT2":
-            carried = np.einsum("nk,nkd->nd", edge.outside, values[corners[edge.triangle]])[back]
+            carried = _same_side(*(np.einsum("nk,nkd->nd", place.outside, values[corners[place.triangle]]) for place in (edge, inner, centre)))
         elif domain == "CORNER" and values.dtype == np.float32:
             carried = np.einsum("nk,nkd->nd", inner.weights, values[corners[inner.triangle]])
         elif domain == "CORNER":
@@ -183,6 +198,13 @@ def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
         _mark_sharp(mesh, source, inner)
     mesh.update()
     return mesh
+
+
+def _same_side(nearest: np.ndarray, inwards: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    """UVs of the LOD's corners (n, 2): the `nearest` in the chart, unless they are on the other side of a seam within it.
+    Then they are far from those continued from a little `inwards`, which are taken."""
+    jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(inwards - centres.repeat(3, axis=0), axis=1)
+    return np.where(jump[:, None], inwards, nearest)
 
 
 def write_attribute(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:

@@ -11,7 +11,7 @@ from ..crowd_lod.meshes import decimate
 from . import scene as io
 from .source import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, deviation
-from .transfer import barycentric, dress, weights_of
+from .transfer import barycentric, charts_of, dress, weights_of
 
 SAMPLES = 5_000  # points that the two ways are compared at
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
@@ -66,7 +66,7 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
 def _fast(source: Source, ratio: float, name: str, why: str) -> Made:
     """By quadric edge collapse, and what it loses carried over."""
     start = clock.perf_counter()
-    result = decimate(*source.geometry[:2], ratio, source.item.name)
+    result = decimate(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams)
     mesh = dress(name, result, source)
     return Made(mesh, weights_of(result, source), "FAST", why, 1000 * (clock.perf_counter() - start))
 
