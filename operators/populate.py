@@ -122,6 +122,8 @@ def _bounds(objects: list[bpy.types.Object], origin, frames: np.ndarray) -> tupl
             depsgraph = stage.view_layers[0].depsgraph
             poses.append(np.concatenate([io.world_points(item.evaluated_get(depsgraph)) for item in objects]))
     points = np.concatenate(poses) - np.array(origin)
+    if not len(points):
+        raise CrowdError(f"The character {objects[0].name} has no vertices, modifiers applied: give it a mesh, or take it out.")
     if not np.isfinite(points).all():
         raise CrowdError(f"The character {objects[0].name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
     centre, radius = bounding_sphere(points)

@@ -1,0 +1,71 @@
+"""Small characters as users have them, for the tests of LOD meshes."""
+
+import bpy
+import numpy as np
+
+
+def tube(name: str, around: int = 24, along: int = 24, radius: float = 0.2, height: float = 2.0) -> bpy.types.Mesh:
+    """An open upright tube of quads with one UV seam, u around and v along."""
+    angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
+    rows = [np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(around, z)]) for z in np.linspace(0, height, along + 1)]
+    faces = [
+        (j * around + i, j * around + (i + 1) % around, (j + 1) * around + (i + 1) % around, (j + 1) * around + i)
+        for j in range(along)
+        for i in range(around)
+    ]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(np.concatenate(rows).tolist(), [], faces)
+    uvs = [((i + di) / around, (j + dj) / along) for j in range(along) for i in range(around) for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", np.array(uvs, np.float32).ravel())
+    mesh.shade_smooth()
+    return mesh
+
+
+def rig(name: str = "rig") -> bpy.types.Object:
+    """An armature with a lower and an upper bone; the upper one bends forward from frame 1 to 10."""
+    armature = bpy.data.objects.new(name, bpy.data.armatures.new(name))
+    bpy.context.scene.collection.objects.link(armature)
+    bpy.context.view_layer.objects.active = armature
+    bpy.ops.object.mode_set(mode="EDIT")
+    for bone, low, high in (("lower", 0, 1), ("upper", 1, 2)):
+        edit = armature.data.edit_bones.new(bone)
+        edit.head, edit.tail = (0, 0, low), (0, 0, high)
+    armature.data.edit_bones["upper"].parent = armature.data.edit_bones["lower"]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bone = armature.pose.bones["upper"]
+    bone.rotation_mode = "XYZ"
+    for frame, angle in ((1, 0.0), (10, 1.0)):
+        bone.rotation_euler = (angle, 0, 0)
+        bone.keyframe_insert("rotation_euler", frame=frame)
+    bpy.context.scene.collection.objects.unlink(armature)
+    return armature
+
+
+def skin(item: bpy.types.Object, armature: bpy.types.Object) -> None:
+    """Bind `item` to the two bones, blended about the height 1."""
+    for bone in ("lower", "upper"):
+        item.vertex_groups.new(name=bone)
+    for vertex in item.data.vertices:
+        upper = float(np.clip((vertex.co.z - 0.5) / 1.0, 0, 1))
+        item.vertex_groups["lower"].add([vertex.index], 1 - upper, "REPLACE")
+        item.vertex_groups["upper"].add([vertex.index], upper, "REPLACE")
+    item.parent = armature
+    item.modifiers.new("Armature", "ARMATURE").object = armature
+
+
+def character(*objects: bpy.types.Object, name: str = "someone") -> bpy.types.Collection:
+    """The crowd's characters: one group of these objects."""
+    scene = bpy.context.scene
+    top = bpy.data.collections.get("People") or bpy.data.collections.new("People")
+    if top.name not in scene.collection.children:
+        scene.collection.children.link(top)
+    group = bpy.data.collections.new(name)
+    top.children.link(group)
+    for item in objects:
+        group.objects.link(item)
+    scene.crowd_lod.characters = top
+    return group
+
+
+def new(name: str, data) -> bpy.types.Object:
+    return bpy.data.objects.new(name, data)

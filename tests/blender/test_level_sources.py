@@ -1,0 +1,256 @@
+"""Characters as users have them: what LOD meshes are made from, and that it stays as it was."""
+
+import bpy
+import numpy as np
+import pytest
+from .characters import character, new, rig, skin, tube
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.levels import make_levels
+
+
+def made(k=None):
+    """The LODs' collection; of LOD `k` the objects by name."""
+    scene = bpy.context.scene
+    list(make_levels(scene))
+    levels = scene.crowd_lod.levels
+    return levels if k is None else {item.name: item for item in levels.children[k].all_objects}
+
+
+def world(item):
+    """Its vertices where they are drawn, as an instance draws them."""
+    scene = bpy.context.scene
+    if item.name not in scene.collection.objects:
+        scene.collection.objects.link(item)
+    return io.world_points(item.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+
+
+def triangles(item):
+    return len(item.data.loops) - 2 * len(item.data.polygons)
+
+
+def test_curves_and_text_become_meshes_where_they_stand_with_their_own_materials():
+    curve = bpy.data.curves.new("wire", "CURVE")
+    curve.dimensions, curve.bevel_depth = "3D", 0.1
+    spline = curve.splines.new("POLY")
+    spline.points.add(20)
+    for i, point in enumerate(spline.points):
+        point.co = (np.sin(i), 0, i / 10, 1)
+    curve.materials.append(bpy.data.materials.new("shared"))
+    wire = new("wire", curve)
+    wire.scale, wire.location = (-1, 1, 1), (3, 0, 0)
+    wire.material_slots[0].link, wire.material_slots[0].material = "OBJECT", bpy.data.materials.new("own")
+    text = bpy.data.curves.new("sign", "FONT")
+    text.body, text.extrude = "Hello", 0.1
+    character(wire, new("sign", text))
+    lods = made(1)
+    assert [material.name for material in lods["wire LOD 1"].data.materials] == ["own"]
+    low, high = world(lods["wire LOD 1"]).min(axis=0), world(lods["wire LOD 1"]).max(axis=0)
+    bpy.context.scene.collection.objects.link(wire)
+    full = world(wire)
+    assert np.allclose(low, full.min(axis=0), atol=0.06) and np.allclose(high, full.max(axis=0), atol=0.06)
+    assert 0 < triangles(lods["sign LOD 1"]) < 0.45 * bpy.context.scene.crowd_lod.groups[0].triangles[0]
+
+
+@pytest.mark.parametrize(
+    "kind, says",
+    [
+        ("metaball", "mine, of the character group someone, is a metaball: turn it into a mesh"),
+        ("instance", "mine, of the character group someone, instances the collection inner: put that collection"),
+        ("no faces", "someone in People holds no mesh with faces"),
+        ("hair", "has no vertices"),
+        ("nan", "at NaN or infinity"),
+    ],
+)
+def test_what_cannot_be_one_sentence_names_it_and_nothing_is_left(kind, says):
+    if kind == "metaball":
+        item = new("mine", bpy.data.metaballs.new("mine"))
+    elif kind == "instance":
+        item = new("mine", None)
+        item.instance_type, item.instance_collection = "COLLECTION", bpy.data.collections.new("inner")
+    elif kind == "hair":
+        item = new("mine", bpy.data.hair_curves.new("mine"))
+        item.data.add_curves([4])
+    else:
+        item = new("mine", tube("mine") if kind == "nan" else bpy.data.meshes.new("mine"))
+    if kind == "nan":
+        item.data.vertices[3].co.x = float("nan")
+    character(item, *([new("body", tube("body"))] if kind in ("metaball", "instance") else []))
+    before = {block: (block.name, block.users) for block in bpy.data.user_map()}
+    with pytest.raises(CrowdError, match=says):
+        made()
+    assert {block: (block.name, block.users) for block in bpy.data.user_map()} == before
+    assert bpy.context.scene.crowd_lod.levels is None
+
+
+def test_an_object_without_faces_among_others_and_hair_are_kept_whole():
+    hair = new("hair", bpy.data.hair_curves.new("hair"))
+    hair.data.add_curves([4, 4])
+    character(new("guide", bpy.data.meshes.new("guide")), hair, new("body", tube("body")))
+    lods = made(2)
+    assert lods["hair LOD 2"].data is hair.data and set(lods) == {"guide LOD 2", "hair LOD 2", "body LOD 2"}
+
+
+def test_faces_that_only_a_modifier_makes_count():
+    line = bpy.data.meshes.new("line")
+    line.from_pydata([(1, 0, z) for z in np.linspace(0, 2, 9)], [(i, i + 1) for i in range(8)], [])
+    item = new("vase", line)
+    screw = item.modifiers.new("Screw", "SCREW")
+    screw.steps = screw.render_steps = 32
+    character(item)
+    lods = made(2)
+    assert triangles(lods["vase LOD 2"]) == pytest.approx(0.12 * 8 * 32 * 2, rel=0.2)
+    assert np.abs(np.linalg.norm(world(lods["vase LOD 2"])[:, :2], axis=1) - 1).max() < 0.15
+
+
+def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
+    armature = rig()
+    widget, cage, body = new("widget", tube("widget")), new("cage", tube("cage")), new("body", tube("body"))
+    armature.pose.bones["upper"].custom_shape = widget
+    cage.hide_render = True
+    body.hide_viewport = True
+    group = character(armature, body, cage, widget)
+    extras = bpy.data.collections.new("extras")
+    group.children.link(extras)
+    extras.objects.link(new("extra", tube("extra")))
+    extras.hide_render = True
+    assert set(made(1)) == {"body LOD 1"}
+
+
+def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():
+    armature, body = rig(), new("body", tube("body"))
+    skin(body, armature)
+    left, right = (new(name, bpy.data.meshes.get("club") or tube("club", 12, 8, 0.05, 0.5)) for name in ("left", "right"))
+    group = character(armature, body)
+    props = bpy.data.collections.new("props")
+    group.children.link(props)
+    for side, prop in ((-1, left), (1, right)):
+        props.objects.link(prop)
+        prop.parent, prop.parent_type, prop.parent_bone = armature, "BONE", "upper"
+        prop.location, prop.scale = (0.4 * side, 0, 0), (side, 1, 1)
+    lods = made(2)
+    assert set(lods) == {"body LOD 2", "left LOD 2", "right LOD 2"}
+    assert left.data.users == 4  # the two, and the two of LOD 0
+    scene = bpy.context.scene
+    for frame in (1, 10):
+        scene.frame_set(frame)
+        for prop in (left, right):
+            fine, coarse = world(prop), world(lods[f"{prop.name} LOD 2"])
+            assert np.allclose(coarse.min(axis=0), fine.min(axis=0), atol=0.02)
+            assert np.allclose(coarse.max(axis=0), fine.max(axis=0), atol=0.02)
+    assert world(left).max(axis=0)[1] < -0.3 or world(left).min(axis=0)[1] < -0.3  # it did move with the bone
+
+
+@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+def test_shape_keys_that_move_are_kept_through_modifiers_and_driven_by_the_characters_own(way):
+    item = new("body", tube("body"))
+    item.shape_key_add(name="Basis")
+    for name, factor in (("fat", 2.0), ("idle", 3.0)):
+        key = item.shape_key_add(name=name)
+        key.value = 0
+        points = np.empty((len(item.data.vertices), 3), np.float32)
+        item.data.vertices.foreach_get("co", points.ravel())
+        key.data.foreach_set("co", (points * (factor, factor, 1)).astype(np.float32).ravel())
+    fat = item.data.shape_keys.key_blocks["fat"]
+    for frame, value in ((1, 0.0), (10, 1.0)):
+        fat.value = value
+        fat.keyframe_insert("value", frame=frame)
+    item.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    character(item)
+    bpy.context.scene.crowd_lod.way = way
+    lod = made(1)["body LOD 1"]
+    assert lod.data.shape_keys.key_blocks.keys() == ["Basis", "fat"]
+    for frame, radius in ((1, 0.2), (10, 0.4)):
+        bpy.context.scene.frame_set(frame)
+        assert np.linalg.norm(world(lod)[:, :2], axis=1).max() == pytest.approx(radius, rel=0.03)
+
+
+@pytest.mark.parametrize("mode", ["EDIT", "POSE"])
+def test_modes_selection_and_names_stay(mode):
+    scene = bpy.context.scene
+    armature, body = rig(), new("body", tube("body"))
+    skin(body, armature)
+    character(armature, body)
+    active = armature if mode == "POSE" else body
+    bpy.context.view_layer.objects.active = active
+    active.select_set(True)
+    if mode == "EDIT":
+        body.data.vertices[0].co.x = 0.25
+    bpy.ops.object.mode_set(mode=mode)
+    # names that LODs would like to have
+    mine = bpy.data.objects.new("body LOD 1", None)
+    names = {block: block.name for block in bpy.data.user_map()}
+    made(), made()
+    assert {block: block.name for block in names} == names and mine.name == "body LOD 1"
+    assert bpy.context.view_layer.objects.active is active and active.mode == mode
+    assert [item.name for item in bpy.context.view_layer.objects if item.select_get()] == [active.name]
+    assert len(scene.crowd_lod.levels.children[1].all_objects) == 1
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+@pytest.mark.parametrize("override", [False, True])
+def test_characters_linked_from_another_file(tmp_path, override):
+    armature, body = rig(), new("body", tube("body"))
+    skin(body, armature)
+    body.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    character(armature, body, name="linked")
+    path = str(tmp_path / "library.blend")
+    bpy.data.libraries.write(path, {bpy.data.collections["linked"]}, fake_user=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.collections = ["linked"]
+    scene, group = bpy.context.scene, wanted.collections[0]
+    top = bpy.data.collections.new("People")
+    scene.collection.children.link(top)
+    top.children.link(group)
+    if override:
+        group = group.override_hierarchy_create(scene, bpy.context.view_layer)
+        top.children.unlink(bpy.data.collections["linked", path])
+        if group.name not in top.children:
+            top.children.link(group)
+    scene.crowd_lod.characters = top
+    states = {block: (block.name, block.library) for block in bpy.data.user_map()}
+    lod = made(2)["body LOD 2"]
+    assert lod.library is None and lod.override_library is None and triangles(lod) < 0.13 * scene.crowd_lod.groups[0].triangles[0]
+    assert {block: (block.name, block.library) for block in states} == states
+    scene.frame_set(10)
+    source = next(item for item in group.objects if item.type == "MESH")
+    fine, coarse = (world(item) for item in (source, lod))
+    assert np.allclose(coarse.min(axis=0), fine.min(axis=0), atol=0.05) and fine[:, 1].min() < -0.3
+
+
+def test_a_missing_library_is_named(tmp_path):
+    character(new("body", tube("body")), name="linked")
+    path = tmp_path / "library.blend"
+    bpy.data.libraries.write(str(path), {bpy.data.collections["linked"]}, fake_user=True)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        wanted.collections = ["linked"]
+    top = bpy.data.collections.new("People")
+    bpy.context.scene.collection.children.link(top)
+    top.children.link(wanted.collections[0])
+    bpy.context.scene.crowd_lod.characters = top
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    path.unlink()
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    with pytest.raises(CrowdError, match=r"linked, of the character group linked, is missing: bring back .*library\.blend"):
+        made()
+
+
+@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+def test_one_triangle_and_two_hundred_loose_parts(way):
+    one = bpy.data.meshes.new("one")
+    one.from_pydata([(0, 0, 0), (1, 0, 0), (0, 0, 1)], [], [(0, 1, 2)])
+    points, faces = [], []
+    for i in range(200):
+        corner = np.array((0.1 * (i % 20), 0, 0.1 * (i // 20)))
+        points += [tuple(corner + offset) for offset in ((0, 0, 0), (0.05, 0, 0), (0, 0.05, 0), (0, 0, 0.05))]
+        faces += [tuple(4 * i + j for j in face) for face in ((0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3))]
+    parts = bpy.data.meshes.new("parts")
+    parts.from_pydata(points, [], faces)
+    character(new("one", one), new("parts", parts))
+    bpy.context.scene.crowd_lod.way = way
+    lods = made(1)
+    assert triangles(lods["one LOD 1"]) == 1
+    found = io.read_triangles(lods["parts LOD 1"].data)[1]
+    assert len(np.unique(np.sort(found, axis=1), axis=0)) == len(found) >= 200  # none twice
