@@ -44,7 +44,9 @@ class Outcome:
 
     @property
     def sentence(self) -> str:
-        parts = [f"LOD meshes of {len(self.made)} character groups made, of {len(self.kept)} kept: nothing they depend on changed."]
+        parts = [f"LOD meshes made: {', '.join(self.made) or 'none'}."]
+        if self.kept:
+            parts.append(f"As they were, for nothing they depend on changed: {', '.join(self.kept)}.")
         if self.edited:
             parts.append(f"Edited or deleted by hand, and so made anew: {', '.join(self.edited)}.")
         return " ".join(parts)
@@ -77,7 +79,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         homes: list[list[bpy.types.Collection]] = []  # per group, per LOD
         edited = []
         for g, (name, objects, _) in enumerate(characters):
-            share = 1 / len(characters)
+            share = 0.99 / len(characters)
             chain = _Chain(name, objects, ratios, settings.way)
             for part in chain.read():
                 yield (g + 0.2 * part) * share
@@ -92,7 +94,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 for part in chain.make(homes[-1]):
                     yield (g + 0.2 + 0.8 * part) * share
             chain.forget()
-            yield (g + 1) * share if g + 1 < len(characters) else 0.999
+            yield (g + 1) * share
         done = True
     finally:
         if not done:
@@ -215,7 +217,7 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
         item.name_full,
         item.type,
         item.parent and (item.parent.name_full, item.parent_type, item.parent_bone),
-        [tuple(row) for matrix in (item.matrix_parent_inverse, item.matrix_basis) for row in matrix] if not curves else (),
+        [tuple(row) for matrix in (item.matrix_parent_inverse, item.matrix_basis) for row in matrix] if item.animation_data is None else (),
         [(modifier.name, modifier.type) for modifier in item.modifiers],
         [constraint.name for constraint in item.constraints],
         [slot.material and slot.material.name_full for slot in item.material_slots],

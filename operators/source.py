@@ -161,10 +161,11 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
             mesh.materials[index] = material
     for index, offset in enumerate(offsets.values()):
         mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", offset.ravel())
-    if mesh.has_custom_normals:
+    if mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2]):
         normals = np.empty((len(mesh.loops), 3), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
-        mesh.attributes.remove(mesh.attributes["custom_normal"])  # it is relative to this very mesh
+        if mesh.has_custom_normals:
+            mesh.attributes.remove(mesh.attributes["custom_normal"])  # it is relative to this very mesh
         mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
     _mend(mesh)
     points = positions(mesh)

@@ -13,8 +13,8 @@ from .surface import Surface
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
 INWARD = 0.2  # part of the way to its triangle's centre from where a corner looks for its side of a seam or sharp edge
 JUMP = 0.3  # part of the way in UVs from a corner to its triangle's centre that the nearest UVs may be off
+SHARP = 0.5  # difference between unit normals that a sharp edge makes, about 30 degrees
 BEYOND = 2.0  # how many sizes of a triangle beyond it its UVs are continued
-SHARP = 0.94  # cosine between normals of two sides beyond which an edge is sharp, where the source has sharp edges
 
 
 @dataclass
@@ -23,7 +23,7 @@ class Charts:
 
     label: (m,) chart of each triangle; members: per chart its triangles; surfaces: per chart, made when first asked for.
     vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex. seams: (s, 2) vertices of the edges whose
-    two sides differ in their UVs.
+    two sides differ in UVs, material or smoothness.
     """
 
     label: np.ndarray
@@ -43,18 +43,22 @@ class Charts:
 def charts_of(source: Source) -> Charts:
     """The charts of the source, kept with it. Triangles that share a vertex with the same UVs are of one chart."""
     if source.charts is None:
-        points, triangles, corners, _ = source.geometry
+        _, triangles, corners, faces = source.geometry
         columns = [triangles.reshape(-1, 1).astype(np.int64)]
         for layer in source.mesh.uv_layers:
             uvs = np.empty((len(source.mesh.loops), 2), np.float32)
             layer.uv.foreach_get("vector", uvs.ravel())
             columns.append(np.rint(uvs[corners].reshape(-1, 2).astype(np.float64) * 1e5).astype(np.int64))
         ids = unique_rows(np.concatenate(columns, axis=1)).reshape(-1, 3)
+        looks = np.empty((2, len(source.mesh.polygons)), np.int32)
+        source.mesh.polygons.foreach_get("material_index", looks[0])
+        source.mesh.polygons.foreach_get("use_smooth", looks[1])
+        looks = np.column_stack([ids.ravel(), *looks[:, faces].repeat(3, axis=1)])
         _, label = np.unique(components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True)
         order = np.argsort(label, kind="stable")
         members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
         pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
-        source.charts = Charts(label, members, {}, *pairs.T, _seams(triangles, ids))
+        source.charts = Charts(label, members, {}, *pairs.T, _seams(triangles, unique_rows(looks).reshape(-1, 3)))
     return source.charts
 
 
@@ -179,14 +183,21 @@ def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
     edge, _ = locate(source, every[first], at.reshape(-1, 3)[first])
     edge = edge[back.ravel()]
     attributes = read_attributes(source.mesh)
-    sharp = NORMALS not in attributes and "sharp_edge" in attributes and attributes["sharp_edge"][2].any()
     for key, (domain, kind, values) in attributes.items():
         if domain == "POINT":
             carried = values[result.source]
         elif domain == "FACE":
             carried = values[faces[centre.triangle]]
         elif domain == "CORNER" and kind == "FLOAT2":
-            carried = _same_side(*(np.einsum("nk,nkd->nd", place.outside, values[corners[place.triangle]]) for place in (edge, inner, centre)))
+            uvs = values[corners]
+            carried = _same_side(*(np.einsum("nk,nkd->nd", place.outside, uvs[place.triangle]) for place in (edge, inner, centre)))
+            # never beyond the chart's own range: it may end at the picture's edge
+            low, high = (np.array([limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]) for limit in (np.min, np.max))
+            carried = carried.clip(low[every], high[every])
+        elif key == NORMALS:
+            # one a vertex, but on the two sides of a sharp edge
+            one, side = (np.einsum("nk,nkd->nd", place.weights, values[corners[place.triangle]]) for place in (edge, inner))
+            carried = np.where(np.linalg.norm(one - side, axis=1, keepdims=True) > SHARP, side, one)
         elif domain == "CORNER" and values.dtype == np.float32:
             carried = np.einsum("nk,nkd->nd", inner.weights, values[corners[inner.triangle]])
         elif domain == "CORNER":
@@ -194,8 +205,6 @@ def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
         else:
             continue
         write_attribute(mesh, key, domain, kind, carried.astype(values.dtype))
-    if sharp:
-        _mark_sharp(mesh, source, inner)
     mesh.update()
     return mesh
 
@@ -211,28 +220,6 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, val
     """Give the mesh the attribute `name` with these values (n, width)."""
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, domain)
     attribute.data.foreach_set(KINDS[kind][0], np.ascontiguousarray(values).ravel())
-
-
-def _mark_sharp(mesh: bpy.types.Mesh, source: Source, inner: Place) -> None:
-    """Mark the edges sharp whose two sides have normals well apart on the source, at both ends."""
-    normals = np.empty((len(source.mesh.loops), 3), np.float32)
-    source.mesh.corner_normals.foreach_get("vector", normals.ravel())
-    seen = np.einsum("nk,nkd->nd", inner.weights, normals[source.geometry[2][inner.triangle]]).reshape(-1, 3, 3)
-    seen /= np.linalg.norm(seen, axis=2, keepdims=True).clip(1e-12)
-    corner, edge = np.empty(len(mesh.loops), np.int32), np.empty(len(mesh.loops), np.int32)
-    mesh.loops.foreach_get("vertex_index", corner)
-    mesh.loops.foreach_get("edge_index", edge)
-    corner = corner.reshape(-1, 3)
-    following = np.roll(corner, -1, axis=1)
-    ends = np.stack([seen, np.roll(seen, -1, axis=1)], axis=2)  # (m, 3 edges, 2 ends, 3)
-    turned = corner > following
-    ends[turned] = ends[turned][:, ::-1]
-    ends, order = ends.reshape(-1, 2, 3), np.argsort(edge, kind="stable")
-    once, first, count = np.unique(edge[order], return_index=True, return_counts=True)
-    one, other = order[first[count == 2]], order[first[count == 2] + 1]
-    sharp = np.zeros((len(mesh.edges), 1), bool)
-    sharp[once[count == 2], 0] = ((ends[one] * ends[other]).sum(axis=2) < SHARP).all(axis=1)
-    write_attribute(mesh, "sharp_edge", "EDGE", "BOOLEAN", sharp)
 
 
 def mark_active(mesh: bpy.types.Mesh, source: bpy.types.Mesh) -> None:

@@ -3,10 +3,11 @@
 import bpy
 import numpy as np
 import pytest
-from .characters import character, new, rig, skin, tube
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
+
+from .characters import character, new, rig, skin, tube
 
 
 def made(k=None):

@@ -1,0 +1,145 @@
+"""LOD meshes are made once: kept while nothing they depend on changes, and replaced where it does."""
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.levels import make_levels
+
+from .characters import character, new, rig, skin, tube
+
+
+def run(scene):
+    """The Outcome of making the LODs, and per LOD object its mesh."""
+    steps = make_levels(scene)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value, {item.name: item for item in scene.crowd_lod.levels.all_objects}
+
+
+@pytest.fixture
+def two():
+    """Two groups, `one` with a rig and a material, `two` without."""
+    scene = bpy.context.scene
+    armature, body = rig(), new("body", tube("body", 12, 12))
+    body.data.materials.append(bpy.data.materials.new("skin"))
+    skin(body, armature)
+    character(armature, body, name="one")
+    character(new("other", tube("other", 12, 12)), name="two")
+    return scene
+
+
+def test_nothing_changed_keeps_everything_also_after_saving(two, tmp_path):
+    outcome, first = run(two)
+    assert (outcome.made, outcome.kept) == (("one", "two"), ())
+    counts = [list(group.triangles) for group in two.crowd_lod.groups]
+    outcome, again = run(two)
+    assert (outcome.made, outcome.kept) == ((), ("one", "two")) and again == first
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    scene = bpy.context.scene
+    outcome, last = run(scene)
+    assert outcome.kept == ("one", "two") and set(last) == set(first)
+    assert [list(group.triangles) for group in scene.crowd_lod.groups] == counts
+    assert [[home.name for home in level.children] for level in scene.crowd_lod.levels.children] == [
+        [f"000 one LOD {k}", f"001 two LOD {k}"] for k in range(3)
+    ]
+
+
+def change_point(body):
+    body.data.vertices[0].co.z += 0.1
+
+
+def change_weight(body):
+    body.vertex_groups["upper"].add([0], 0.4, "REPLACE")
+
+
+def change_uv(body):
+    body.data.uv_layers[0].uv[0].vector = (0.3, 0.3)
+
+
+def change_material(body):
+    body.data.materials[0] = bpy.data.materials.new("paint")
+
+
+def change_action(body):
+    action = body.parent.animation_data.action
+    action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[1].co.y = 0.5
+
+
+def change_modifier(body):
+    body.modifiers.new("Subdivision", "SUBSURF")
+
+
+def change_place(body):
+    body.location.x = 1
+
+
+@pytest.mark.parametrize(
+    "change", [change_point, change_weight, change_uv, change_material, change_action, change_modifier, change_place]
+)
+def test_a_change_to_one_character_makes_that_one_anew(two, change):
+    _, first = run(two)
+    kept = first["other LOD 1"]
+    change(bpy.data.objects["body"])
+    outcome, again = run(two)
+    assert (outcome.made, outcome.kept, outcome.edited) == (("one",), ("two",), ())
+    assert again["other LOD 1"] == kept and set(again) == set(first)
+
+
+def test_other_settings_make_all_anew(two):
+    run(two)
+    two.crowd_lod.ratios[2] = 0.2
+    assert run(two)[0].made == ("one", "two")
+    two.crowd_lod.way = "FAST"
+    assert run(two)[0].made == ("one", "two")
+    two.crowd_lod.level_count = 2
+    outcome, lods = run(two)
+    assert outcome.made == ("one", "two") and not any(name.endswith("LOD 2") for name in lods)
+
+
+def test_what_was_edited_or_deleted_by_hand_is_made_anew_and_said(two):
+    _, first = run(two)
+    count = len(first["other LOD 1"].data.polygons)
+    first["other LOD 1"].data.vertices[0].co.x += 1
+    outcome, again = run(two)
+    assert outcome.edited == outcome.made == ("two",) and "made anew: two" in outcome.sentence
+    assert len(again["other LOD 1"].data.polygons) == count
+    bpy.data.objects.remove(again["body LOD 2"])
+    outcome, again = run(two)
+    assert outcome.edited == ("one",) and "body LOD 2" in again
+
+
+def test_a_new_group_before_the_others_moves_the_numbers_only(two):
+    _, first = run(two)
+    meshes = {name: item.data for name, item in first.items()}
+    character(new("early", tube("early", 12, 12)), name="a first")
+    outcome, again = run(two)
+    assert (outcome.made, outcome.kept) == (("a first",), ("one", "two"))
+    assert {home.name for home in two.crowd_lod.levels.children[1].children} == {
+        "000 a first LOD 1",
+        "001 one LOD 1",
+        "002 two LOD 1",
+    }
+    assert all(again[name].data == mesh for name, mesh in meshes.items())
+
+
+def test_esc_at_any_step_leaves_what_was_there(two):
+    run(two)
+    bpy.data.objects["body"].data.vertices[0].co.z += 0.1
+    before = {block: (block.name, block.users) for block in bpy.data.user_map()}
+    levels = two.crowd_lod.levels
+    for stop in range(1, 60):
+        steps = make_levels(two)
+        for _ in range(stop):
+            if next(steps) == 1:
+                return
+        steps.close()
+        assert {block: (block.name, block.users) for block in bpy.data.user_map()} == before
+        assert two.crowd_lod.levels == levels
+    raise AssertionError("more steps than were tried")
+
+
+def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
+    progress = list(make_levels(two))
+    assert progress == sorted(progress) and progress[0] >= 0 and progress[-1] == 1.0 and len(set(progress)) >= 2 * 3
