@@ -209,9 +209,7 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
     animated = [item, *armatures_of([item]), getattr(item.data, "shape_keys", None)]
     actions = [block.animation_data.action for block in animated if block and block.animation_data]
     curves = [
-        (curve.data_path, curve.array_index, [tuple(point.co) for point in curve.keyframe_points])
-        for action in actions
-        for curve in sources.curves_of(action)
+        (curve.data_path, curve.array_index, sources.keys_of(curve)) for action in actions for curve in sources.curves_of(action)
     ]
     stance = (
         item.name_full,

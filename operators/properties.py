@@ -97,8 +97,8 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Decimation",
         items=[
             ("AUTO", "Automatic", "Try both ways on each mesh, measure, and take the fast one where it is no worse"),
-            ("FAST", "Fast", "Quadric edge collapse; weights, UVs, colors and normals are carried over"),
-            ("PRECISE", "Precise", "Blender's Decimate modifier: closer in shape and UVs, and ten times slower"),
+            ("FAST", "Fast", "Quadric edge collapse that keeps UV seams; weights, UVs, colors and normals are carried over"),
+            ("PRECISE", "Precise", "Blender's Decimate modifier, which keeps weights, UVs and colors itself"),
         ],
     )
     thresholds: FloatVectorProperty(

@@ -117,6 +117,7 @@ def read_source(item: bpy.types.Object) -> Source:
     try:
         if twin.override_library:
             twin.make_local()
+        twin.hide_viewport = False  # or it would not be evaluated
         if item.type == "MESH":
             item.update_from_editmode()
             twin.data = item.data.copy()  # its keys can be set, and it is in no edit mode
@@ -220,6 +221,13 @@ def curves_of(action: bpy.types.Action | None) -> list[bpy.types.FCurve]:
         return []
     strips = (strip for layer in action.layers for strip in layer.strips if strip.type == "KEYFRAME")
     return [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
+
+
+def keys_of(curve: bpy.types.FCurve) -> bytes:
+    """The frames and values of the curve's keys."""
+    keys = np.empty(2 * len(curve.keyframe_points), np.float32)
+    curve.keyframe_points.foreach_get("co", keys)
+    return keys.tobytes()
 
 
 def _notes(item: bpy.types.Object) -> list[str]:

@@ -109,13 +109,16 @@ def test_what_is_hidden_in_renders_and_the_shapes_of_bones_are_left_out():
     widget, cage, body = new("widget", tube("widget")), new("cage", tube("cage")), new("body", tube("body"))
     armature.pose.bones["upper"].custom_shape = widget
     cage.hide_render = True
-    body.hide_viewport = True
+    body.hide_viewport = True  # is working comfort; its modifier counts all the same
+    body.modifiers.new("Subdivision", "SUBSURF").levels = 1
     group = character(armature, body, cage, widget)
     extras = bpy.data.collections.new("extras")
     group.children.link(extras)
     extras.objects.link(new("extra", tube("extra")))
     extras.hide_render = True
-    assert set(made(1)) == {"body LOD 1"}
+    lods = made(1)
+    assert set(lods) == {"body LOD 1"}
+    assert triangles(lods["body LOD 1"]) == pytest.approx(0.4 * 4 * 2 * 24 * 24, rel=0.03)
 
 
 def test_nested_collections_shared_meshes_and_props_on_bones_follow_the_bone():

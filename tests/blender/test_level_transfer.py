@@ -46,7 +46,7 @@ def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(wa
     mesh = tube("body", 48, 24, split=split)
     second = mesh.uv_layers.new(name="Second")
     for a, b in zip(mesh.uv_layers["UVMap"].uv, second.uv, strict=True):
-        b.vector = a.vector[::-1]
+        b.vector = tuple(a.vector)[::-1]
     mesh.uv_layers.active = second
     mesh.uv_layers["UVMap"].active_render = True
     made = lod(2, new("body", mesh), way).data
