@@ -127,9 +127,9 @@ def lenses(pairs: int, seed: int) -> Iterator[float]:
 
 def lenses_text(rows: list[dict]) -> str:
     """The audit as lines of text."""
-    head = f"{'lens':14} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
+    head = f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
     lines = [
-        f"{r['lens']:14} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
+        f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
         for r in rows
     ]
     return "\n".join([head, *lines, "surplus: of those kept, not visible; beside: of those visible by the planes, beside the frustum's body"])
