@@ -8,7 +8,6 @@ from .agents import Crowd, runs
 from .machine import StateMachine
 from .maps import LabelMap
 
-
 SHORT_RUN = 2_000  # agents: about as many as take the culling the time of the calls that a block of them costs
 
 
