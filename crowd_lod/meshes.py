@@ -10,8 +10,8 @@ from .errors import CrowdError
 from .refine import fit
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
+LARGE = 20_000  # triangles: a larger mesh is not fitted at more than 1 / BULK of them, where it gains little
 BULK_AGGRESSION = 3  # with this care; its default is 7
-LARGE = 20_000  # triangles: a mesh this large is not fitted at more than 1 / BULK of them, where it gains little
 EFFORT = 100_000  # triangles to go through in several tries, of which the best is kept
 TRIES = 4
 BOOST = 3.0  # how much more the quadric of a point at the worst distance weighs in the next try
@@ -71,7 +71,7 @@ def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str,
         index[used] = joined
         seams = index[seams]
         held = np.concatenate([held, seams[(seams >= 0).all(axis=1)]])
-    whole = _without_flat(joined[triangles])
+    whole = _without_flat_and_doubled(joined[triangles])
     if not len(whole):
         return LodMesh(points, triangles.astype(np.int32), used)
     solid, whole = np.unique(whole, return_inverse=True)
@@ -92,10 +92,11 @@ def _best(points, triangles, quadrics, target: int) -> tuple[np.ndarray, np.ndar
     n, part, normals = len(points), _parts(len(points), triangles), normals_of(points, triangles)
     start, some, landed = _bulk(points, triangles, part, BULK * target)
     quadrics, normals = (np.stack([np.bincount(landed, row, n) for row in rows]) for rows in (quadrics, normals.T))
+    normals = normals.T
     best, least, boost = None, np.inf, np.ones(n)
     for _ in range(min(max(EFFORT // (len(triangles) + 2 * len(some)), 1), TRIES)):
         weighed = np.concatenate([quadrics[:10] * boost, quadrics[10:]])
-        new_points, new_triangles, end = collapse(start, some, weighed, normals.T, target)
+        new_points, new_triangles, end = collapse(start, some, weighed, normals, target)
         new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
         kept, new_triangles = np.unique(new_triangles, return_inverse=True)
         new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
@@ -129,7 +130,7 @@ def _bulk(points, triangles, part, target: int) -> tuple[np.ndarray, np.ndarray,
         some_points, some, landed = fast_simplification.replay_simplification(points, faces, collapses)
     # it numbers the points anew: each takes back the number of the first that landed on it
     _, first = np.unique(landed, return_index=True)
-    if len(first) < len(some_points):
+    if len(first) != len(some_points) or (landed[first] != np.arange(len(first))).any():
         return same
     moved = points.copy()
     moved[first] = some_points
@@ -137,10 +138,10 @@ def _bulk(points, triangles, part, target: int) -> tuple[np.ndarray, np.ndarray,
     if (np.abs(moved - moved.clip(points.min(axis=0), points.max(axis=0))) > 0.01).any():
         return same
     some = first[some]
-    doubled = len(np.unique(np.sort(some, axis=1), axis=0)) < len(some)
-    if doubled or _uneven(some, len(points)) > _uneven(triangles, len(points)) or len(np.unique(part[some])) < len(np.unique(part[triangles])):
-        return same
-    return moved, some, first[landed]
+    doubled = len(_without_flat_and_doubled(some)) < len(some)
+    opened = _uneven(some, len(points)) > _uneven(triangles, len(points))
+    lost = len(np.unique(part[some])) < len(np.unique(part[triangles]))
+    return same if doubled or opened or lost else (moved, some, first[landed])
 
 
 def _uneven(triangles: np.ndarray, n: int) -> int:
@@ -153,9 +154,13 @@ def _half_edges(triangles: np.ndarray) -> np.ndarray:
     return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
-def _without_flat(triangles: np.ndarray) -> np.ndarray:
-    """The triangles with three different corners."""
-    return triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+def _without_flat_and_doubled(triangles: np.ndarray) -> np.ndarray:
+    """The triangles with three different corners, the first of those with the same."""
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    n = int(triangles.max(initial=0)) + 1
+    corners = np.sort(triangles, axis=1)
+    _, first = np.unique(edge_keys(corners[:, :2].T, n) * n + corners[:, 2], return_index=True)
+    return triangles[np.sort(first)]
 
 
 def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,7 +8,6 @@ FAR = 0.4  # of the worst distance: beyond it a sample's nearest triangle is sou
 DAMPING = 0.5  # of each move
 FINE = 1e-7  # no moves below this worst distance
 SHARPEN = 2.0  # a sample weighs as its distance to this power: towards the least worst distance, not the least mean
-AT = np.array([[1, 1, 1], [0, 1.5, 1.5], [1.5, 0, 1.5], [1.5, 1.5, 0]]) / 3  # a triangle's middle and those of its sides
 
 
 def fit(points, triangles, source, source_triangles, landed) -> tuple[np.ndarray, np.ndarray]:
@@ -23,24 +22,21 @@ def fit(points, triangles, source, source_triangles, landed) -> tuple[np.ndarray
     mine = np.flatnonzero(landed >= 0)
     there = source[mine]
     face, at = _walk(points, triangles, stars, landed[mine], there)
-    whole = np.arange(len(triangles))
-    one = stars[0][stars[1][:-1]]
-    own_face = np.concatenate([np.repeat(whole, len(AT)), one])
-    own_at = np.concatenate([np.tile(AT, (len(triangles), 1)), triangles[one] == np.arange(len(points))[:, None]])
+    own_face, own_at = _samples(triangles, stars)
     here = _mix(points, triangles[own_face], own_at)
-    # Walks to the source begin at the point nearest to the triangle's middle, and at the best that stands for a corner.
+    # walks to the source begin at its point nearest to the triangle's middle, and again from a corner's where that ends far
     corner = np.zeros(len(points), np.intp)
     corner[landed[mine]] = mine
     middle = corner[triangles[:, 0]]
     inner = np.lexsort((at.min(axis=1), face))
     middle[face[inner]] = mine[inner]
-    starts = corner[triangles[own_face]]
-    nearest = np.linalg.norm(source[starts] - here[:, None], axis=2).argmin(axis=1)
-    starts = middle[own_face], starts[np.arange(len(here)), nearest]
-    walks = [_walk(source, source_triangles, source_stars, start, here) for start in starts]
-    away = [_length(_mix(source, source_triangles[hit], hit_at) - here) for hit, hit_at in walks]
-    better = away[1] < away[0]
-    hit, hit_at = (np.where(better if one.ndim == 1 else better[:, None], two, one) for one, two in zip(*walks, strict=True))
+    hit, hit_at = _walk(source, source_triangles, source_stars, middle[own_face], here)
+    for k in range(3):
+        away = _length(_mix(source, source_triangles[hit], hit_at) - here)
+        far = np.flatnonzero(away > FAR * away.max())
+        again, again_at = _walk(source, source_triangles, source_stars, corner[triangles[own_face[far], k]], here[far])
+        better = _length(_mix(source, source_triangles[again], again_at) - here[far]) < away[far]
+        hit[far[better]], hit_at[far[better]] = again[better], again_at[better]
     best, error = points, np.full(len(source), np.inf)
     for step in range(STEPS + 1):
         if step:
@@ -102,6 +98,17 @@ def _nearest(points, triangles, stars, start, others) -> tuple[np.ndarray, np.nd
     hit = np.flatnonzero(distance == np.repeat(np.minimum.reduceat(distance, begin), count))
     hit = hit[np.searchsorted(which[hit], np.arange(len(start)))]
     return face[hit], at[hit]
+
+
+def _samples(triangles, stars) -> tuple[np.ndarray, np.ndarray]:
+    """(triangle (k,), barycentric coordinates (k, 3)) of the middles of all triangles and sides, and of the points."""
+    star, first = stars
+    every, at = [np.arange(len(triangles))], [np.full((len(triangles), 3), 1 / 3)]
+    for i, j in ((0, 1), (1, 2), (2, 0)):
+        every.append(np.flatnonzero(triangles[:, i] < triangles[:, j]))  # a side of two triangles once
+        at.append(np.tile((np.arange(3) == i) / 2 + (np.arange(3) == j) / 2, (len(every[-1]), 1)))
+    one = star[first[:-1]]
+    return np.concatenate([*every, one]), np.concatenate([*at, triangles[one] == np.arange(len(first) - 1)[:, None]])
 
 
 def _stars(triangles, n) -> tuple[np.ndarray, np.ndarray]:

@@ -59,3 +59,87 @@ def test_empty_and_nan_meshes_are_named():
     points[7, 1] = np.nan
     with pytest.raises(CrowdError, match="torus has 1 vertices at NaN"):
         decimate(points, triangles, 0.5, "torus")
+
+
+def sphere(n=40):
+    """A closed sphere of 2 n (n - 1) triangles with bumps, (points, triangles)."""
+    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(1, n // 2) * 2 * np.pi / n, indexing="ij")
+    r = 1 + 0.1 * np.sin(3 * u) * np.sin(v) ** 3
+    ring = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), np.cos(v)], -1)
+    i = np.arange(ring.shape[0] * ring.shape[1]).reshape(ring.shape[:2])
+    a, b, c, d = i[:, :-1], np.roll(i, -1, 0)[:, :-1], np.roll(i, -1, 0)[:, 1:], i[:, 1:]
+    sides = [np.stack(t, -1).reshape(-1, 3) for t in ((a, d, c), (a, c, b))]
+    top, bottom = i.size, i.size + 1
+    caps = [np.stack([0 * i[:, 0] + top, i[:, 0], np.roll(i[:, 0], -1)], -1)]
+    caps += [np.stack([0 * i[:, 0] + bottom, np.roll(i[:, -1], -1), i[:, -1]], -1)]
+    return np.vstack([ring.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]]), np.concatenate([*sides, *caps])
+
+
+def terrain(n=30):
+    """Open ground with hills, 10 m wide."""
+    x, y = np.meshgrid(np.linspace(0, 10, n), np.linspace(0, 10, n), indexing="ij")
+    z = 0.5 * np.sin(x) * np.cos(0.7 * y) + 0.2 * np.sin(2.3 * x + y)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+
+
+def cards(count=200, columns=1):
+    """Loose cards of 2 * columns triangles, of growing size."""
+    points, triangles = [], []
+    for k in range(count):
+        x, y = np.meshgrid(np.arange(columns + 1.0), [0, 1.0], indexing="ij")
+        card = np.stack([x, y, 0.1 * x * x], -1).reshape(-1, 3) * (0.2 + k / count) + (3 * (k % 15) * columns, 3 * (k // 15), 0)
+        low = 2 * np.arange(columns) + len(points) * 2 * (columns + 1)
+        triangles += [np.stack([low, low + 2, low + 3], 1), np.stack([low, low + 3, low + 1], 1)]
+        points.append(card)
+    return np.concatenate(points), np.concatenate(triangles)
+
+
+def edge_counts(triangles):
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return np.unique(edges, axis=0, return_counts=True)
+
+
+def farthest(points, triangles, others):
+    """The farthest that a point of `others` lies from the surface: every point against every triangle."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    worst = 0.0
+    for p in others:
+        inside, least = np.ones(len(a), bool), np.full(len(a), np.inf)
+        for u, v in ((a, b), (b, c), (c, a)):
+            side, w = v - u, p - u
+            t = np.clip((w * side).sum(1) / (side * side).sum(1), 0, 1)
+            least = np.minimum(least, np.linalg.norm(w - t[:, None] * side, axis=1))
+            inside &= (np.cross(side, w) * normal).sum(1) >= 0
+        least = np.where(inside, np.abs(((p - a) * normal).sum(1)), least)
+        worst = max(worst, least.min())
+    return worst
+
+
+def spread(points, triangles, count):
+    """The corners and about `count` more points on each triangle's inside and sides, on a barycentric grid."""
+    i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+    at = np.stack([i, j, count - i - j], -1)[i + j <= count] / count
+    return np.einsum("gk,nkd->ngd", at, points[triangles]).reshape(-1, 3)
+
+
+def hausdorff(one, other):
+    """The symmetric Hausdorff distance at points about evenly spread over both."""
+    fine = [int(np.ceil(np.sqrt(8000 / len(triangles)))) for _, triangles in (one, other)]
+    return max(farthest(*other, spread(*one, fine[0])), farthest(*one, spread(*other, fine[1])))
+
+
+@pytest.mark.parametrize("make", [sphere, terrain, lambda: torus(40, 20)], ids=["sphere", "terrain", "torus"])
+@pytest.mark.parametrize("ratio", [0.4, 0.12, 0.03])
+def test_half_the_distance_of_fast_simplification_alone(make, ratio):
+    import fast_simplification
+
+    points, triangles = make()
+    target = round(ratio * len(triangles))
+    peer = fast_simplification.simplify(points, triangles.astype(np.int32), target_count=target)
+    lod = decimate(points, triangles, ratio, "mesh")
+    assert abs(len(lod.triangles) - target) <= max(1, 0.01 * target)
+    assert hausdorff((points, triangles), (lod.points, lod.triangles)) <= 0.5 * hausdorff((points, triangles), peer)
