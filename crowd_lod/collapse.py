@@ -10,7 +10,7 @@ MEAN = 0.75  # the power of its area that a collapse's error is divided by: 0 sp
 STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
 FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
 THIN = 0.01  # a triangle may get no thinner than this, twice its area over its squared sides
-SHARE = 0.12  # of a round's edges, the cheapest, that may collapse in it
+SHARE = 0.2  # of a round's edges, the cheapest, that may collapse in it
 PASSES = 3  # choices of edges in a round
 
 
@@ -127,7 +127,7 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     step = -adjugate / np.maximum(xx * cxx + xy * cxy + xz * cxz, 1e-300)
     edge = ((p - q) ** 2).sum(axis=0)
     # planes that hardly differ meet anywhere
-    step[:, np.abs(step).max(axis=0) > np.sqrt(edge)] = 0
+    step[:, np.abs(step).max(axis=0) > 2 * np.sqrt(edge)] = 0
     cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + STAY * edge * area
     return middle + step, cost / (area + 1e-300) ** MEAN
 
