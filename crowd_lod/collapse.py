@@ -1,0 +1,192 @@
+"""Quadric edge collapse in rounds: each collapses, cheapest first, edges whose stars share no triangle.
+
+Source: Garland, Heckbert, "Surface simplification using quadric error metrics", 1997; the link condition is that of Dey,
+Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
+"""
+
+import numpy as np
+
+MEAN = 0.75  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
+STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
+FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
+THIN = 0.01  # a triangle may get no thinner than this, twice its area over its squared sides
+SHARE = 0.2  # of a round's edges, the cheapest, that may collapse in it
+PASSES = 3  # choices of edges in a round
+
+
+def quadrics_of(points: np.ndarray, triangles: np.ndarray, seams: np.ndarray) -> np.ndarray:
+    """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its
+    triangles by their areas, and of the planes upright on its open borders and `seams` (k, 2), by length squared."""
+    n = len(points)
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normal, area = _unit(np.cross(b - a, c - a))
+    total = _spread(_planes(normal, a, area / 2), triangles.T, n)
+    half = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    keys = edge_keys(half.T, n)
+    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+    held = (count[inverse] != 2) | np.isin(keys, edge_keys(seams.T, n))
+    start, end = half[held].T
+    side, length = _unit(np.cross(points[end] - points[start], np.repeat(normal, 3, axis=0)[held]))
+    total[:10] += _spread(_planes(side, points[start], length**2)[:10], (start, end), n)
+    return total
+
+
+def normals_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The sum (n, 3) of the normals of each point's triangles, by their areas."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    return _spread(np.cross(b - a, c - a).T, triangles.T, len(points)).T
+
+
+def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
+    """One number (k,) for each edge (2, k) between n points, whichever way it runs."""
+    return np.minimum(*ends) * n + np.maximum(*ends)
+
+
+def collapse(points, triangles, quadrics, normals, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(points (n, 3), triangles (m, 3), landed (n,)) with at most `target` triangles, or the fewest that hold.
+
+    points: (n, 3), about of unit size; triangles: (m, 3); quadrics, normals: of the points. Points keep their indices;
+    landed: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
+    parts keeps a triangle, or four where it is closed.
+    """
+    points, quadrics, normals, n = points.copy(), quadrics.copy(), normals.copy(), len(points)
+    landed, refused, thorough = np.arange(n), np.zeros(0, np.intp), False
+    corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
+    while corners.shape[1] > target:
+        keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
+        first = np.flatnonzero(np.diff(keys, prepend=-1))
+        faces, keys = np.diff(first, append=len(keys)), keys[first]
+        edges = np.stack(np.divmod(keys, n))
+        border = np.zeros(n, bool)
+        border[edges[:, faces != 2]] = True
+        at, cost = _place(points, quadrics, *edges)
+        cost[(faces == 2) & border[edges].all(axis=0) | np.isin(keys, refused)] = np.inf
+        most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
+        order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
+        order = order[np.argsort(cost[order], kind="stable")]
+        # from here on an edge's index is its rank by cost
+        ends, at, faces = edges[:, order], at[:, order], faces[order]
+        free, chosen = np.ones(len(order), bool), np.zeros(0, np.intp)
+        for _ in range(len(order) if thorough else PASSES):
+            found = _apart(ends, free, corners, n)
+            if not len(found):
+                break
+            free[found] = False
+            good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found])
+            refused = np.append(refused, keys[order[found[~good]]])
+            chosen = np.append(chosen, found[good])
+            free &= ~_ring(corners, ends[:, found[good]], n)[ends].any(axis=0)
+        if not len(chosen):
+            if thorough:
+                break
+            thorough = True
+            continue
+        chosen = np.sort(chosen)
+        chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
+        keep, gone = ends[:, chosen]
+        changed = _ring(corners, ends[:, chosen], n)
+        refused, thorough = refused[~changed[np.stack(np.divmod(refused, n))].any(axis=0)], False
+        points[keep] = at[:, chosen].T
+        quadrics[:, keep] += quadrics[:, gone]
+        normals[keep] += normals[gone]
+        move = np.arange(n)
+        move[gone] = keep
+        landed, corners = move[landed], move[corners]
+        corners = corners[:, (corners != np.roll(corners, 1, axis=0)).all(axis=0)]
+    return points, corners.T, landed
+
+
+def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    length = np.sqrt(np.einsum("nd,nd->n", vectors, vectors))
+    return vectors / np.where(length > 0, length, 1)[:, None], length
+
+
+def _planes(normal: np.ndarray, on: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Quadrics (11, k) of the squared distance to planes with normals (k, 3) through the points `on` (k, 3)."""
+    (x, y, z), d = normal.T, -np.einsum("nd,nd->n", normal, on)
+    return np.stack([x * x, x * y, x * z, y * y, y * z, z * z, x * d, y * d, z * d, d * d, np.ones(len(d))]) * weight
+
+
+def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
+    """Each row (k,) of `rows` summed over the n points that each of `corners` (k,) names."""
+    return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
+
+
+def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+    """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
+    p, q = points[a].T, points[b].T
+    xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics[:, a] + quadrics[:, b]
+    x, y, z = middle = (p + q) / 2
+    gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+    cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
+    hold = STAY * area + 1e-300
+    xx, yy, zz = xx + hold, yy + hold, zz + hold
+    cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    adjugate = np.stack([cxx * gx + cxy * gy + cxz * gz, cxy * gx + cyy * gy + cyz * gz, cxz * gx + cyz * gy + czz * gz])
+    step = -adjugate / np.maximum(xx * cxx + xy * cxy + xz * cxz, 1e-300)
+    edge = ((p - q) ** 2).sum(axis=0)
+    # planes that hardly differ meet anywhere
+    step[:, np.abs(step).max(axis=0) > 2 * np.sqrt(edge)] = 0
+    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + STAY * edge * area
+    return middle + step, cost / (area + 1e-300) ** MEAN
+
+
+def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
+    """Whether each of n points is in a triangle with one of `ends`, (n,) bool."""
+    mine, ring = np.zeros(n, bool), np.zeros(n, bool)
+    mine[ends] = ring[ends] = True
+    ring[corners[:, mine[corners].any(axis=0)]] = True
+    return ring
+
+
+def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> np.ndarray:
+    """The free edges that are the cheapest of all that reach a triangle that they reach."""
+    edge = np.flatnonzero(free)
+    cheapest, reach = np.full((2, n), len(free))
+    for end in ends[:, edge]:
+        np.minimum.at(cheapest, end, edge)
+    star = cheapest[corners].min(axis=0)
+    for corner in corners:
+        np.minimum.at(reach, corner, star)
+    return edge[(reach[ends[:, edge]] == edge).all(axis=0)]
+
+
+def _valid(points, corners, normals, edges, ends, at, faces) -> np.ndarray:
+    """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart."""
+    n, k = len(points), ends.shape[1]
+    which = np.full(n, -1)
+    which[ends] = np.arange(k)
+    # link condition: only the corners opposite of the edge are neighbours of both its ends
+    mine = which[edges]
+    rim = (mine >= 0).sum(axis=0) == 1
+    other = np.where(mine[0] >= 0, edges[1], edges[0])
+    good = np.bincount(_twice(mine.max(axis=0)[rim] * n + other[rim]) // n, minlength=k) == faces
+    # the triangles that stay, with the edge's ends moved
+    mine = which[corners]
+    stays = (mine >= 0).sum(axis=0) == 1
+    mine, rest = mine[:, stays], corners[:, stays]
+    edge = mine.max(axis=0)
+    good &= np.bincount(edge, minlength=k) > 0
+    # a tetrahedron would become two triangles back to back
+    across = np.where(mine >= 0, -1, rest)
+    high = across.max(axis=0)
+    across = edge_keys((across.sum(axis=0) + 1 - high, high), n)
+    good[_twice(edge * n * n + across) // n // n] = False
+    old = points[rest]
+    new = np.where((mine >= 0)[..., None], at.T[edge], old)
+    (was, was_size), (now, size) = (_unit(np.cross(t[1] - t[0], t[2] - t[0])) for t in (old, new))
+    was_long, long = (((t - np.roll(t, 1, axis=0)) ** 2).sum(axis=(0, 2)) for t in (old, new))
+    thin = (size < THIN * long) & (size * was_long <= was_size * long)
+    outward = normals.copy()
+    outward[ends] = normals[ends].sum(axis=0)
+    stands_for = _unit(_unit(outward)[0][rest].sum(axis=0))[0]
+    turned = (np.einsum("nd,nd->n", was, now) < FACING) & (was_size > 0) | (np.einsum("nd,nd->n", stands_for, now) < FACING)
+    good[edge[thin | turned]] = False
+    return good
+
+
+def _twice(keys: np.ndarray) -> np.ndarray:
+    """Those of `keys` (k,) that come more than once."""
+    keys = np.sort(keys)
+    return keys[1:][keys[1:] == keys[:-1]]
