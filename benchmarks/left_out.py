@@ -47,7 +47,7 @@ def main(agents: int) -> None:
         result = savings(trajectory, view, policy, 2, repeats=7)
         print(f"{case:28} full {result.full:8.2f} ms  lean {result.lean:8.2f} ms  x{result.full / result.lean:.2f}")
         for item, saved in result.items.items():
-            print(f"    {item.stage:10} {saved:8.2f} ms  {item.reason}")
+            print(f"    {item.stage:10} {saved:8.2f} ms ± {result.spread[item]:.2f}  {item.reason}")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ LENSES = {
     "orthographic": ("ORTHO", (-1.0, 3.0), 1.0),
     "panoramic": ("PANO", (0.0, 0.0), 0.0),
     "sheared": ("PERSP", (-1.0, 0.5), 0.1),
+    "sheared, Cycles": ("PERSP", (-1.0, 0.5), 0.1),  # its rays may see beyond the planes, so the culling keeps more
 }
 EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithmetic
 
@@ -78,14 +79,11 @@ def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndar
 
 
 def random_camera(random: np.random.Generator, lens: str) -> Camera:
-    """A camera with a lens of that name anywhere, turned anyhow, mirrored or not, every fifth with a border.
-
-    Those called sheared keep more than the planes hold, as Cycles does (see camera.planes).
-    """
+    """A camera with a lens of that name anywhere, turned anyhow, mirrored or not, every fifth with a border."""
     kind, (low, high), shift = LENSES[lens]
     matrix = np.eye(4)
     matrix[:3, :3] = np.linalg.qr(random.normal(size=(3, 3)))[0]  # a rotation, mirrored or not
-    if lens == "sheared":
+    if lens.startswith("sheared"):
         matrix[:3, :3] = np.diag(random.uniform(0.5, 2, 3)) @ matrix[:3, :3]
     matrix[:3, 3] = random.normal(size=3) * 10.0 ** random.uniform(-1, 4)
     pixels = tuple(int(n) for n in random.integers(10, 4000, size=2))
@@ -93,7 +91,7 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     aspect, shifts = tuple(random.uniform(0.5, 2, 2)), tuple(random.uniform(-shift, shift, 2))
     shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
     near = 10.0 ** random.uniform(-2, 0)
-    camera = Camera(kind, *referential(matrix), shape, near, near + 10.0 ** random.uniform(0.5, 3), pixels)
+    camera = Camera(kind, *referential(matrix), shape, near, near + 10.0 ** random.uniform(0.5, 3), pixels, rays=lens.endswith("Cycles"))
     if random.random() < 0.2:
         left, bottom = random.uniform(0, 0.8, 2)
         camera = crop(camera, left, left + 0.2, bottom, bottom + 0.2)

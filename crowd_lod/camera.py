@@ -31,7 +31,8 @@ class Camera:
     cone: radians; a PANO camera sees directions up to this angle from Z, in every direction with the default.
     pad, turn: what else moves a camera's rays, as bounds: every sphere is taken for larger by `pad` metres and `turn`
     metres a metre of distance (see `lens_blur`, `opened`, stereo.py). density: pixels per unit of the window, PANO:
-    per radian in the middle; None derives it from pixels and window.
+    per radian in the middle; None derives it from pixels and window. rays: near and far are where rays begin and end,
+    as in Cycles, not planes; it matters only where the camera is sheared (see `planes`).
     """
 
     kind: str
@@ -47,6 +48,7 @@ class Camera:
     pad: float = 0.0
     turn: float = 0.0
     density: float | None = None
+    rays: bool = False
 
     @property
     def pixels_per_unit(self) -> float:
@@ -146,13 +148,14 @@ def planes(camera: Camera) -> Planes:
 
     |v.X| <= w / 2 with w = 2 (v.Z) tan(fov / 2) is (X - t Z) . v <= 0 with the slope t = tan(fov / 2) of the window's
     side. Divided by its length sqrt(1 + t^2), the chapter's 1 / cos(fov / 2), it measures the distance from the plane
-    in metres, stays finite as fov goes to 180 degrees, and a sphere touches the plane iff it is at most r. Cycles ends
-    a sheared camera's rays at near and far times a factor that depends on the direction: `stretch` bounds it.
+    in metres, stays finite as fov goes to 180 degrees, and a sphere touches the plane iff it is at most r. Cycles begins
+    and ends a sheared camera's rays at near and far times a factor that depends on the direction: with `rays` the two
+    planes are moved apart by its bound, `stretch`.
     """
     w, X, Y, Z = camera.window, camera.X, camera.Y, camera.Z
     edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
     slopes = [0.0 if camera.kind == "ORTHO" else edge for _, edge in edges]
-    least, most = (1.0, 1.0) if camera.kind == "ORTHO" else stretch(camera)
+    least, most = stretch(camera) if camera.rays and camera.kind != "ORTHO" else (1.0, 1.0)
     rows = [axis - slope * Z for (axis, _), slope in zip(edges, slopes, strict=True)] + [-Z, Z]
     offsets = [edge - slope for (_, edge), slope in zip(edges, slopes, strict=True)]
     lengths = np.linalg.norm(rows, axis=1)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .agents import Crowd
+from .agents import Crowd, runs
 from .camera import Camera, Planes, planes, stretch
 from .errors import CrowdError
-from .lean import FLAT, NOTHING, ONE_GROUP, LeftOut
+from .lean import FLAT, IN_ORDER, NOTHING, ONE_GROUP, LeftOut
 
 # Agents a block: its few float64 columns stay in the processor's cache.
 BLOCK = 16_384
@@ -56,9 +56,8 @@ def radar(
         return visible, distance
     height = crowd.z[0] + centre if FLAT in leave else None
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        for begin in range(0, count, BLOCK):
-            block = slice(begin, begin + BLOCK)
-            group = 0 if ONE_GROUP in leave else crowd.group[block]
+        for block in _blocks(crowd, leave):
+            group = crowd.group[block.start if leave & {ONE_GROUP, IN_ORDER} else block]
             z = crowd.z[block] + centre[group] if height is None else height[group]
             r = radius[group] if margin is None else 0.0
             for camera, frustum in zip(cameras, frustums, strict=True):
@@ -75,6 +74,12 @@ def radar(
                 if measure:
                     np.fmin(distance[block], range_ if radial or frustum is None else depth, out=distance[block])
     return visible, distance
+
+
+def _blocks(crowd: Crowd, leave: frozenset[LeftOut]) -> list[slice]:
+    """The crowd in parts, of one group each where the crowd is in order."""
+    parts = runs(crowd.group) if IN_ORDER in leave else [(0, len(crowd))]
+    return [slice(at, min(at + BLOCK, end)) for begin, end in parts for at in range(begin, end, BLOCK)]
 
 
 @dataclass(frozen=True)

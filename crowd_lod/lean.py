@@ -4,9 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .agents import Crowd
+from .agents import Crowd, runs
 from .machine import StateMachine
 from .maps import LabelMap
+
+SHORT_RUN = 2_000  # agents: about as many as take the culling the time of the calls that a block of them costs
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,7 @@ ONE_LABEL = LeftOut("behaviour", "The map bears one label: it is not looked up."
 NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
 ONE_ACTION = LeftOut("behaviour", "There is one character group: its action's pace is a number, not one looked up for each agent.")
 ONE_GROUP = LeftOut("culling", "There is one character group: its sphere is a number, not one looked up for each agent.")
+IN_ORDER = LeftOut("culling", "Agents of one group follow one another: its sphere is looked up once for many, not for each agent.")
 FLAT = LeftOut("culling", "All agents stand at one height: two products a plane instead of three.")
 ALL_INSIDE = LeftOut("culling", "All agents lie inside the picture: none is tested by itself.")
 ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is tested by itself.")
@@ -33,7 +36,7 @@ ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: th
 # In the order of the pipeline.
 ITEMS = (
     STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_ACTION, NO_HEIGHTS,
-    ONE_GROUP, FLAT, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
+    ONE_GROUP, IN_ORDER, FLAT, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
 NOTHING = frozenset()
@@ -45,6 +48,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
     states = np.flatnonzero(_reached(machine, crowd.state, labels))
     here = np.ix_(states, labels)
     unchanging = (machine.next_state[here] == states[:, None]).all() and (machine.next_choice[here] < 0).all()
+    in_order = groups > 1 and len(runs(crowd.group)) <= max(groups, len(crowd) // SHORT_RUN)
     holds = {
         STILL: unchanging and not machine.timed and not machine.velocity[here].any(),
         UNCHANGING: unchanging,
@@ -52,8 +56,9 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
         NO_HEIGHTS: not relief,
         ONE_ACTION: groups == 1,
         ONE_GROUP: groups == 1,
-        # with several groups the product would be looked up for each agent, which costs more than it saves
-        FLAT: groups == 1 and not relief and len(crowd) > 0 and (crowd.z == crowd.z[0]).all(),
+        IN_ORDER: in_order,
+        # of agents of mixed groups the product would be looked up for each, which costs more than it saves
+        FLAT: (groups == 1 or in_order) and not relief and len(crowd) > 0 and bool((crowd.z == crowd.z[0]).all()),
     }
     if holds[STILL]:  # then there are no steps to make shorter
         holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_ACTION), False)

@@ -1,4 +1,4 @@
-"""LOD meshes by decimation (quadric edge collapse, fast-simplification)."""
+"""LOD meshes by decimation: fast-simplification makes the many cheap collapses, quadric collapses in rounds the last."""
 
 import threading
 from dataclasses import dataclass
@@ -9,8 +9,13 @@ from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
 from .refine import fit
 
-BULK = 4  # times the triangles wanted: above that fast-simplification makes the collapses
-BULK_AGG = 3  # its aggressiveness then
+BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
+LARGE = 20_000  # triangles: a larger mesh is not fitted at more than 1 / BULK of them, where it gains little
+BULK_AGGRESSION = 3  # with this care; its default is 7
+EFFORT = 100_000  # triangles to go through in several tries, of which the best is kept
+TRIES = 4
+BOOST = 3.0  # how much more the quadric of a point at the worst distance weighs in the next try
+GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
 # fast-simplification keeps its mesh in module-global state: one call at a time.
 _one_at_a_time = threading.Lock()
@@ -38,10 +43,10 @@ def missing_library() -> str | None:
 def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str, seams: np.ndarray | None = None) -> LodMesh:
     """The mesh with about `ratio` of its triangles.
 
-    points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) points,
-    edges to be kept in place as open borders are, such as UV seams. A ratio of 1 gives the mesh itself. Points without a
-    triangle are dropped. Borders that touch at the same points are joined. Each loose part keeps a triangle, or four if
-    it is closed; where that is too many, the smallest parts are left out.
+    points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
+    of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
+    the mesh itself. Points without a triangle are dropped, open borders at the same points become one. No loose part is
+    lost while there are triangles for all, one each, or four for one that is closed: beyond that the smallest go first.
     """
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
@@ -49,106 +54,155 @@ def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str,
         raise CrowdError(f"The mesh {name} has no faces: remove it from its character group or give it some.")
     if not np.isfinite(points).all():
         raise CrowdError(f"The mesh {name} has {int((~np.isfinite(points)).any(axis=1).sum())} vertices at NaN or infinity.")
-    used, own = np.unique(triangles, return_inverse=True)
-    own = own.reshape(-1, 3)
-    target = max(1, round(ratio * len(own)))
-    if target >= len(own):
-        return LodMesh(points[used].astype(np.float64), own.astype(np.int32), used)
+    used, triangles = np.unique(triangles, return_inverse=True)
+    triangles = triangles.reshape(-1, 3)
+    points, target = points[used].astype(np.float64), max(1, round(ratio * len(triangles)))
+    if target >= len(triangles):
+        return LodMesh(points, triangles.astype(np.int32), used)
     problem = missing_library()
     if problem:
         raise CrowdError(problem)
-    # Unit size about the origin, and rounded: neither scale nor place decides which of two like edges goes first.
-    low = points[used].astype(np.float64).min(axis=0)
-    size = float(np.ptp(points[used].astype(np.float64), axis=0).max()) or 1.0
-    unit = np.round((points[used] - low) / size, 10)
-    joined, held = _join_borders(unit, own)
-    whole = joined[own]
-    whole = whole[(whole != np.roll(whole, 1, axis=1)).all(axis=1)]
+    # Of unit size at the origin, and rounded: neither scale nor place decides which of two like edges goes first.
+    low, size = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
+    unit = np.round((points - low) / size * GRID) / GRID
+    joined, held = _join_borders(unit, triangles)
     if seams is not None and len(seams):
-        index = np.full(len(points), -1)
+        index = np.full(max(used[-1], np.max(seams)) + 1, -1)
         index[used] = joined
-        held = np.concatenate([held, index[np.asarray(seams)]])
-        held = held[(held >= 0).all(axis=1)]
-    quadrics, normals = quadrics_of(unit, whole, held), normals_of(unit, whole)
-    if BULK * target < len(whole):
-        start, begun, landed = _bulk(unit, whole, BULK * target)
-        quadrics = np.stack([np.bincount(landed, row, len(unit)) for row in quadrics])
-        normals = np.stack([np.bincount(landed, row, len(unit)) for row in normals.T], axis=1)
-    else:
-        start, begun, landed = unit, whole, np.arange(len(unit))
-    new_points, new_triangles, end = collapse(start, begun, quadrics, normals, target)
-    landed = end[landed]
-    new_triangles = _largest_parts(unit, whole, landed, new_triangles, target)
-    kept, new_triangles = np.unique(new_triangles, return_inverse=True)
-    new_triangles = new_triangles.reshape(-1, 3)
-    here = np.searchsorted(kept, landed[joined])
-    here[here == len(kept)] = 0
-    stands = kept[here] == landed[joined]
-    fitted = fit(new_points[kept], new_triangles, unit[stands], here[stands])
-    nearest = np.flatnonzero(stands)[_nearest(unit[stands], fitted, here[stands])]
-    return LodMesh(fitted * size + low, new_triangles.astype(np.int32), used[nearest])
+        seams = index[seams]
+        held = np.concatenate([held, seams[(seams >= 0).all(axis=1)]])
+    whole = _without_flat_and_doubled(joined[triangles])
+    if not len(whole):
+        return LodMesh(points, triangles.astype(np.int32), used)
+    solid, whole = np.unique(whole, return_inverse=True)
+    index = np.full(len(unit), -1)
+    index[solid] = np.arange(len(solid))
+    held = index[held]
+    quadrics = quadrics_of(unit[solid], whole.reshape(-1, 3), held[(held >= 0).all(axis=1)])
+    new_points, new_triangles, landed = _best(unit[solid], whole.reshape(-1, 3), quadrics, target)
+    landed = np.append(landed, -1)[index[joined]]
+    stands = np.flatnonzero(landed >= 0)
+    source = stands[_nearest(unit[stands], new_points, landed[stands])]
+    return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
 
 
-def _bulk(points: np.ndarray, triangles: np.ndarray, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3), triangles, landed (n,)) by the cheap collapses that fast-simplification makes with care; the mesh
-    itself where they would change which edges are open."""
+def _best(points, triangles, quadrics, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(points (k, 3), triangles (m, 3), landed (n,): the new point of each, or -1) of the best of some tries: each lets
+    the source's points that the last was worst at weigh more."""
+    n, part, normals = len(points), _parts(len(points), triangles), normals_of(points, triangles)
+    start, some, landed = _bulk(points, triangles, part, BULK * target)
+    quadrics, normals = (np.stack([np.bincount(landed, row, n) for row in rows]) for rows in (quadrics, normals.T))
+    normals = normals.T
+    best, least, boost = None, np.inf, np.ones(n)
+    for _ in range(min(max(EFFORT // (len(triangles) + 2 * len(some)), 1), TRIES)):
+        weighed = np.concatenate([quadrics[:10] * boost, quadrics[10:]])
+        new_points, new_triangles, end = collapse(start, some, weighed, normals, target)
+        new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
+        kept, new_triangles = np.unique(new_triangles, return_inverse=True)
+        new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
+        index = np.full(n, -1)
+        index[kept] = np.arange(len(kept))
+        here = index[end[landed]]
+        if len(triangles) > LARGE and BULK * target > len(triangles):
+            return new_points, new_triangles, here
+        new_points, error = fit(new_points, new_triangles, points, triangles, here)
+        if error.max() < least:
+            best, least = (new_points, new_triangles, here), error.max()
+        worst = np.zeros(n)
+        np.maximum.at(worst, landed, error / (error.max() or 1))
+        boost *= 1 + BOOST * worst**2
+    return best
+
+
+def _bulk(points, triangles, part, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(points (n, 3), triangles, landed (n,)) about `target` triangles by fast-simplification; the mesh itself where that
+    would lose a part or open, double or join faces."""
     import fast_simplification
 
+    same = points, triangles, np.arange(len(points))
+    if target >= len(triangles):
+        return same
     faces = np.ascontiguousarray(triangles, np.int32)
     with _one_at_a_time:
-        _, _, collapses = fast_simplification.simplify(points, faces, target_count=target, agg=BULK_AGG, return_collapses=True)
+        _, _, collapses = fast_simplification.simplify(
+            points, faces, target_count=target, agg=BULK_AGGRESSION, return_collapses=True
+        )
         some_points, some, landed = fast_simplification.replay_simplification(points, faces, collapses)
-    # its points are numbered anew: name each by one of the points that landed on it
-    name = np.zeros(len(some_points), np.intp)
-    name[landed[::-1]] = np.arange(len(points))[::-1]
-    new_points = points.copy()
-    new_points[name] = some_points
-    landed, some = name[landed], name[some]
-    return new_points, some, landed
+    # it numbers the points anew: each takes back the number of the first that landed on it
+    _, first = np.unique(landed, return_index=True)
+    if len(first) != len(some_points) or (landed[first] != np.arange(len(first))).any():
+        return same
+    moved = points.copy()
+    moved[first] = some_points
+    # where planes hardly differ it may throw a point far away
+    if (np.abs(moved - moved.clip(points.min(axis=0), points.max(axis=0))) > 0.01).any():
+        return same
+    some = first[some]
+    doubled = len(_without_flat_and_doubled(some)) < len(some)
+    opened = _uneven(some, len(points)) > _uneven(triangles, len(points))
+    lost = len(np.unique(part[some])) < len(np.unique(part[triangles]))
+    return same if doubled or opened or lost else (moved, some, first[landed])
+
+
+def _uneven(triangles: np.ndarray, n: int) -> int:
+    """How many edges have not two triangles."""
+    keys = edge_keys(_half_edges(triangles).T, n)
+    return int((np.unique(keys, return_counts=True)[1] != 2).sum())
+
+
+def _half_edges(triangles: np.ndarray) -> np.ndarray:
+    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+def _without_flat_and_doubled(triangles: np.ndarray) -> np.ndarray:
+    """The triangles with three different corners, the first of those with the same."""
+    triangles = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    n = int(triangles.max(initial=0)) + 1
+    corners = np.sort(triangles, axis=1)
+    _, first = np.unique(edge_keys(corners[:, :2].T, n) * n + corners[:, 2], return_index=True)
+    return triangles[np.sort(first)]
 
 
 def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(for each point (n,) the one it is joined to, the edges (k, 2) that join): open borders at the same points become
-    one, where then no edge has more than two triangles."""
-    n = len(points)
-    half = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    keys = edge_keys(half, n)
-    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+    """(the point that each is joined to (n,), the edges (k, 2) that were open): open borders at the same points, such as
+    glTF has along UV seams, become one, or else they would part; not where an edge would get more than two triangles."""
+    n, half = len(points), _half_edges(triangles)
+    joined = np.arange(n)
+    _, inverse, count = np.unique(edge_keys(half.T, n), return_inverse=True, return_counts=True)
     border = half[count[inverse] == 1]
-    joined, at = np.arange(n), np.unique(border)
+    at = np.unique(border)
     if len(at):
         _, first, same = np.unique(points[at], axis=0, return_index=True, return_inverse=True)
         joined[at] = at[first[same.ravel()]]
-        keys = edge_keys(joined[half], n)
-        _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+        _, inverse, count = np.unique(edge_keys(joined[half].T, n), return_inverse=True, return_counts=True)
         apart = np.isin(joined, joined[half[count[inverse] > 2]])
         joined[apart] = np.flatnonzero(apart)
-    border = joined[border]
-    return joined, border
+    return joined, joined[border]
 
 
-def _largest_parts(points, triangles, landed, new_triangles, target: int) -> np.ndarray:
-    """The new triangles without those of the smallest loose parts, by area, that are too many for `target`."""
+def _parts(n: int, triangles: np.ndarray) -> np.ndarray:
+    """For each of n points the first of its loose part, (n,) intp."""
+    part, before = np.arange(n), None
+    while before is None or (part != before).any():
+        before = part.copy()
+        least = part[triangles].min(axis=1)
+        for corner in triangles.T:
+            np.minimum.at(part, part[corner], least)
+            np.minimum.at(part, corner, least)
+        part = part[part]
+    return part
+
+
+def _largest_parts(points, triangles, part, new_triangles, target: int) -> np.ndarray:
+    """The new triangles, without those of the loose parts smallest by area where they are more than `target`."""
     if len(new_triangles) <= target:
         return new_triangles
-    part = np.arange(len(points))
-    while True:
-        lower = part.copy()
-        for corner in triangles.T:
-            np.minimum.at(lower, corner, part[triangles].min(axis=1))
-        lower = lower[lower]
-        if (lower == part).all():
-            break
-        part = lower
     a, b, c = (points[triangles[:, i]] for i in range(3))
     area = np.bincount(part[triangles[:, 0]], np.linalg.norm(np.cross(b - a, c - a), axis=1), len(points))
-    part_of = np.empty(len(points), np.intp)
-    part_of[landed] = part
-    of = part_of[new_triangles[:, 0]]
     order = np.argsort(-area, kind="stable")
-    total = np.cumsum(np.bincount(of, minlength=len(points))[order])
-    kept = order[(total <= target) | (np.arange(len(order)) == 0)]
-    return new_triangles[np.isin(of, kept)]
+    part_of = part[new_triangles[:, 0]]
+    total = np.cumsum(np.bincount(part_of, minlength=len(points))[order])
+    return new_triangles[np.isin(part_of, order[(total <= target) | (np.arange(len(order)) == 0)])]
 
 
 def _nearest(points: np.ndarray, new_points: np.ndarray, landed: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ from .walk import STILL, convergence, drift, listing, walk
 
 MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # metres of fixed Delta
 OFFSETS = (0.0, 1e5)  # metres by which crowd and camera are moved together, to show what float32 loses far out
+LEVEL_OFFSETS = (*OFFSETS, 1e6, 1e7)
 SAMPLES = 100  # distances a view that are compared with exact arithmetic
 View = tuple[Crowd, tuple[Camera, ...]]
 
@@ -48,12 +49,15 @@ def behaviour(
     crowd: Crowd, machine: StateMachine, world: LabelMap, frame: float, frames: int = 48, repeats: int = 7
 ) -> Iterator[dict]:
     """Rows of `step`, `listing` and the exact walk over `frames` frames of `frame` seconds, in an eighth as many steps to
-    eight times as many. ms: per second of scene. The default takes one step a frame."""
+    eight times as many; the exact walk frame by frame, and, as the reference, in one go. ms: per second of scene. The
+    default takes one step a frame."""
     seconds = frames * frame
     counts = [max(1, frames * k // 8) for k in (1, 2, 4, 8, 16, 32, 64)]
-    for name, method in (("step", step), ("listing", listing)):
-        found = convergence(crowd, machine, world, seconds, counts, method)
-        for k, count in enumerate(counts):
+    by_frame = "exact walk, frame by frame", lambda *arguments: walk(*arguments[:3], seconds / frames)[0]
+    for name, method in (("step", step), ("listing", listing), by_frame):
+        tried = [frames] if method is by_frame[1] else counts
+        found = convergence(crowd, machine, world, seconds, tried, method)
+        for k, count in enumerate(tried):
 
             def run(method=method, count=count):
                 moved = crowd
@@ -210,7 +214,7 @@ def levels(
         kinds = {cameras[0].kind for _, cameras in views}
         if policy.metric == "PIXELS" and "ORTHO" in kinds:
             continue  # one LOD a group, at any distance
-        for offset in OFFSETS:
+        for offset in LEVEL_OFFSETS:
             there = [moved((crowd, cameras[:1]), offset) for crowd, cameras in views]
             for way in WAYS:
                 found = [_levels(view, centre, radius, policy, way) for view in there]

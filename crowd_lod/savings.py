@@ -18,12 +18,14 @@ from .maps import HeightMap
 @dataclass(frozen=True)
 class Savings:
     """Medians over repeats, milliseconds. full, lean: a frame's four stages, with one step of behaviour. items: what each
-    thing left out saves when those before it are left out already, so that they add up to full - lean; but for the height
-    map, which the full pipeline does not have either: what the look-up on a level one would cost."""
+    thing left out saves when those before it are left out already, so that they add up to about full - lean; but for the
+    height map, which the full pipeline does not have either: what the look-up on a level one would cost. spread: half of
+    the interquartile range of each; a saving below it is below what the clock can tell."""
 
     full: float
     lean: float
     items: dict[LeftOut, float]
+    spread: dict[LeftOut, float]
 
 
 def savings(
@@ -32,7 +34,7 @@ def savings(
     policy: LevelPolicy,
     time: float,
     *more,
-    repeats: int = 3,
+    repeats: int = 9,
 ) -> Savings:
     """Measures the plan of the frame at `time`, two frames after the first or later; arguments as for frame.plan."""
     start = trajectory.at(time - 1)
@@ -53,21 +55,28 @@ def savings(
     found = set(measured(ALL)[1])
     order = [item for item in ITEMS if item in found and item not in (STATIC, NO_HEIGHTS)] + [STATIC] * (STATIC in found)
     choices = [frozenset(order[:k]) for k in range(len(order) + 1)]
-    took = np.median([[measured(leave)[0] for leave in choices] for _ in range(repeats)], axis=0)
-    gained = took[:-1] - took[1:]
+    took = np.array([[measured(leave)[0] for leave in choices] for _ in range(repeats)])
     # each where it can save anything: the other part is the clock's noise
-    items = {item: float(ms[0] if item.stage == "behaviour" else ms[1]) for item, ms in zip(order, gained, strict=True)}
+    part = [0 if item.stage == "behaviour" else 1 for item in order]
+    gained = {item: took[:, k, part[k]] - took[:, k + 1, part[k]] for k, item in enumerate(order)}
     if NO_HEIGHTS in found:
-        items[NO_HEIGHTS] = _look_up(trajectory, repeats)
-    return Savings(float(took[0].sum()), float(took[-1].sum()), {item: items[item] for item in ITEMS if item in items})
+        gained[NO_HEIGHTS] = _look_up(trajectory, repeats)
+    quarters = {item: np.percentile(gained[item], (25, 50, 75)) for item in ITEMS if item in gained}
+    full, lean = np.median(took[:, [0, -1]].sum(axis=2), axis=0)
+    return Savings(
+        float(full),
+        float(lean),
+        {item: float(middle) for item, (_, middle, _) in quarters.items()},
+        {item: float(high - low) / 2 for item, (low, _, high) in quarters.items()},
+    )
 
 
-def _look_up(trajectory: Trajectory, repeats: int) -> float:
-    """Median milliseconds of finding the height of every agent on a height map."""
+def _look_up(trajectory: Trajectory, repeats: int) -> np.ndarray:
+    """Milliseconds (repeats,) of finding the height of every agent on a height map."""
     level = HeightMap(np.zeros((256, 256), np.float32), trajectory.world.area)
     took = []
     for _ in range(repeats):
         begun = clock.perf_counter()
         level.at(trajectory.start.x, trajectory.start.y)
         took.append(1000 * (clock.perf_counter() - begun))
-    return float(np.median(took))
+    return np.array(took)

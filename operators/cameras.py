@@ -106,6 +106,7 @@ def camera_from(
         pixels=pixels,
         cone=cone,
         density=density,
+        rays=render.engine == "CYCLES",
     )
     if data.dof.use_dof:
         film = _focused(film, data, depsgraph)

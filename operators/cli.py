@@ -205,12 +205,9 @@ def _report_error(args, command: list[str]) -> dict:
 
 def _report_extremes(args, command: list[str]) -> dict:
     most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
-    rows = _finish(report.cases(most, seed), "extreme cases", args.quiet)
-    text = extremes.to_text(rows)
-    if args.out:
-        report.write_cases(args.out.absolute(), text)
+    rows = _finish(report.cases(most, seed, args.out and args.out.absolute()), "extreme cases", args.quiet)
     found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
-    return {"cases": found, "summary": text}
+    return {"cases": found, "summary": extremes.to_text(rows)}
 
 
 def _report_cull(args, command: list[str]) -> dict:

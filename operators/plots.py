@@ -7,6 +7,8 @@ from textwrap import fill
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from ..crowd_lod.precision import LEVEL_OFFSETS
+
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 MARKERS = "osD^v<>"
 
@@ -22,8 +24,8 @@ def draw(folder: Path, tables: dict[str, list[dict]], caption: str) -> None:
         _culling(figure.add_subplot(1, 2, place + 1), tables["culling"], what, legend=place == 1)
     _save(figure, folder / "error_culling.png")
     figure = _figure("LOD assignment: difference from exact arithmetic", caption)
-    for place, what in enumerate(("differ_ppm", "worst_m")):
-        _levels(figure.add_subplot(1, 2, place + 1), tables["levels"], what, legend=place == 1)
+    _distances(figure.add_subplot(1, 2, 1), tables["levels"])
+    _ids(figure.add_subplot(1, 2, 2), tables["levels"])
     _save(figure, folder / "error_levels.png")
 
 
@@ -140,18 +142,35 @@ def _culling(axes, rows: list[dict], what: str, legend: bool) -> None:
         _shared_legend(axes)
 
 
-def _levels(axes, rows: list[dict], what: str, legend: bool) -> None:
-    floor = min((r[what] for r in rows if r[what]), default=1.0) / 5
-    ways = list(dict.fromkeys(r["precision"] for r in rows))
-    metrics = list(dict.fromkeys(r["metric"] for r in rows))
+def _distances(axes, rows: list[dict]) -> None:
+    """The worst error of a distance against ms, each metric and precision."""
+    floor = min((r["worst_m"] for r in rows if r["worst_m"]), default=1.0) / 5
     for row in rows:
-        offset = f", {row['offset_m'] / 1000:g} km away" if row["offset_m"] else ""
-        style = {"color": COLOURS[ways.index(row["precision"])], "marker": MARKERS[metrics.index(row["metric"])]}
-        style |= {"mfc": "none"} if offset else {}
-        _points(axes, [row], lambda r: r[what], floor, ls="none", label=f"{row['metric'].lower()}, {row['precision']}{offset}", **style)
+        away = f", {row['offset_m'] / 1000:g} km away" if row["offset_m"] else ""
+        style = _level_style(row, rows) | ({"mfc": "none"} if away else {})
+        if row["offset_m"] in LEVEL_OFFSETS[:2]:
+            label = f"{row['metric'].lower()}, {row['precision']}{away}"
+            _points(axes, [row], lambda r: r["worst_m"], floor, ls="none", label=label, **style)
         if row["default"]:
-            _star(axes, row, lambda r: r[what], floor)
-    says = {"differ_ppm": "LOD ids that differ, of a million", "worst_m": "worst error of the distance, m"}
-    _axes(axes, floor, "ms per frame (bars: least to most)", says[what])
-    if legend:
-        _shared_legend(axes)
+            _star(axes, row, lambda r: r["worst_m"], floor)
+    _axes(axes, floor, "ms per frame (bars: least to most)", "worst error of the distance, m")
+    axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=3, frameon=False)
+
+
+def _ids(axes, rows: list[dict]) -> None:
+    """The LOD ids that differ against the crowd's distance from the world's origin, each metric and precision."""
+    floor = 0.2e6 / rows[0]["of"]
+    kinds = {}
+    for row in rows:
+        kinds.setdefault((row["metric"].lower(), row["precision"]), []).append(row)
+    shift = {key: 1.06**k for k, key in enumerate(kinds)}  # side by side where they agree
+    for key, found in kinds.items():
+        x = [max(r["offset_m"], LEVEL_OFFSETS[1] / 100) * shift[key] for r in found]
+        axes.plot(x, [max(r["differ_ppm"], floor) for r in found], label=", ".join(key), ms=5, **_level_style(found[0], rows))
+    _axes(axes, floor, "crowd's distance from the world's origin, m (left: at the origin)", f"LOD ids that differ, of a million ({rows[0]['of']:,} looked at)")
+    _legend(axes)
+
+
+def _level_style(row: dict, rows: list[dict]) -> dict:
+    ways, metrics = (list(dict.fromkeys(r[key] for r in rows)) for key in ("precision", "metric"))
+    return {"color": COLOURS[ways.index(row["precision"])], "marker": MARKERS[metrics.index(row["metric"])]}

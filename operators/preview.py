@@ -284,7 +284,10 @@ def _left_out(stage: bpy.types.Scene, number: int) -> list[dict]:
     bias = bias_of(settings, trajectory.world.area)
     time = max(float(number), trajectory.first_frame + 2.0)
     found = savings(trajectory, eyes, policy_of(settings), time, (), bias)
-    return [{"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3)} for item, ms in found.items.items()]
+    return [
+        {"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3), "ms_spread": round(found.spread[item], 3)}
+        for item, ms in found.items.items()
+    ]
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):

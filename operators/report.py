@@ -3,6 +3,7 @@
 import os
 import platform
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +11,6 @@ import bpy
 import numpy as np
 
 from ..crowd_lod import __version__, audit, extremes, precision, report
-from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
 from . import cameras
@@ -38,7 +38,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
             "behaviour": (precision.behaviour(crowd, trajectory.machine, trajectory.world, trajectory.seconds_per_frame, repeats=repeats), 15, 0.6),
             "drift": (precision.drifts(), 12, 0.1),
             "culling": (precision.culling(views, centre, radius, policy.margin, repeats), 17, 0.15),
-            "levels": (precision.levels(views, centre, radius, _policies(policy), policy.metric, repeats), 18, 0.15),
+            "levels": (precision.levels(views, centre, radius, _policies(policy), policy.metric, repeats), 36, 0.15),
         }
         tables, done = {}, 0.0
         for name, (rows, about, share) in parts.items():
@@ -57,11 +57,15 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
 
 
 def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
-    """The scene's policy under each metric; thresholds of the other kind are made up."""
+    """The scene's policy under each metric; thresholds of the other kind are made up, and there every group has the same."""
     parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
     sizes = policy.thresholds if policy.metric == "PIXELS" else tuple(200 / 2**k for k in range(policy.count - 1))
-    plain = replace(policy, tolerance=None, group_thresholds=())
-    return [replace(plain, metric=m, thresholds=sizes if m == "PIXELS" else parts) for m in ("AXIS", "RADIAL", "PIXELS")]
+    found = []
+    for metric in ("AXIS", "RADIAL", "PIXELS"):
+        own = policy.group_thresholds if (metric == "PIXELS") == (policy.metric == "PIXELS") else ()
+        thresholds = sizes if metric == "PIXELS" else parts
+        found.append(replace(policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own))
+    return found
 
 
 def _plots(folder: Path, tables: dict, caption: str) -> str:
@@ -87,30 +91,26 @@ def _processor() -> str:
         return platform.processor()
 
 
-def cases(most: int, seed: int) -> Iterator[float]:
-    """The extreme cases, each judged; yields the progress and returns a list of extremes.Row."""
-    rows, count = [], len(extremes.cases(most)) + 1
-    for row in extremes.table(most, seed):
-        rows.append(row)
-        yield len(rows) / count
+def cases(most: int, seed: int, out: Path | None = None) -> Iterator[float]:
+    """The extreme cases, each judged, and written to `out` as a Markdown file, if given; yields the progress and returns
+    a list of extremes.Row."""
+    with nullcontext() if out is None else report.staged(out.parent) as stage:
+        rows, count = [], len(extremes.cases(most)) + 1
+        for row in extremes.table(most, seed):
+            rows.append(row)
+            yield len(rows) / count
+        if out is not None:
+            (stage / out.name).write_text(_cases_text(out.name, rows), encoding="utf-8")
     return rows
 
 
-def write_cases(path: Path, text: str) -> None:
-    """The table of extremes as a Markdown file."""
-    words = (
+def _cases_text(name: str, rows: list[extremes.Row]) -> str:
+    return (
         "# Extreme cases\n\nEach is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
         "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a plane, where a quarter of the agents "
         "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states. Made with "
-        f"`crowd-lod report extremes --out {path.name}` on {machine_name()}.\n\n```\n{text}\n```\n"
+        f"`crowd-lod report extremes --out {name}` on {machine_name()}.\n\n```\n{extremes.to_text(rows)}\n```\n"
     )
-    beside = path.with_name(f".{path.name}.part")
-    try:
-        beside.write_text(words, encoding="utf-8")
-        beside.replace(path)
-    except OSError as error:
-        beside.unlink(missing_ok=True) if path.parent.is_dir() else None
-        raise CrowdError(f"The file {path} cannot be written ({error.strerror}): choose another with --out.") from None
 
 
 def lenses(pairs: int, seed: int) -> Iterator[float]:
@@ -127,9 +127,9 @@ def lenses(pairs: int, seed: int) -> Iterator[float]:
 
 def lenses_text(rows: list[dict]) -> str:
     """The audit as lines of text."""
-    head = f"{'lens':14} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
+    head = f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
     lines = [
-        f"{r['lens']:14} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
+        f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
         for r in rows
     ]
     return "\n".join([head, *lines, "surplus: of those kept, not visible; beside: of those visible by the planes, beside the frustum's body"])

@@ -49,7 +49,7 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
         assert n["culling_ms"] > 0
     plan = json.loads((out / "plan.json").read_text())
     assert plan["version"] == 1 and plan["crowd"]["count"] == 4096 and plan["preview"]["frames"] == [1, 60]
-    assert {"stage", "reason", "ms_saved"} == set(plan["left_out"][0])
+    assert {"stage", "reason", "ms_saved", "ms_spread"} == set(plan["left_out"][0])
     assert any("no height map" in each["reason"] and each["ms_saved"] > 0 for each in plan["left_out"])
     assert plan["machine"]["states"] and plan["camera"] and plan["levels"]["thresholds"]
     # the tints of all three LODs can be seen, in the main picture and from above

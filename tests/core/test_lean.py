@@ -146,6 +146,8 @@ def test_bounds_of_agents_on_planes_never_say_more_than_the_radar(lens):
         (lean.ONE_LABEL, {"table": walking()}, {"table": walking(), "world": ground([(3, 4)])}),
         (lean.ONE_ACTION, {"table": walking()}, {"table": walking(), "groups": (walker(), IDLER)}),
         (lean.ONE_GROUP, {}, {"groups": (walker(), IDLER)}),
+        (lean.IN_ORDER, {"groups": (walker(), IDLER)}, {}),
+        (lean.FLAT, {"groups": (walker(), IDLER)}, {"heights": HeightMap(np.full((2, 2), 0.5, np.float32), AREA)}),
         (lean.NO_HEIGHTS, {}, {"heights": HeightMap(np.full((2, 2), 0.5, np.float32), AREA)}),
         (lean.FLAT, {}, {"heights": HeightMap(np.full((2, 2), 0.5, np.float32), AREA)}),
     ],

@@ -59,3 +59,166 @@ def test_empty_and_nan_meshes_are_named():
     points[7, 1] = np.nan
     with pytest.raises(CrowdError, match="torus has 1 vertices at NaN"):
         decimate(points, triangles, 0.5, "torus")
+
+
+def sphere(n=40):
+    """A closed sphere of 2 n (n - 1) triangles with bumps, (points, triangles)."""
+    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(1, n // 2) * 2 * np.pi / n, indexing="ij")
+    r = 1 + 0.1 * np.sin(3 * u) * np.sin(v) ** 3
+    ring = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), np.cos(v)], -1)
+    i = np.arange(ring.shape[0] * ring.shape[1]).reshape(ring.shape[:2])
+    a, b, c, d = i[:, :-1], np.roll(i, -1, 0)[:, :-1], np.roll(i, -1, 0)[:, 1:], i[:, 1:]
+    sides = [np.stack(t, -1).reshape(-1, 3) for t in ((a, d, c), (a, c, b))]
+    top, bottom = i.size, i.size + 1
+    caps = [np.stack([0 * i[:, 0] + top, i[:, 0], np.roll(i[:, 0], -1)], -1)]
+    caps += [np.stack([0 * i[:, 0] + bottom, np.roll(i[:, -1], -1), i[:, -1]], -1)]
+    return np.vstack([ring.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]]), np.concatenate([*sides, *caps])
+
+
+def terrain(n=30):
+    """Open ground with hills, 10 m wide."""
+    x, y = np.meshgrid(np.linspace(0, 10, n), np.linspace(0, 10, n), indexing="ij")
+    z = 0.5 * np.sin(x) * np.cos(0.7 * y) + 0.2 * np.sin(2.3 * x + y)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+
+
+def cards(count=200, columns=1):
+    """Loose cards of 2 * columns triangles, of growing size."""
+    points, triangles = [], []
+    for k in range(count):
+        x, y = np.meshgrid(np.arange(columns + 1.0), [0, 1.0], indexing="ij")
+        card = np.stack([x, y, 0.1 * x * x], -1).reshape(-1, 3) * (0.2 + k / count) + (3 * (k % 15) * columns, 3 * (k // 15), 0)
+        low = 2 * np.arange(columns) + len(points) * 2 * (columns + 1)
+        triangles += [np.stack([low, low + 2, low + 3], 1), np.stack([low, low + 3, low + 1], 1)]
+        points.append(card)
+    return np.concatenate(points), np.concatenate(triangles)
+
+
+def edge_counts(triangles):
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return np.unique(edges, axis=0, return_counts=True)
+
+
+def farthest(points, triangles, others):
+    """The farthest that a point of `others` lies from the surface: every point against every triangle."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    worst = 0.0
+    for p in others:
+        inside, least = np.ones(len(a), bool), np.full(len(a), np.inf)
+        for u, v in ((a, b), (b, c), (c, a)):
+            side, w = v - u, p - u
+            t = np.clip((w * side).sum(1) / (side * side).sum(1), 0, 1)
+            least = np.minimum(least, np.linalg.norm(w - t[:, None] * side, axis=1))
+            inside &= (np.cross(side, w) * normal).sum(1) >= 0
+        least = np.where(inside, np.abs(((p - a) * normal).sum(1)), least)
+        worst = max(worst, least.min())
+    return worst
+
+
+def spread(points, triangles, count):
+    """The corners and about `count` more points on each triangle's inside and sides, on a barycentric grid."""
+    i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+    at = np.stack([i, j, count - i - j], -1)[i + j <= count] / count
+    return np.unique(np.einsum("gk,nkd->ngd", at, points[triangles]).reshape(-1, 3).round(12), axis=0)
+
+
+def hausdorff(one, other):
+    """The symmetric Hausdorff distance at points about evenly spread over both."""
+    fine = [max(1, int(np.ceil(np.sqrt(500 / len(triangles))))) for _, triangles in (one, other)]
+    return max(farthest(*other, spread(*one, fine[0])), farthest(*one, spread(*other, fine[1])))
+
+
+@pytest.mark.parametrize("ratio", [0.4, 0.12, 0.03])
+@pytest.mark.parametrize(("make", "share"), [(terrain, 0.5), (sphere, 1)])
+def test_distance_against_fast_simplification_alone(make, share, ratio):
+    """At most half of its distance on ground with hills; evenly curved bodies leave less to gain."""
+    import fast_simplification
+
+    points, triangles = make()
+    target = round(ratio * len(triangles))
+    peer = fast_simplification.simplify(points, triangles.astype(np.int32), target_count=target)
+    lod = decimate(points, triangles, ratio, "mesh")
+    assert abs(len(lod.triangles) - target) <= max(1, 0.01 * target)
+    assert hausdorff((points, triangles), (lod.points, lod.triangles)) <= share * hausdorff((points, triangles), peer)
+
+
+@pytest.mark.parametrize("make", [sphere, torus], ids=["sphere", "torus"])
+@pytest.mark.parametrize("ratio", [0.4, 0.12, 0.03])
+def test_closed_stays_closed_with_no_face_turned_doubled_or_flat(make, ratio):
+    points, triangles = make()
+    lod = decimate(points, triangles, ratio, "mesh")
+    assert (edge_counts(lod.triangles)[1] == 2).all()
+    half = lod.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    assert len(np.unique(half, axis=0)) == len(half)  # neighbours run their edge in opposite directions
+    assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
+    a, b, c = (lod.points[lod.triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    assert (np.linalg.norm(normal, axis=1) > 1e-6).all()
+    u, v, w = (points[triangles[:, k]] for k in range(3))
+    source = np.cross(v - u, w - u)
+    middles = (u + v + w) / 3
+    near = [np.linalg.norm(middles - p, axis=1).argmin() for p in (a + b + c) / 3]
+    assert ((normal * source[near]).sum(axis=1) > 0).all()
+
+
+def test_open_borders_stay_open_and_in_place():
+    points, triangles = terrain()
+    lod = decimate(points, triangles, 0.12, "terrain")
+    edges, count = edge_counts(lod.triangles)
+    assert set(count) == {1, 2}
+    rim = lod.points[np.unique(edges[count == 1]), :2]
+    assert np.minimum(rim, 10 - rim).min(axis=1).max() < 0.1
+    assert np.allclose([rim.min(), rim.max()], [0, 10], atol=0.1)
+
+
+def test_a_seam_is_kept_in_place():
+    n = 24
+    points, triangles = terrain(n)
+    points[:, 2] = 0  # flat: nothing but the seam holds its points
+    seam = n * np.arange(n) + 11
+    edges = np.stack([seam[:-1], seam[1:]], 1)
+    lod = decimate(points, triangles, 0.12, "terrain", seams=edges)
+    line = points[seam[0], 1]
+    across = lod.points[:, 1][lod.triangles] - line
+    assert ((across > -0.05).all(axis=1) | (across < 0.05).all(axis=1)).all()  # no triangle lies on both sides
+
+
+def test_borders_at_the_same_points_do_not_part():
+    points, triangles = sphere()
+    lod = decimate(points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3), 0.12, "split")
+    assert (edge_counts(lod.triangles)[1] == 2).all()
+
+
+@pytest.mark.parametrize(("columns", "ratio", "parts"), [(1, 0.5, 200), (2, 0.5, 200), (2, 0.3, 200), (1, 0.3, 120), (2, 0.03, 24)])
+def test_cards_stay_while_there_are_triangles_and_the_largest_after(columns, ratio, parts):
+    points, triangles = cards(columns=columns)
+    lod = decimate(points, triangles, ratio, "hair")
+    kept = np.unique(lod.source[lod.triangles[:, 0]] // (2 * (columns + 1)))
+    assert len(lod.triangles) == round(ratio * len(triangles))
+    assert (kept == np.arange(200 - parts, 200)).all()
+
+
+@pytest.mark.parametrize(("size", "offset"), [(2.0**-10, 0), (2.0**20, 0), (1e-3, 0), (1e6, 0), (1.0, 4096.0)])
+def test_scale_and_place_change_nothing(size, offset):
+    points, triangles = torus()
+    one = decimate(points, triangles, 0.12, "torus")
+    other = decimate(points * size + offset, triangles, 0.12, "torus")
+    assert (one.triangles == other.triangles).all() and (one.source == other.source).all()
+    assert np.allclose((other.points - offset) / size, one.points, atol=1e-6)
+
+
+def test_the_same_mesh_gives_the_same_lod_bit_for_bit():
+    one, other = (decimate(*sphere(), 0.12, "sphere") for _ in range(2))
+    assert (one.points == other.points).all() and (one.triangles == other.triangles).all()
+
+
+def test_edges_of_many_faces_and_doubled_faces_are_taken():
+    random = np.random.default_rng(2)
+    triangles = np.array([random.choice(40, 3, replace=False) for _ in range(300)])
+    lod = decimate(random.normal(size=(40, 3)), np.concatenate([triangles, triangles]), 0.4, "soup")
+    assert 0 < len(lod.triangles) <= 300 and np.isfinite(lod.points).all()
+    assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)

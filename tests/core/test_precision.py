@@ -69,7 +69,7 @@ def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(metric):
 
 
 def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
-    monkeypatch.setattr(precision, "OFFSETS", (0.0, 1e7))
+    monkeypatch.setattr(precision, "LEVEL_OFFSETS", (0.0, 1e7))
     rows = list(precision.levels([view(4000)], CENTRE, RADIUS, [LevelPolicy((0.16, 0.4))], "AXIS", repeats=1))
     by = {(r["precision"], r["offset_m"]): r for r in rows}
     assert by["float32 world", 1e7]["differ"] > 0 and by["float32 world", 1e7]["worst_m"] > 0.1

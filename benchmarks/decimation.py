@@ -1,0 +1,136 @@
+"""LOD meshes against their peers: Hausdorff distance and run time, at the same count of triangles.
+
+python benchmarks/decimation.py [PICTURE.png] [FILE.glb ...]    a row a mesh, ratio and method; a picture if named
+
+The distance is measured at 50,000 points spread over each of the two surfaces and at all their vertices, in percent of the
+bounding box's diagonal. "x" is the distance over that of fast-simplification with its default aggressiveness, 7.
+"""
+
+import sys
+import time
+
+import bpy
+import fast_simplification
+import numpy as np
+from crowd_lod_extension.crowd_lod.meshes import decimate
+from crowd_lod_extension.operators.plots import COLOURS, MARKERS
+from crowd_lod_extension.operators.scene import new_mesh, read_triangles
+from crowd_lod_extension.operators.surface import Surface, deviation
+from crowd_lod_extension.sample_scenes.characters import make_characters
+from matplotlib.figure import Figure
+
+RATIOS = (0.4, 0.12, 0.03)
+
+
+def crowd_lod(points, triangles, ratio):
+    lod = decimate(points, triangles, ratio, "benchmark")
+    return lod.points, lod.triangles
+
+
+def fast(points, triangles, ratio):
+    return fast_simplification.simplify(points, triangles.astype(np.int32), target_count=round(ratio * len(triangles)))
+
+
+def blender(points, triangles, ratio):
+    item = bpy.data.objects.new("benchmark", new_mesh("benchmark", points, triangles))
+    bpy.context.scene.collection.objects.link(item)
+    modifier = item.modifiers.new("Decimate", "DECIMATE")
+    modifier.ratio, modifier.use_collapse_triangulate = ratio, True
+    try:
+        return read_triangles(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)[:2]
+    finally:
+        bpy.data.objects.remove(item)
+
+
+METHODS = {"fast-simplification": fast, "Crowd LOD": crowd_lod, "Blender's Decimate": blender}
+
+
+def evaluated(item: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    for modifier in [m for m in item.modifiers if m.type == "ARMATURE"]:
+        item.modifiers.remove(modifier)
+    points, triangles = read_triangles(item.evaluated_get(bpy.context.evaluated_depsgraph_get()).data)[:2]
+    return np.array(points, np.float64), np.array(triangles)
+
+
+def added(add, modifier: str = "", **settings) -> tuple[np.ndarray, np.ndarray]:
+    add()
+    if modifier:
+        made = bpy.context.object.modifiers.new(modifier, modifier)
+        for name, value in settings.items():
+            setattr(made, name, value)
+    return evaluated(bpy.context.object)
+
+
+def terrain(n: int = 174) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(0)
+    x, y = np.meshgrid(np.linspace(0, 10, n), np.linspace(0, 10, n), indexing="ij")
+    z = np.zeros_like(x)
+    for fx, fy in random.normal(scale=2, size=(40, 2)):
+        z += 0.175 * np.sin(fx * x + fy * y + random.uniform(0, 7)) / np.hypot(fx, fy)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+
+
+def loose(points, triangles, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
+    random = np.random.default_rng(0)
+    copies = [points * random.uniform(0.1, 0.5, 3) + random.uniform(-6, 6, 3) for _ in range(count)]
+    return np.concatenate(copies), np.concatenate([triangles + k * len(points) for k in range(count)])
+
+
+def meshes(files: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    mesh = bpy.ops.mesh
+    found = {"Suzanne": added(mesh.primitive_monkey_add, "SUBSURF", levels=3)}
+    found["sphere"] = added(lambda: mesh.primitive_ico_sphere_add(subdivisions=6))
+    found["torus"] = added(lambda: mesh.primitive_torus_add(major_segments=192, minor_segments=96))
+    found["cube"] = added(mesh.primitive_cube_add, "SUBSURF", subdivision_type="SIMPLE", levels=6)
+    found["terrain"] = terrain()
+    found["200 parts"] = loose(*added(lambda: mesh.primitive_ico_sphere_add(subdivisions=3)))
+    characters = bpy.data.collections.new("characters")
+    bpy.context.scene.collection.children.link(characters)
+    for group in make_characters(characters):
+        found[group.name] = evaluated(next(item for item in group.objects if item.type == "MESH"))
+    for path in files:
+        before = set(bpy.data.objects)
+        bpy.ops.import_scene.gltf(filepath=path)
+        body = max((o for o in set(bpy.data.objects) - before if o.type == "MESH"), key=lambda o: len(o.data.polygons))
+        found[body.name] = evaluated(body)
+    return found
+
+
+def main(picture: str | None, files: list[str]) -> None:
+    rows = []
+    print(f"{'mesh':14} {'ratio':>5}  {'method':20} {'triangles':>9} {'ms':>7} {'distance %':>10} {'x':>6}")
+    for name, (points, triangles) in meshes(files).items():
+        source, diagonal = Surface(points, triangles), np.linalg.norm(np.ptp(points, axis=0))
+        for ratio in RATIOS:
+            base = None
+            for method, run in METHODS.items():
+                begin = time.perf_counter()
+                new_points, new_triangles = run(points, triangles, ratio)
+                ms = 1000 * (time.perf_counter() - begin)
+                distance = 100 * deviation(source, Surface(new_points, new_triangles), 50_000)[0] / diagonal
+                base = distance if base is None else base  # the first is what the others are held against
+                rows.append((name, ratio, method, ms, distance))
+                print(f"{name:14} {ratio:5}  {method:20} {len(new_triangles):9,} {ms:7.0f} {distance:10.4f} {distance / base:6.2f}", flush=True)
+    if picture:
+        draw(picture, rows)
+
+
+def draw(picture: str, rows: list[tuple]) -> None:
+    figure = Figure(figsize=(12, 5), dpi=100, layout="constrained")
+    for axes, ratio in zip(figure.subplots(1, len(RATIOS), sharey=True), RATIOS, strict=True):
+        for k, method in enumerate(METHODS):
+            found = [(ms, max(distance, 1e-5)) for _, r, m, ms, distance in rows if (r, m) == (ratio, method)]
+            axes.plot(*zip(*found, strict=True), MARKERS[k], color=COLOURS[k], label=method)
+        axes.set(xscale="log", yscale="log", title=f"{ratio:g} of the triangles", xlabel="ms")
+        axes.grid(alpha=0.25)
+    figure.axes[0].set_ylabel("Hausdorff distance, % of the diagonal (1e-5: no more)")
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=3, frameon=False)
+    figure.savefig(picture, pil_kwargs={"optimize": True})
+
+
+if __name__ == "__main__":
+    paths = sys.argv[1:]
+    main(next((p for p in paths if p.endswith(".png")), None), [p for p in paths if p.endswith(".glb")])
