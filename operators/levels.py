@@ -13,6 +13,7 @@ from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.meshes import LodMesh, decimate
 from . import scene as io
+from .deviation import measure
 from .operator import Stepwise
 from .populate import characters_of, measure_groups, store_groups
 
@@ -67,9 +68,11 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 sizes = [_level_object(item, source, home, k, ratio) for item, source in zip(objects, sources, strict=True)]
                 vertices.append(sum(v for v, _ in sizes))
                 triangles.append(sum(t for _, t in sizes))
-                yield (g * count + k + 1) / (len(characters) * count)
+                yield (g + 0.5 * (k + 1) / count) / len(groups)
             bpy.data.batch_remove(sources)
-            made.append(replace(group, vertices=tuple(vertices), triangles=tuple(triangles)))
+            group = replace(group, vertices=tuple(vertices), triangles=tuple(triangles))
+            meshes = [list(level.children[g].objects) for level in levels]
+            made.append((yield from measure(group, objects, meshes, ((g + 0.5) / len(groups), (g + 1) / len(groups)))))
         done = True
     finally:
         if not done:

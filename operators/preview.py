@@ -74,7 +74,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         view = None
         stage.collection.objects.link(drawing)
         # nothing that these depend on changes from here on, and each look reads the whole map
-        trajectory, policy = trajectory_of(stage), policy_of(stage.crowd_lod)
+        trajectory = trajectory_of(stage)
         centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
@@ -101,7 +101,6 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
                 drawing.data,
                 frame,
                 centre,
-                policy,
                 cameras.camera_from(view, stage.render, layer.depsgraph),
             )
             drawing.hide_render = False

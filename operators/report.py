@@ -59,7 +59,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
 def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
     """The scene's policy under each metric; thresholds of the other kind are made up."""
     parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
-    sizes = policy.thresholds if policy.metric == "PIXELS" else tuple(200 / 2**k for k in range(policy.count - 1))
+    sizes = policy.thresholds if policy.metric == "PIXELS" and policy.tolerance is None else tuple(200 / 2**k for k in range(policy.count - 1))
     plain = replace(policy, tolerance=None, group_thresholds=())
     return [replace(plain, metric=m, thresholds=sizes if m == "PIXELS" else parts) for m in ("AXIS", "RADIAL", "PIXELS")]
 
