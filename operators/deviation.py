@@ -124,22 +124,26 @@ def _roughly(one: Surface, other: Surface) -> float:
     return float(max(other.nearest(some[0])[2].max(), one.nearest(some[1])[2].max()))
 
 
+def meshes_of(levels: bpy.types.Collection, g: int) -> list[list[bpy.types.Object]]:
+    """The mesh objects of each LOD of the group `g` in the collection that Make LOD Meshes has made."""
+    if any(g >= len(level.children) for level in levels.children):
+        raise CrowdError(f"Character group {g} has no LOD meshes in {levels.name}: press Make LOD Meshes again.")
+    return [[o for o in level.children[g].all_objects if o.type == "MESH"] for level in levels.children]
+
+
 def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
     """Measure the LOD meshes of `scene` as they are now, edited or not; yields the progress, 0 to 1."""
     settings = scene.crowd_lod
     characters = characters_of(scene)
     if settings.levels is None:
         raise CrowdError(f"The scene {scene.name} has no LOD meshes to measure: press Make LOD Meshes.")
-    homes = [list(level.children) for level in settings.levels.children]
     known = {group.name: group for group in groups_of(settings)}
     measured = []
     for g, (name, objects, _) in enumerate(characters):
-        if name not in known or any(g >= len(level) for level in homes):
+        if name not in known:
             raise CrowdError(f"The character {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again.")
-        meshes = [[o for o in level[g].all_objects if o.type == "MESH"] for level in homes]
-        own = max((k + 1 for k, each in enumerate(meshes) if each), default=0)
         span = g / len(characters), (g + 1) / len(characters)
-        measured.append((yield from measure(known[name], objects, meshes[:own], span)))
+        measured.append((yield from measure(known[name], objects, meshes_of(settings.levels, g), span)))
     store_groups(settings, tuple(measured))
 
 

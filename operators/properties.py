@@ -195,6 +195,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup)
     trouble: StringProperty()
+    dropped: StringProperty(description="LODs that were not made by tolerance, and why, a line each")
     levels: PointerProperty(type=bpy.types.Collection)
     build: PointerProperty(type=bpy.types.Collection)
 
