@@ -13,6 +13,7 @@ from .operator import Stepwise
 from .populate import action_range, characters_of, groups_of, store_groups
 from .surface import Surface, deviation
 
+SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 POSES = 12  # spread over the action, its ends included
 # Points on each surface at every pose; the worst pose of each LOD is then measured at surface.SAMPLES and all corners.
 POSE_SAMPLES = 2_000
@@ -128,7 +129,7 @@ def meshes_of(levels: bpy.types.Collection, g: int) -> list[list[bpy.types.Objec
     """The mesh objects of each LOD of the group `g` in the collection that Make LOD Meshes has made."""
     if any(g >= len(level.children) for level in levels.children):
         raise CrowdError(f"Character group {g} has no LOD meshes in {levels.name}: press Make LOD Meshes again.")
-    return [[o for o in level.children[g].all_objects if o.type == "MESH"] for level in levels.children]
+    return [[o for o in level.children[g].all_objects if o.type in SOLID] for level in levels.children]
 
 
 def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:

@@ -10,12 +10,12 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ..crowd_lod.agents import Group
-from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.meshes import LodMesh, decimate
+from . import chain
 from . import scene as io
 from .deviation import measure
 from .operator import Stepwise
-from .populate import characters_of, measure_groups, store_groups
+from .populate import characters_of, count_of, measure_groups, store_groups
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
 # (Okabe and Ito). Linear RGB.
@@ -43,11 +43,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     settings = scene.crowd_lod
     characters = characters_of(scene)
     groups = measure_groups(scene)
-    count = settings.level_count
-    ratios = [round(r, 6) for r in settings.ratios[:count]]
-    for k in range(1, count):
-        if ratios[k] >= ratios[k - 1]:
-            raise CrowdError(f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, {ratios[k - 1]:g}: lower it.")
+    ratios = chain.ratios_of(settings)
+    count = len(ratios)
     before = set(bpy.data.user_map())
     top = bpy.data.collections.new("Crowd LOD")
     done = False
@@ -73,10 +70,15 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
             group = replace(group, vertices=tuple(vertices), triangles=tuple(triangles))
             meshes = [list(level.children[g].objects) for level in levels]
             made.append((yield from measure(group, objects, meshes, ((g + 0.5) / len(groups), (g + 1) / len(groups)))))
+        keep, dropped = None, []
+        if settings.choice == "BY_TOLERANCE":
+            keep, dropped = yield from chain.chosen(scene, made, 0.99)
         done = True
     finally:
         if not done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+    if keep:
+        levels, made = chain.prune(levels, made, keep, TINTS)
     if settings.levels is not None:
         remove_owned(settings.levels, levels)
     for block in bpy.data.user_map():
@@ -87,7 +89,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
-    settings.levels = top
+    settings.levels, settings.dropped = top, "\n".join(dropped)
     store_groups(settings, tuple(made))
 
 
@@ -225,7 +227,7 @@ class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
     def steps(self, context):
         yield from make_levels(context.scene)
         settings = context.scene.crowd_lod
-        return f"{settings.level_count} LODs of {len(settings.groups)} character groups."
+        return f"{count_of(settings)} LODs of {len(settings.groups)} character groups."
 
 
 CLASSES = (CROWDLOD_OT_make_levels,)

@@ -189,6 +189,11 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 deviates = f"{1000 * group.deviations[k]:.3g} mm" if group.diagonal else "-"
                 rows.append((f"LOD {k}", f"{group.triangles[k]:,}", deviates, _distance(context, begin)))
             _table(layout, (group.name, "Triangles", "Deviates", "From"), rows)
+        if tolerant and settings.dropped:
+            lines = settings.dropped.splitlines()
+            layout.label(text=f"Not made: {len(lines)} candidates")
+            for line in lines[:MOST_ROWS]:
+                _say(context, layout, line, "DOT")
 
     def ratios(self, context, layout, settings):
         """What each LOD keeps and where it begins, to be set."""
