@@ -7,13 +7,11 @@ import numpy as np
 
 from .agents import Group
 from .camera import Camera
-from .levels import MOST_LEVELS, LevelPolicy, limits
+from .levels import LevelPolicy, limits
 
-LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)  # parts of the triangles that the candidates keep
+LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)  # parts of the triangles that candidates keep, MOST_LEVELS at most
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
-
-assert len(LADDER) <= MOST_LEVELS
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
         dot = f'<span class="dot" style="background:{tints[row["lod"]]}"></span>'
         rows.append(
             [
-                f"{dot}{row['lod']}",
+                f"{dot}{row['lod']}" if row["to_lod"] == row["lod"] else f"{dot}{row['lod']} to {row['to_lod']}",
                 f"{row['triangles']:,}",
                 f"{row['vertices']:,}",
                 _number(row["deviation_mm"]),

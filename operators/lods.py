@@ -24,13 +24,16 @@ def tables(
     scene: bpy.types.Scene, groups: Sequence[Group], camera: Camera, begins: np.ndarray, folder: Path, progress=(0.0, 1.0)
 ) -> Iterator[float]:
     """A dict for each of `groups`, whose LODs begin at `begins` (G, n - 1) metres from `camera`, see levels.limits; yields
-    the progress, within `progress`. Pictures levels_NAME.png of the first MOST_SHOWN go into the folder."""
+    the progress, within `progress`. A LOD that a group repeats, for want of coarser ones, is told of once. Pictures
+    levels_NAME.png of the first MOST_SHOWN go into the folder."""
     found, taken = [], set()
     characters, settings = characters_of(scene), scene.crowd_lod
     start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
-        meshes = meshes_of(settings.levels, g)[: len(group.triangles)]
+        every = meshes_of(settings.levels, g)[: len(group.triangles)]
+        meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]  # the last may be repeated
         rows = [_row(group, k, each, camera, begins[g]) for k, each in enumerate(meshes)]
+        rows[-1]["to_lod"] = len(every) - 1
         entry = {"group": group.name, "diagonal_m": group.diagonal, "picture": None, "levels": rows}
         found.append(entry)
         if g >= MOST_SHOWN:
@@ -44,9 +47,9 @@ def tables(
                     pair = ((each.points, each.triangles) for each in (character, levels[k]))
                     rows[k]["measured_px"] = _known(silhouette.error(*pair, centre, distance, camera))
                 yield start + span * (g + 0.7 * k / len(rows))
-            character, levels = posed.at(group.worst[-1])
+            character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
-            captions = [f"{count:,} triangles" for count in group.triangles]
+            captions = [f"{row['triangles']:,} triangles" for row in rows]
             pixels, _ = lod_picture.draw(character, levels, captions, AZIMUTH - io.rotation(settings.forward))
             entry["picture"] = _file_name(group.name, g, taken)
             io.save_png(folder / entry["picture"], pixels)
@@ -60,6 +63,7 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
     told = {key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item] for key in ("way", "why", "ms")}
     return {
         "lod": k,
+        "to_lod": k,
         "triangles": group.triangles[k],
         "vertices": group.vertices[k],
         "deviation_mm": 1000 * deviation,

@@ -11,7 +11,7 @@ VOID = {"meta", "img"}
 
 def row(k, **more):
     return {
-        "lod": k, "triangles": 5000 >> k, "vertices": 2500 >> k, "deviation_mm": 12.5 * k, "rms_mm": 1.25 * k, "percent": 0.7 * k,
+        "lod": k, "to_lod": k, "triangles": 5000 >> k, "vertices": 2500 >> k, "deviation_mm": 12.5 * k, "rms_mm": 1.25 * k, "percent": 0.7 * k,
         "worst_frame": 3.0, "from_m": 17.25 * k, "begins": "at", "predicted_px": 0.99 if k else None,
         "measured_px": 0.51 if k else None, "way": None, "why": None, "ms": None, **more,
     }  # fmt: skip
@@ -73,6 +73,10 @@ def test_names_are_text_and_pictures_are_relative():
     read = Reader(page(plan(EVIL, way=EVIL, why=f'"{EVIL}')))
     assert "script" not in read.tags and "".join(read.texts).count(EVIL) >= 5
     assert set(read.links) == {"contact_sheet.png", "levels_a%20b.png"}
+
+
+def test_a_lod_that_is_repeated_is_one_row():
+    assert "1 to 3" in Reader(page(plan(to_lod=3))).cells
 
 
 @pytest.mark.parametrize("begins, shown", [("never", "never"), ("anywhere", "anywhere"), ("at", "-")])
