@@ -9,7 +9,8 @@ from .agents import Group
 from .camera import Camera
 from .levels import LevelPolicy, limits
 
-LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)  # parts of the triangles that candidates keep, MOST_LEVELS at most
+# Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
+LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
 
@@ -34,7 +35,8 @@ def choose(group: Group, tolerance: float, views: Sequence[View]) -> tuple[list[
     kept, dropped = [0], []
     for k in range(1, len(group.triangles)):
         own, finer = group.triangles[k], group.triangles[kept[-1]]
-        lower = [n for n, d in zip(group.triangles[k + 1 :], group.deviations[k + 1 :], strict=True) if d <= group.deviations[k] and n < own]
+        coarser = zip(group.triangles[k + 1 :], group.deviations[k + 1 :], strict=True)
+        lower = [n for n, deviation in coarser if n < own and deviation <= group.deviations[k]]
         if lower:
             dropped.append(f"{own:,} triangles deviate no less than {lower[0]:,}.")
         elif own > (1 - LEAST_SAVED) * finer:

@@ -31,8 +31,10 @@ def ratios_of(settings) -> list[float]:
 
 
 def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
-    """Of each group the views of the shot's frames, up to MOST_FRAMES; yields the part done. A group that none shows may
-    be anywhere within the camera's clip range."""
+    """Of each group the views of the shot's frames, up to MOST_FRAMES; yields the part done.
+
+    A group that none shows may be anywhere within the camera's clip range.
+    """
     settings = scene.crowd_lod
     frames = parse_frames(settings.frames, settings.step)
     chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
@@ -62,16 +64,21 @@ def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> 
             next(seen)
             yield progress
         except StopIteration as end:
-            found = [choose(group, scene.crowd_lod.tolerance, each) for group, each in zip(groups, end.value, strict=True)]
-            said = [f"{group.name}: {reason}" for group, (_, reasons) in zip(groups, found, strict=True) for reason in reasons]
-            return [kept for kept, _ in found], said
+            keep, said = [], []
+            for group, each in zip(groups, end.value, strict=True):
+                kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each)
+                keep.append(kept)
+                said += [f"{group.name}: {reason}" for reason in reasons]
+            return keep, said
 
 
 def prune(
     levels: list[bpy.types.Collection], groups: Sequence[Group], keep: list[list[int]], tints: Sequence[tuple]
 ) -> tuple[list[bpy.types.Collection], list[Group]]:
-    """(levels, groups) with those LODs of each group alone that `keep` lists; a group with fewer than others repeats its
-    last. The other collections, objects and meshes are removed. levels: a collection a candidate, with one a group."""
+    """(levels, groups) with those LODs of each group alone that `keep` lists.
+
+    A group with fewer than others repeats its last. The other collections, objects and meshes are removed. levels: a collection a candidate, with one a group.
+    """
     homes = [list(level.children) for level in levels]
     count = max(map(len, keep))
     for level, children in zip(levels, homes, strict=True):

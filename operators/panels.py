@@ -184,7 +184,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
         count = count_of(settings)
         for g, group in enumerate(settings.groups[: MOST_ROWS // count]):
             rows = []
-            for k in range(count):
+            for k in (k for k in range(count) if group.triangles[k]):
                 begin = begins[g, k - 1] if begins is not None and k and begins.shape[1] >= k else None
                 deviates = f"{1000 * group.deviations[k]:.3g} mm" if group.diagonal else "-"
                 rows.append((f"LOD {k}", f"{group.triangles[k]:,}", deviates, _distance(context, begin)))
