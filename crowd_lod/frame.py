@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .agents import Crowd
+from .agents import Crowd, Group
 from .behaviour import Trajectory
 from .camera import Camera
 from .culling import Bounds, bounds, lost, radar, refuse_lost
@@ -20,7 +20,8 @@ from .sorting import Buckets, sort
 class Frame:
     """What one frame shows.
 
-    time: in frames. visible: (n,) bool. levels: (n,) uint8, the LOD of every agent, also of those culled. vertices,
+    time: in frames. visible: (n,) bool. levels: (n,) uint8, the LOD of every agent, also of those culled. begins:
+    (G, n - 1) metres, where each group's LODs 1 ... n - 1 begin (levels.limits). vertices,
     triangles: to be drawn for the visible agents; full_vertices, full_triangles: without culling and LOD.
     milliseconds: of each stage, in the order of the pipeline. camera: the first where there are several. dropped: agents
     left out because they stand at NaN or infinity. left_out: what the scene did not need, in the order of the pipeline;
@@ -33,6 +34,7 @@ class Frame:
     visible: np.ndarray
     levels: np.ndarray
     buckets: Buckets
+    begins: np.ndarray
     vertices: int
     triangles: int
     full_vertices: int
@@ -49,14 +51,14 @@ def plan(
     time: float,
     shutter: Sequence[tuple[float, Sequence[Camera]]] = (),
     bias: Bias | None = None,
-    deviation: np.ndarray | None = None,
     lean: bool = True,
 ) -> Frame:
     """The plan of the frame at `time`: a pure function of its arguments, whichever frame came before.
 
     camera: one, or the eyes of a stereo picture. shutter: with motion blur, (time in frames, the eyes' cameras from
     camera.opened) at each sample of the open shutter, in order: what is seen at any of them is visible. LODs are those
-    of `time`. With a fixed margin nothing is grown for it but what the cameras move. bias: painted layer. deviation: (G, n) metres, for a tolerance. lean: leave out what the scene does not need.
+    of `time`. With a fixed margin nothing is grown for it but what the cameras move. bias: painted layer. lean: leave out
+    what the scene does not need.
     """
     trajectory = trajectory if lean else trajectory.full
     leave, left = trajectory.leave, set(trajectory.left_out)
@@ -74,7 +76,7 @@ def plan(
         painted = None if bias is None else (bias.values.tobytes(), bias.area)
         views = [_values(each) for each in (cameras, *(eyes for _, eyes in shutter))]
         asked = [column for each in crowds for column in (each.x, each.y, each.z, each.group)], (
-            views, policy, painted, grown.tobytes(), None if deviation is None else deviation.tobytes()
+            views, policy, painted, grown.tobytes()
         )  # fmt: skip
         made = trajectory.memo
         if made is not None and made[1] == asked[1] and all(map(operator.is_, made[0], asked[0])):
@@ -88,7 +90,7 @@ def plan(
     gone = lost(crowd) if not box.finite else ()
     if not policy.drop_lost:
         refuse_lost(gone, len(crowd))
-    begin = limits(policy, cameras[0], radius, deviation)
+    begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
     level = _one_level(begin, box, bias) if ONE_LEVEL in leave else None
     every = box.every if (ALL_INSIDE if box.every else ALL_OUTSIDE) in leave else None
     visible, distance = radar(crowd, cameras, *about, every, measure=level is None)
@@ -122,6 +124,7 @@ def plan(
         visible=visible,
         levels=levels,
         buckets=buckets,
+        begins=begin,
         vertices=vertices,
         triangles=triangles,
         full_vertices=full_vertices,
@@ -159,6 +162,13 @@ def _most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
     which jumps to the other side of a wrapping map is covered before and after."""
     gap = max(np.diff(times), default=0.0)
     return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame
+
+
+def deviations(groups: Sequence[Group], count: int) -> np.ndarray | None:
+    """(G, count) float64 metres: the measured deviation of each group's LODs; None while one is not measured."""
+    if not all(len(group.deviations) >= count for group in groups):
+        return None
+    return np.array([group.deviations[:count] for group in groups], np.float64)
 
 
 def cost(crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]]) -> tuple[int, int]:

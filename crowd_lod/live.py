@@ -9,7 +9,7 @@ from .agents import Group
 from .camera import Camera
 from .culling import radar
 from .frame import Frame, cost
-from .levels import Bias, LevelPolicy, hold, limits
+from .levels import Bias, LevelPolicy, hold
 from .sorting import sort
 
 
@@ -29,7 +29,7 @@ def held(
     centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "radius"))
     _, distance = radar(crowd, cameras, centre, radius, policy.margin, policy.metric == "RADIAL")
     factor = None if bias is None else bias.at(crowd.x, crowd.y)
-    levels = hold(previous, distance, limits(policy, cameras[0], radius), crowd.group, factor, policy.hysteresis)
+    levels = hold(previous, distance, frame.begins, crowd.group, factor, policy.hysteresis)
     buckets = sort(frame.visible, levels, policy.count)
     vertices, _ = cost(crowd, buckets, [group.vertices for group in groups])
     triangles, _ = cost(crowd, buckets, [group.triangles for group in groups])

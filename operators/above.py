@@ -5,7 +5,6 @@ import numpy as np
 
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.frame import Frame
-from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.maps import Area
 from . import scene as io
 from .levels import TINTS
@@ -33,11 +32,11 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
     return item
 
 
-def draw(mesh: bpy.types.Mesh, frame: Frame, centre: np.ndarray, policy: LevelPolicy, view: Camera) -> None:
+def draw(mesh: bpy.types.Mesh, frame: Frame, centre: np.ndarray, view: Camera) -> None:
     """Make `mesh` the drawing of `frame` for the camera `view`: agents in the tint of their LOD, those culled in grey,
     all at their spheres' centres (heights `centre` (G,) above the feet). Sizes are in the picture's pixels."""
     arrows, tints = _arrows(frame, centre, view)
-    lines, line_tints = _frustum(frame.camera, policy, view)
+    lines, line_tints = _frustum(frame, view)
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
     count = len(arrows)
     corners = np.arange(4 * len(lines), dtype=np.int32).reshape(-1, 4) + 3 * count
@@ -78,9 +77,9 @@ def _arrows(frame: Frame, centre: np.ndarray, view: Camera) -> tuple[np.ndarray,
     return corners, tints
 
 
-def _frustum(camera: Camera, policy: LevelPolicy, view: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     """(m, 4, 3) corners of ribbons that face `view`, and their colours (m, 3): the overlay's lines, made solid."""
-    ends, colours = frustum_lines(camera, policy)
+    ends, colours = frustum_lines(frame.camera, frame.begins)
     along = ends[:, 1] - ends[:, 0]
     aside = np.cross(along, view.Z)
     length = np.linalg.norm(aside, axis=1, keepdims=True)

@@ -73,6 +73,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
     command.add_argument("--out", type=Path, metavar="DIR", help="the folder for pictures, frames.csv and plan.json")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
     command.add_argument("--width", type=int, metavar="PIXELS", help="of the pictures (default: the scene's, 960)")
     command.add_argument("--engine", choices=("workbench", "cycles", "eevee"), help="(default: the scene's, workbench)")
     command.add_argument("--color", choices=("lod", "material"), help="tint by LOD, or true materials")
@@ -158,6 +159,10 @@ def _preview(args, command: list[str]) -> dict:
         settings.seed = _within("seed", args.seed, 0, 2**31 - 1)
     if args.width is not None:
         _within("width", args.width, 16, 8192)
+    if args.tolerance is not None:
+        if not 0 < args.tolerance < float("inf"):
+            raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
+        settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
     stem = Path(args.scene or bpy.data.filepath or "scene").stem
     folder = (args.out or Path(f"{stem}_preview")).absolute()
     wanted = Preview(

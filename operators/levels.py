@@ -5,11 +5,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import bpy
-import numpy as np
 
+from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
+from . import chain, transfer, ways
 from . import source as sources
-from . import transfer, ways
+from .deviation import measure
 from .operator import Stepwise
 from .populate import armatures_of, characters_of, measure_groups, store_groups
 
@@ -26,11 +27,13 @@ TINTS = (
     (0.90, 0.90, 0.90),
 )
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
-# Custom properties of a LOD's collection of one character group: the hash of what it was made from; how many objects,
-# vertices and triangles it has. Of its objects: the hash of what was made; how, why so, and the milliseconds it took.
-DIGEST, SIZE = "crowd_lod_digest", "crowd_lod_size"
+# Custom properties of a LOD's collection of one character group: the hash of what it was made from, which candidate it is,
+# and how many objects it has; of the finest, what was measured of all candidates. Of its objects: the hash of what was
+# made; how, why so, and the milliseconds it took.
+DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
-VERSION = 2  # of the code that makes LOD meshes: another one makes them anew
+COLUMNS = ("vertices", "triangles", "deviations", "rms", "worst")  # of Group, a value a LOD
+VERSION = 3  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)
@@ -57,79 +60,92 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
 
     "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their natural order is the
     groups'. LOD 0 shares the characters' own meshes; the others are decimated from the character as modified, at rest,
-    and follow its armature. Groups whose LODs were made from just what there is now, and were not edited since, are kept.
-    Nothing of the user's is changed. If it fails or is closed early, the LODs that were there stay.
+    follow its armature, and are measured over its action. By tolerance a ladder of candidates is made, of which those that
+    pay are kept; a group with fewer than others repeats its last. Groups whose LODs were made from just what there is now,
+    and were not edited since, are kept. Nothing of the user's is changed. If it fails or is closed early, the LODs that
+    were there stay.
     """
     settings = scene.crowd_lod
     characters = characters_of(scene)
     groups = measure_groups(scene)
-    count = settings.level_count
-    ratios = [round(r, 6) for r in settings.ratios[:count]]
-    for k in range(1, count):
-        if ratios[k] >= ratios[k - 1]:
-            raise CrowdError(f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, {ratios[k - 1]:g}: lower it.")
+    ratios = chain.ratios_of(settings)
     earlier = settings.levels
     before = set(bpy.data.user_map())
     done = False
     try:
-        top = bpy.data.collections.new("Crowd LOD")
-        levels = [bpy.data.collections.new(f"Crowd LOD {k}") for k in range(count)]
-        for level in levels:
-            top.children.link(level)
-        homes: list[list[bpy.types.Collection]] = []  # per group, per LOD
-        edited = []
-        for g, (name, objects, _) in enumerate(characters):
-            share = 0.99 / len(characters)
-            chain = _Chain(name, objects, ratios, settings.way)
-            for part in chain.read():
+        ladders, share = [], 0.9 / len(characters)
+        for g, ((name, objects, _), group) in enumerate(zip(characters, groups, strict=True)):
+            ladder = _Ladder(name, objects, ratios, settings.way)
+            for part in ladder.read():
                 yield (g + 0.2 * part) * share
-            old = _earlier(earlier, chain.digest, count)
-            if old and all(_untouched(home) for home in old):
-                homes.append(old)
-            else:
-                edited += [name] if old else []
-                homes.append([bpy.data.collections.new(f"{g:03d} {name} LOD {k}") for k in range(count)])
-                for level, home in zip(levels, homes[-1], strict=True):
-                    level.children.link(home)
-                for part in chain.make(homes[-1]):
-                    yield (g + 0.2 + 0.8 * part) * share
-            chain.forget()
-            yield (g + 1) * share
+            ladder.recall(earlier, group)
+            if ladder.group is None:
+                for part in ladder.make():
+                    yield (g + 0.2 + 0.5 * part) * share
+                yield from ladder.measure(group, ((g + 0.7) * share, (g + 1) * share))
+            ladders.append(ladder)
+        keep, dropped = [list(range(len(ratios)))] * len(ladders), []
+        if settings.choice == "BY_TOLERANCE":
+            keep, dropped = yield from chain.chosen(scene, [ladder.group for ladder in ladders], 0.9)
+        homes, edited = [], []
+        for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
+            old = None if ladder.homes else _earlier(earlier, ladder.digest, kept)
+            if not ladder.homes and not old:
+                edited.append(ladder.name)
+                for part in ladder.make():
+                    yield 0.9 + 0.09 * (g + part) / len(ladders)
+            homes.append(old or [ladder.homes[k] for k in kept])
         done = True
     finally:
         if not done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
-    new = [block for block in bpy.data.user_map() if block not in before]
-    kept = []
-    for (name, _, origin), chain_homes in zip(characters, homes, strict=True):
-        for k, home in enumerate(chain_homes):
+    for ladder, chosen in zip(ladders, homes, strict=True):
+        ladder.forget(chosen)
+    top, levels = bpy.data.collections.new("Crowd LOD"), []
+    for k in range(max(map(len, homes))):
+        levels.append(bpy.data.collections.new(f"Crowd LOD {k}"))
+        top.children.link(levels[k])
+    outcome = Outcome(
+        tuple(ladder.name for ladder in ladders if ladder.homes),
+        tuple(ladder.name for ladder in ladders if not ladder.homes),
+        tuple(edited),
+    )
+    for (_, _, origin), chosen in zip(characters, homes, strict=True):
+        for k, level in enumerate(levels):
+            home = chosen[min(k, len(chosen) - 1)]
             home.instance_offset = origin
-            if home in before:
-                for level in earlier.children:
-                    if home.name in level.children:
-                        level.children.unlink(home)
-                levels[k].children.link(home)
-        if chain_homes[0] in before:
-            kept.append(name)
+            for other in earlier.children if earlier is not None and home in before else ():
+                if home.name in other.children:
+                    other.children.unlink(home)
+            level.children.link(home)
     if earlier is not None:
         remove_owned(earlier, levels)
-    for block in new:
-        block[OWNED] = True
-        # free again, now that the earlier LODs are gone; never at the cost of what else has the name
-        block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
-    for g, ((name, _, _), chain_homes) in enumerate(zip(characters, homes, strict=True)):
-        for k, home in enumerate(chain_homes):
+    for block in bpy.data.user_map():
+        if block not in before:
+            block[OWNED] = True
+            # free again, now that the earlier LODs are gone; never at the cost of what else has the name
+            block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
+    for g, ((name, _, _), chosen) in enumerate(zip(characters, homes, strict=True)):
+        for k, home in enumerate(chosen):
             home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")
+            for item in home.objects:
+                if item.get(OWNED):
+                    item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")
+                    item.color = (*TINTS[k], 1.0)
     scene.collection.children.link(top)
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
-    settings.levels = top
-    sizes = [np.array([home[SIZE] for home in chain_homes]).T.tolist() for chain_homes in homes]
-    store_groups(settings, tuple(replace(g, vertices=tuple(s[1]), triangles=tuple(s[2])) for g, s in zip(groups, sizes, strict=True)))
+    settings.levels, settings.dropped = top, "\n".join(dropped)
+    store_groups(settings, tuple(_of(ladder.group, kept, len(levels)) for ladder, kept in zip(ladders, keep, strict=True)))
     yield 1.0
-    made = tuple(name for name, _, _ in characters if name not in kept)
-    return Outcome(made, tuple(kept), tuple(edited))
+    return outcome
+
+
+def _of(group: Group, kept: list[int], count: int) -> Group:
+    """The group with the candidates `kept`, the last repeated up to `count`."""
+    own = [*kept, *[kept[-1]] * (count - len(kept))]
+    return replace(group, **{name: tuple(getattr(group, name)[k] for k in own) for name in COLUMNS})
 
 
 def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
@@ -148,18 +164,18 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     bpy.data.batch_remove(doomed)
 
 
-def _earlier(top: bpy.types.Collection | None, digest: str, count: int) -> list[bpy.types.Collection] | None:
-    """The collections, one a LOD, in `top` that were made from what has this digest."""
-    if top is None:
-        return None
-    found = [next((home for home in level.children if home.get(DIGEST) == digest), None) for level in top.children]
-    return found[:count] if len(found) >= count and all(found[:count]) else None
+def _earlier(top: bpy.types.Collection | None, digest: str, candidates: list[int]) -> list[bpy.types.Collection] | None:
+    """The collections in `top` of these candidates that were made from what has this digest, if all are there, untouched."""
+    levels = top.children if top is not None else ()
+    found = {home[CANDIDATE]: home for level in levels for home in level.children if home.get(DIGEST) == digest}
+    homes = [found.get(k) for k in candidates]
+    return homes if all(home is not None and _untouched(home) for home in homes) else None
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
     """Whether all that was made in `home` is there, and as it was made."""
     objects = [item for item in home.objects if item.get(OWNED)]
-    return len(objects) == home[SIZE][0] and all(item.get(AS_MADE) == _as_made(item) for item in objects)
+    return len(objects) == home[SIZE] and all(item.get(AS_MADE) == _as_made(item) for item in objects)
 
 
 def _as_made(item: bpy.types.Object) -> str:
@@ -171,13 +187,19 @@ def _as_made(item: bpy.types.Object) -> str:
     return sources.digest(item.data, looks, item.vertex_groups.keys())
 
 
-class _Chain:
-    """The LODs of one character group. read() gives its `digest`, make() fills the collections of its LODs; both yield
-    their progress, 0 to 1. forget() removes what they were made from."""
+class _Ladder:
+    """The LODs of one character group, or the candidates for them.
+
+    read() gives the `digest` of what they are made from; recall() the `group` with what was measured of such before, or
+    None; make() their collections, `homes`; measure() the `group`. All but recall() yield their progress. forget()
+    removes what they were made from, and all but the collections chosen.
+    """
 
     def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], way: str):
         self.name, self.objects, self.ratios, self.way = name, objects, ratios, way
         self.sources: list[sources.Source] = []
+        self.homes: list[bpy.types.Collection] = []
+        self.group: Group | None = None
 
     def read(self) -> Iterator[float]:
         digests = []
@@ -190,18 +212,45 @@ class _Chain:
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
         self.digest = sources.text_digest(digests, self.ratios, self.way, VERSION)
 
-    def make(self, homes: list[bpy.types.Collection]) -> Iterator[float]:
-        steps = len(homes) * len(self.sources)
-        for k, (home, ratio) in enumerate(zip(homes, self.ratios, strict=True)):
+    def recall(self, earlier: bpy.types.Collection | None, group: Group) -> None:
+        finest = earlier.children[0].children if earlier is not None and earlier.children else ()
+        for home in finest:
+            if home.get(DIGEST) == self.digest and MEASURED in home:
+                found = home[MEASURED].to_dict()
+                self.group = replace(group, diagonal=found["diagonal"], **{name: tuple(found[name]) for name in COLUMNS})
+
+    def make(self) -> Iterator[float]:
+        steps = len(self.ratios) * len(self.sources)
+        vertices, triangles = [], []
+        for k, ratio in enumerate(self.ratios):
+            home = bpy.data.collections.new(f"{self.name} LOD {k}")
             sizes = []
             for number, source in enumerate(self.sources):
                 sizes.append((yield from _level_object(source, home, k, ratio, self.way, (k * len(self.sources) + number) / steps)))
                 yield (k * len(self.sources) + number + 1) / steps
-            home[DIGEST] = self.digest
-            home[SIZE] = [len(sizes), sum(v for v, _ in sizes), sum(t for _, t in sizes)]
+            home[DIGEST], home[CANDIDATE], home[SIZE] = self.digest, k, len(sizes)
+            vertices.append(sum(v for v, _ in sizes))
+            triangles.append(sum(t for _, t in sizes))
+            self.homes.append(home)
+        self.sizes = {"vertices": tuple(vertices), "triangles": tuple(triangles)}
+        if self.group is not None:
+            self._remember()
 
-    def forget(self) -> None:
+    def measure(self, group: Group, progress: tuple[float, float]) -> Iterator[float]:
+        meshes = [list(home.objects) for home in self.homes]
+        self.group = yield from measure(replace(group, **self.sizes), self.objects, meshes, progress)
+        self._remember()
+
+    def _remember(self) -> None:
+        columns = {name: list(getattr(self.group, name)) for name in COLUMNS}
+        self.homes[0][MEASURED] = {"diagonal": self.group.diagonal, **columns}
+
+    def forget(self, chosen: list[bpy.types.Collection]) -> None:
         bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
+        doomed = [home for home in self.homes if home not in chosen]
+        objects = [item for home in doomed for item in home.objects]
+        data = {item.data for item in objects if WAY in item}
+        bpy.data.batch_remove([*objects, *doomed, *data])
 
 
 def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:

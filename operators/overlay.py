@@ -145,7 +145,7 @@ def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
         frame = plan(trajectory, eyes, policy, time, shutter, bias)
         if policy.hysteresis and before is not None and before.trajectory is trajectory:
             frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
-        batches = Batches(drawing(frame, trajectory.groups, policy))
+        batches = Batches(drawing(frame, trajectory.groups))
         return Shown(crowd_inputs, frame_inputs, looked, trajectory, bias, frame, batches)
     except CrowdError as error:
         if before is not None and before.problem == str(error):

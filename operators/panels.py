@@ -6,6 +6,7 @@ import bpy
 
 from ..crowd_lod.meshes import missing_library
 from . import overlay
+from .populate import count_of
 
 # Name and icon of each LOD's colour in operators.levels.TINTS.
 COLOURS = (
@@ -164,10 +165,39 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
         problem = missing_library()
         if problem:
             _say(context, layout, problem, "ERROR")
-        layout.prop(settings, "level_count")
-        layout.prop(settings, "metric")
+        layout.row().prop(settings, "choice", expand=True)
+        tolerant = settings.choice == "BY_TOLERANCE"
+        for name in ("tolerance",) if tolerant else ("level_count", "metric"):
+            layout.prop(settings, name)
         layout.prop(settings, "bias_image")
         layout.use_property_split = False
+        if not tolerant:
+            self.ratios(context, layout, settings)
+        layout.prop(settings, "way")
+        layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
+        if settings.levels is None:
+            if tolerant:
+                _say(context, layout, "Until its LODs are made and measured, the crowd is all LOD 0.", "INFO")
+            return
+        layout.operator("crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
+        shown = overlay.shown_of(context.scene)
+        begins = shown.frame.begins if shown and shown.frame else None
+        count = count_of(settings)
+        for g, group in enumerate(settings.groups[: MOST_ROWS // count]):
+            rows = []
+            for k in (k for k in range(count) if group.triangles[k]):
+                begin = begins[g, k - 1] if begins is not None and k and begins.shape[1] >= k else None
+                deviates = f"{1000 * group.deviations[k]:.3g} mm" if group.diagonal else "-"
+                rows.append((f"LOD {k}", f"{group.triangles[k]:,}", deviates, _distance(context, begin)))
+            _table(layout, (group.name, "Triangles", "Deviates", "From"), rows)
+        if tolerant and settings.dropped:
+            lines = settings.dropped.splitlines()
+            layout.label(text=f"Not made: {len(lines)} candidates")
+            for line in lines[:MOST_ROWS]:
+                _say(context, layout, line, "DOT")
+
+    def ratios(self, context, layout, settings):
+        """What each LOD keeps and where it begins, to be set."""
         camera = context.scene.camera
         far = camera.data.clip_end if camera is not None and camera.type == "CAMERA" else None
         grid = layout.column(align=True)
@@ -185,19 +215,12 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 cells.prop(settings, "thresholds", index=level - 1, text="")
                 threshold = settings.thresholds[level - 1]
                 cells.label(text=_length(context, far * threshold) if far else "?")
-        layout.prop(settings, "way")
-        layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
         for group in settings.groups[:MOST_ROWS] if settings.level_count > 1 else ():
             layout.prop(group, "own_thresholds", text=f"{group.name}: thresholds of its own")
             if group.own_thresholds:
                 row = layout.row(align=True)
                 for level in range(settings.level_count - 1):
                     row.prop(group, "sizes" if settings.metric == "PIXELS" else "thresholds", index=level, text="")
-        if settings.levels is not None:
-            for group in settings.groups[: MOST_ROWS // settings.level_count]:
-                sizes = zip(group.vertices, group.triangles, strict=True)
-                rows = [(f"LOD {k}", f"{v:,}", f"{t:,}") for k, (v, t) in enumerate(sizes) if v]
-                _table(layout, (group.name, "Vertices", "Triangles"), rows)
 
 
 class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
@@ -224,6 +247,13 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
 def _length(context, metres: float) -> str:
     units = context.scene.unit_settings
     return bpy.utils.units.to_string(units.system, "LENGTH", metres * units.scale_length, precision=3)
+
+
+def _distance(context, metres: float | None) -> str:
+    """Where a LOD begins, as limits has it; None where that is not known."""
+    if metres is None:
+        return "-"
+    return _length(context, metres) if abs(metres) < float("inf") else "never" if metres > 0 else "always"
 
 
 def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]):

@@ -7,7 +7,6 @@ import numpy as np
 from ..crowd_lod.agents import Group
 from ..crowd_lod.camera import Camera, frustum_corners
 from ..crowd_lod.frame import Frame
-from ..crowd_lod.levels import LevelPolicy
 from .levels import TINTS
 
 # Linear RGBA.
@@ -36,7 +35,7 @@ class Drawing:
     line_colours: np.ndarray
 
 
-def drawing(frame: Frame, groups: tuple[Group, ...], policy: LevelPolicy) -> Drawing:
+def drawing(frame: Frame, groups: tuple[Group, ...]) -> Drawing:
     """The drawing of `frame`, whose crowd is of `groups`."""
     crowd, origin = frame.crowd, frame.camera.origin
     centre = np.array([g.centre for g in groups])
@@ -58,7 +57,7 @@ def drawing(frame: Frame, groups: tuple[Group, ...], policy: LevelPolicy) -> Dra
     sizes = (radius / largest).astype(np.float32)[group]
     sizes[seen:] *= CULLED_SIZE
 
-    lines, line_colours = frustum_lines(frame.camera, policy)
+    lines, line_colours = frustum_lines(frame.camera, frame.begins)
     return Drawing(
         origin=origin,
         positions=positions,
@@ -70,19 +69,21 @@ def drawing(frame: Frame, groups: tuple[Group, ...], policy: LevelPolicy) -> Dra
     )
 
 
-def frustum_lines(camera: Camera, policy: LevelPolicy) -> tuple[np.ndarray, np.ndarray]:
-    """(ends, colours) of the frustum's edges and of a rectangle where each LOD begins, in its tint.
+def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(ends, colours) of the frustum's edges and of a rectangle where each LOD begins, in its tint; of several where it
+    begins elsewhere for other groups.
 
-    ends: (m, 2, 3) float64, world metres; colours: (m, 2, 4) float32, linear RGBA. A panoramic camera has no frustum.
+    begins: (G, n - 1) metres, see levels.limits. ends: (m, 2, 3) float64, world metres; colours: (m, 2, 4) float32, linear RGBA. A panoramic camera has no frustum.
     """
     if camera.kind == "PANO":
         return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)
     near, far = frustum_corners(camera, camera.near), frustum_corners(camera, camera.far)
     ends = [np.stack([near, far], axis=1), _ring(near), _ring(far)]
     colours = [FRUSTUM] * 3
-    for level, threshold in enumerate(policy.thresholds, start=1):
-        ends.append(_ring(frustum_corners(camera, camera.far * threshold)))
-        colours.append((*TINTS[level], 1.0))
+    for level, distances in enumerate(begins.T, start=1):
+        for distance in np.unique(distances[(distances > camera.near) & (distances <= camera.far)]):
+            ends.append(_ring(frustum_corners(camera, distance)))
+            colours.append((*TINTS[level], 1.0))
     each = np.array(colours, np.float32)[:, None, None]
     return np.concatenate(ends), np.broadcast_to(each, (len(ends), 4, 2, 4)).reshape(-1, 2, 4)
 

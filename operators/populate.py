@@ -26,6 +26,7 @@ MOST_POSES = 120
 # Trajectories by the digest of all they depend on: a cache, never the truth.
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
+OF_LEVELS = ("vertices", "triangles", "deviations", "rms", "worst", "diagonal")  # what is known of a group's LOD meshes
 
 
 def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
@@ -70,11 +71,12 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
     known = {group.name: group for group in groups_of(settings)}
     measured = []
     for name, objects, origin in characters_of(scene):
-        first, last = _action_range(objects)
+        first, last = action_range(objects)
         centre, radius = _bounds(objects, origin, _poses(first, last))
         stride = _custom(settings.characters, name, "stride")
-        sizes = (known[name].vertices, known[name].triangles) if name in known else ((), ())
-        measured.append(Group(name, centre, radius, stride, (last - first) / fps, *sizes))
+        found = Group(name, centre, radius, stride, (last - first) / fps)
+        lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
+        measured.append(replace(found, **lods))
     return tuple(measured)
 
 
@@ -84,16 +86,17 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
     settings.groups.clear()
     for group in groups:
         entry = settings.groups.add()
-        for name in ("name", "centre", "radius", "stride", "period"):
+        for name in ("name", "centre", "radius", "stride", "period", "diagonal"):
             setattr(entry, name, getattr(group, name))
-        for name in ("vertices", "triangles"):
+        for name in ("vertices", "triangles", "deviations", "rms", "worst"):
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
         if group.name in own:
             entry.own_thresholds, entry.thresholds, entry.sizes = own[group.name]
 
 
-def _action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
+def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
+    """The first and the last frame of the actions that move `objects`; 1 and 1 without any."""
     animated = [*objects, *armatures_of(objects)]
     actions = [o.animation_data.action for o in animated if o.animation_data and o.animation_data.action]
     if not actions:
@@ -182,28 +185,44 @@ def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
 
 def groups_of(settings) -> tuple[Group, ...]:
     """The measured groups of the settings."""
-    count = settings.level_count
-    return tuple(
-        Group(
-            g.name,
-            g.centre,
-            g.radius,
-            g.stride,
-            g.period,
-            tuple(n for n in g.vertices[:count] if n),
-            tuple(n for n in g.triangles[:count] if n),
-        )
-        for g in settings.groups
+    return tuple(_group(g, count_of(settings)) for g in settings.groups)
+
+
+def _group(entry, count: int) -> Group:
+    """What the settings' `entry` holds of a group, with at most `count` LODs."""
+    made = sum(n > 0 for n in entry.triangles[:count])
+    measured = made if entry.diagonal else 0
+    return Group(
+        entry.name,
+        entry.centre,
+        entry.radius,
+        entry.stride,
+        entry.period,
+        vertices=tuple(entry.vertices[:made]),
+        triangles=tuple(entry.triangles[:made]),
+        deviations=tuple(entry.deviations[:measured]),
+        rms=tuple(entry.rms[:measured]),
+        worst=tuple(entry.worst[:measured]),
+        diagonal=entry.diagonal,
     )
 
 
+def count_of(settings) -> int:
+    """The number of LODs: as many as are set, or by tolerance as many as were worth making, 1 before they are made."""
+    if settings.choice == "BY_RATIO":
+        return settings.level_count
+    return len(settings.levels.children) if settings.levels is not None else 1
+
+
 def policy_of(settings) -> LevelPolicy:
-    """The LOD policy of the settings."""
-    own = [_thresholds(group, settings) if group.own_thresholds else () for group in settings.groups]
+    """The LOD policy of the settings; by tolerance a LOD begins where its deviation shows so many pixels."""
+    tolerant = settings.choice == "BY_TOLERANCE"
+    own = [_thresholds(group, settings) if group.own_thresholds and not tolerant else () for group in settings.groups]
     return LevelPolicy(
-        thresholds=_thresholds(settings, settings),
+        thresholds=(0.0,) * (count_of(settings) - 1) if tolerant else _thresholds(settings, settings),
         group_thresholds=tuple(own) if any(own) else (),
-        metric=settings.metric,
+        metric="PIXELS" if tolerant else settings.metric,
+        tolerance=round(settings.tolerance, 6) if tolerant else None,
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
         drop_lost=settings.drop_lost,
     )

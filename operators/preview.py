@@ -13,17 +13,20 @@ import numpy as np
 
 from ..crowd_lod import __version__, report
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.frame import Frame
+from ..crowd_lod.frame import Frame, deviations
+from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
-from . import above, build, cameras
+from . import above, build, cameras, lods
 from . import scene as io
+from .deviation import measure_levels
 from .levels import TINTS, make_levels
 from .operator import Stepwise
 from .populate import (
     bias_of,
     characters_of,
     frame_of,
+    groups_of,
     machine_of,
     measure_groups,
     policy_of,
@@ -67,14 +70,17 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         if stage.crowd_lod.levels is None:
             for part in make_levels(stage):
                 yield 0.1 * part
+        elif deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
+            for part in measure_levels(stage):
+                yield 0.1 * part
         build.build(stage)
         built = stage.crowd_lod.build
         tint = _tint_material() if wanted.engine != "WORKBENCH" else None
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
-        view = None
+        view = first = None
         stage.collection.objects.link(drawing)
         # nothing that these depend on changes from here on, and each look reads the whole map
-        trajectory, policy = trajectory_of(stage), policy_of(stage.crowd_lod)
+        trajectory = trajectory_of(stage)
         centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
@@ -101,7 +107,6 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
                 drawing.data,
                 frame,
                 centre,
-                policy,
                 cameras.camera_from(view, stage.render, layer.depsgraph),
             )
             drawing.hide_render = False
@@ -116,11 +121,14 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
 
             rows.append(report.row(number, frame, dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))))
             pictures.append((main, folder / f"above_{number:04d}.png"))
-            yield 0.1 + 0.85 * (done + 1) / len(wanted.frames)
-        plan = _plan(stage, scene, wanted, command, rows)
+            first = first or frame
+            yield 0.1 + 0.75 * (done + 1) / len(wanted.frames)
+        told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (0.85, 0.95))
+        plan = _plan(stage, scene, wanted, command, rows, (yield from told))
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
+        (folder / "report.html").write_text(page(plan), encoding="utf-8")
         io.save_png(folder / "contact_sheet.png", _sheet(pictures))
         yield 1.0
         return plan
@@ -210,7 +218,7 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     return report.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
 
 
-def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -> dict:
+def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], characters: list[dict]) -> dict:
     """All that is needed to repeat the run, and what came of it."""
     settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
     machine = machine_of(settings)
@@ -258,11 +266,14 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict]) -
         "levels": {
             "metric": policy.metric,
             "margin": policy.margin,
-            "ratios": [round(r, 6) for r in settings.ratios[: policy.count]],
-            "thresholds": list(policy.thresholds),
+            "tolerance": policy.tolerance,
+            "ratios": [round(r, 6) for r in settings.ratios[: policy.count]] if policy.tolerance is None else None,
+            "thresholds": list(policy.thresholds) if policy.tolerance is None else None,
             "group_thresholds": [list(own) for own in policy.group_thresholds],
             "drop_lost": policy.drop_lost,
             "tints": TINTS[: policy.count],
+            "characters": characters,
+            "dropped": settings.dropped.splitlines(),
         },
         "preview": {
             "frames": wanted.frames,

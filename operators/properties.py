@@ -29,6 +29,17 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     period: FloatProperty(name="Period", description="Seconds in a cycle of the action")
     vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
     triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
+    deviations: FloatVectorProperty(
+        name="Deviation",
+        size=MOST_LEVELS,
+        unit="LENGTH",
+        description="Largest distance of each LOD's surface from the character's, both ways, over its action",
+    )
+    rms: FloatVectorProperty(
+        name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"
+    )
+    worst: FloatVectorProperty(name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most")
+    diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
     own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
     thresholds: FloatVectorProperty(
         name="Threshold",
@@ -83,6 +94,22 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         type=bpy.types.Text, name="State Machine", description="State machine as JSON; none is the chapter's, walk to and fro"
     )
     first_frame: IntProperty(name="Start Frame", default=1, description="Before it the crowd stands where it was populated")
+    choice: EnumProperty(
+        name="Choose LODs",
+        items=[
+            ("BY_RATIO", "By Ratio", "Set how many LODs there are, what they keep and where they begin"),
+            ("BY_TOLERANCE", "By Tolerance", "Set how many pixels a LOD may deviate; all else follows, for every camera"),
+        ],
+    )
+    tolerance: FloatProperty(
+        name="Tolerance",
+        default=1.0,
+        min=0,
+        soft_min=0.1,
+        soft_max=10,
+        subtype="PIXEL",
+        description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
+    )
     level_count: IntProperty(name="Levels", default=3, min=1, max=MOST_LEVELS, description="LOD meshes per character")
     ratios: FloatVectorProperty(
         name="Ratio",
@@ -176,6 +203,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup)
     trouble: StringProperty()
+    dropped: StringProperty(description="LODs that were not made by tolerance, and why, a line each")
     levels: PointerProperty(type=bpy.types.Collection)
     build: PointerProperty(type=bpy.types.Collection)
 

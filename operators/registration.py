@@ -2,9 +2,9 @@
 
 import bpy
 
-from . import build, cli, levels, machines, overlay, panels, populate, preview, properties, samples
+from . import build, cli, deviation, levels, machines, overlay, panels, populate, preview, properties, samples
 
-MODULES = (properties, samples, machines, populate, levels, preview, build, panels)
+MODULES = (properties, samples, machines, populate, levels, deviation, preview, build, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 _commands = []
 

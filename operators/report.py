@@ -59,10 +59,10 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
 def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
     """The scene's policy under each metric; thresholds of the other kind are made up, and there every group has the same."""
     parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
-    sizes = policy.thresholds if policy.metric == "PIXELS" else tuple(200 / 2**k for k in range(policy.count - 1))
+    sizes = policy.thresholds if policy.metric == "PIXELS" and policy.tolerance is None else tuple(200 / 2**k for k in range(policy.count - 1))
     found = []
     for metric in ("AXIS", "RADIAL", "PIXELS"):
-        own = policy.group_thresholds if (metric == "PIXELS") == (policy.metric == "PIXELS") else ()
+        own = policy.group_thresholds if (metric == "PIXELS") == (policy.metric == "PIXELS") and policy.tolerance is None else ()
         thresholds = sizes if metric == "PIXELS" else parts
         found.append(replace(policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own))
     return found

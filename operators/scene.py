@@ -158,6 +158,21 @@ def world_points(evaluated: bpy.types.Object) -> np.ndarray:
     return points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """(points (n, 3) float64, triangles (m, 3) int32) of an evaluated object's mesh, world space; none where it has no
+    mesh, as hair has not."""
+    try:
+        mesh = evaluated.to_mesh()
+    except RuntimeError:
+        return np.empty((0, 3)), np.empty((0, 3), np.int32)
+    try:
+        points, triangles, _, _ = read_triangles(mesh)
+    finally:
+        evaluated.to_mesh_clear()
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    return points @ matrix[:3, :3].T + matrix[:3, 3], triangles
+
+
 def look_at(camera: bpy.types.Object, origin, X, Y, Z) -> None:
     """Place `camera` at `origin` (3,) with the referential X, Y, Z."""
     matrix = np.eye(4)

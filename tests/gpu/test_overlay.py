@@ -57,7 +57,7 @@ def planned(shift=(0.0, 0.0, 0.0)):
     frame = plan(Trajectory(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
     found = [int(level) if seen else None for level, seen in zip(frame.levels, frame.visible, strict=True)]
     assert found == [level for _, _, level in AGENTS]
-    return frame, drawing(frame, GROUPS, POLICY)
+    return frame, drawing(frame, GROUPS)
 
 
 def without_lines(what):

@@ -1,0 +1,64 @@
+"""Which LODs of a character pay: chosen from a ladder of candidates by a tolerance in pixels."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .agents import Group
+from .camera import Camera
+from .levels import LevelPolicy, limits
+
+# Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
+LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
+LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
+BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a frame of the shot has agents of a group: from `nearest` to `farthest` metres of `camera`."""
+
+    camera: Camera
+    nearest: float
+    farthest: float
+
+
+def choose(group: Group, tolerance: float, views: Sequence[View]) -> tuple[list[int], list[str]]:
+    """(indices of the candidates to keep, why each of the others is dropped, a sentence each).
+
+    group: with its candidates' triangles and deviations, finest first. The first is always kept: it is the character. Of
+    the others one is dropped if one with fewer triangles deviates no more, if it saves less than LEAST_SAVED of the
+    triangles of the finer one kept, or if in none of the views an agent is where it would be used, within the tolerance in
+    pixels.
+    """
+    kept, dropped = [0], []
+    for k in range(1, len(group.triangles)):
+        own, finer = group.triangles[k], group.triangles[kept[-1]]
+        coarser = zip(group.triangles[k + 1 :], group.deviations[k + 1 :], strict=True)
+        lower = [n for n, deviation in coarser if n < own and deviation <= group.deviations[k]]
+        if lower:
+            dropped.append(f"{own:,} triangles deviate no less than {lower[0]:,}.")
+        elif own > (1 - LEAST_SAVED) * finer:
+            dropped.append(f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD.")
+        else:
+            kept.append(k)
+    deviation = np.array([[group.deviations[k] for k in kept]])
+    policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
+    used, begins = np.zeros(len(kept), bool), []
+    for view in views:
+        begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
+        edges = np.concatenate([[-np.inf], begin, [np.inf]])
+        used |= (edges[:-1] < edges[1:]) & (edges[:-1] <= view.farthest * BETWEEN) & (edges[1:] > view.nearest / BETWEEN)
+        begins.append(edges)
+    for j in np.flatnonzero(~used[1:]) + 1:
+        dropped.append(f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views)}")
+    return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
+
+
+def _unused(j: int, edges: np.ndarray, views: Sequence[View]) -> str:
+    """Why no agent uses candidate j. edges: (views, candidates + 1) metres, where each candidate begins and the last ends."""
+    nearest, farthest = min(view.nearest for view in views), max(view.farthest for view in views)
+    if (edges[:, j] > farthest).all():
+        return f"would begin {edges[:, j].min():.3g} m away, and the farthest agent is {farthest:.3g} m away."
+    return f"would end {edges[:, j + 1].max():.3g} m away, and the nearest agent is {nearest:.3g} m away."

@@ -1,0 +1,54 @@
+"""Triangles to pixels: a small rasteriser, for silhouettes and the pictures of LODs."""
+
+import numpy as np
+
+MOST_PAIRS = 2_000_000  # of triangle and pixel, at a time
+
+
+def cover(corners: np.ndarray, shape: tuple[int, int]):
+    """Yields (pixel (k,) intp, triangle (k,) intp, weights (k, 3) float64): the pixels whose centres the triangles cover.
+
+    corners: (m, 3, 2) float64, each triangle's corners in pixels: x from the left edge, y from the edge of row 0. shape:
+    rows and columns; a pixel is row x columns + column. weights: barycentric. Triangles seen edge on cover nothing; those
+    that share an edge both cover the centres on it.
+    """
+    rows, columns = shape
+    low = np.ceil(corners.min(axis=1) - 0.5).clip(0, (columns, rows)).astype(np.intp)
+    high = (np.floor(corners.max(axis=1) - 0.5) + 1).clip(0, (columns, rows)).astype(np.intp)
+    size = (high - low).clip(0)
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    chosen = np.flatnonzero((size.prod(axis=1) > 0) & (area != 0))
+    pairs = size[chosen].prod(axis=1)
+    for part in np.split(chosen, np.flatnonzero(np.diff(np.cumsum(pairs) // MOST_PAIRS)) + 1):
+        count = size[part].prod(axis=1)
+        triangle = np.repeat(part, count)
+        place = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+        row, column = np.divmod(place, size[triangle, 0])
+        row, column = row + low[triangle, 1], column + low[triangle, 0]
+        x, y = column + 0.5 - corners[triangle, 0, 0], row + 0.5 - corners[triangle, 0, 1]
+        b = (x * v[triangle, 1] - y * v[triangle, 0]) / area[triangle]
+        c = (y * u[triangle, 0] - x * u[triangle, 1]) / area[triangle]
+        inside = (b >= 0) & (c >= 0) & (b + c <= 1)
+        b, c = b[inside], c[inside]
+        yield row[inside] * columns + column[inside], triangle[inside], np.stack([1 - b - c, b, c], axis=1)
+
+
+def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(rows, columns) bool: the pixels that the triangles cover. corners, shape: see `cover`."""
+    covered = np.zeros(shape, bool)
+    for pixel, _, _ in cover(corners, shape):
+        covered.ravel()[pixel] = True
+    return covered
+
+
+def nearest(corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(pixel (k,), triangle (k,), weights (k, 3)) of what is seen: at each covered pixel, once, the triangle of the least
+    depth. corners, shape: see `cover`; depth: (m, 3) of the corners."""
+    parts = list(cover(corners, shape))
+    if not parts:
+        return np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 3))
+    pixel, triangle, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+    order = np.lexsort(((depth[triangle] * weights).sum(axis=1), pixel))
+    first = order[np.flatnonzero(np.diff(pixel[order], prepend=-1))]
+    return pixel[first], triangle[first], weights[first]

@@ -1,0 +1,101 @@
+"""What the user is told of every character's LODs: a table with predicted and measured silhouette errors, a picture."""
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..crowd_lod import silhouette
+from ..crowd_lod.agents import Group
+from ..crowd_lod.camera import Camera
+from ..crowd_lod.levels import shown
+from . import lod_picture
+from . import scene as io
+from .deviation import Posed, meshes_of
+from .populate import characters_of
+
+MOST_SHOWN = 12  # character groups whose silhouettes are measured and that have a picture
+AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
+
+
+def tables(
+    scene: bpy.types.Scene, groups: Sequence[Group], camera: Camera, begins: np.ndarray, folder: Path, progress=(0.0, 1.0)
+) -> Iterator[float]:
+    """A dict for each of `groups`, whose LODs begin at `begins` (G, n - 1) metres from `camera`, see levels.limits; yields
+    the progress, within `progress`. A LOD that a group repeats, for want of coarser ones, is told of once. Pictures
+    levels_NAME.png of the first MOST_SHOWN go into the folder."""
+    found, taken = [], set()
+    characters, settings = characters_of(scene), scene.crowd_lod
+    start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
+    for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
+        every = meshes_of(settings.levels, g)[: len(group.triangles)]
+        meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]  # the last may be repeated
+        rows = [_row(group, k, each, camera, begins[g]) for k, each in enumerate(meshes)]
+        rows[-1]["to_lod"] = len(every) - 1
+        entry = {"group": group.name, "diagonal_m": group.diagonal, "picture": None, "levels": rows}
+        found.append(entry)
+        if g >= MOST_SHOWN:
+            continue
+        centre = np.array(origin) + (0, 0, group.centre)
+        with Posed(objects, meshes) as posed:
+            for k in range(1, len(rows)):
+                distance = _distance(camera, begins[g][k - 1], group.radius)
+                character, levels = posed.at(group.worst[k])
+                if distance is not None and character is not None and levels[k] is not None:
+                    pair = ((each.points, each.triangles) for each in (character, levels[k]))
+                    rows[k]["measured_px"] = _known(silhouette.error(*pair, centre, distance, camera))
+                yield start + span * (g + 0.7 * k / len(rows))
+            character, levels = posed.at(group.worst[len(rows) - 1])
+        if character is not None and None not in levels:
+            captions = [f"{row['triangles']:,} triangles" for row in rows]
+            pixels, _ = lod_picture.draw(character, levels, captions, AZIMUTH - io.rotation(settings.forward))
+            entry["picture"] = _file_name(group.name, g, taken)
+            io.save_png(folder / entry["picture"], pixels)
+        yield start + span * (g + 1)
+    return found
+
+
+def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, begins: np.ndarray) -> dict:
+    begin = begins[k - 1] if k else 0.0
+    deviation = group.deviations[k]
+    told = {key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item] for key in ("way", "why", "ms")}
+    return {
+        "lod": k,
+        "to_lod": k,
+        "triangles": group.triangles[k],
+        "vertices": group.vertices[k],
+        "deviation_mm": 1000 * deviation,
+        "rms_mm": 1000 * group.rms[k],
+        "percent": 100 * deviation / group.diagonal,
+        "worst_frame": group.worst[k],
+        "from_m": float(begin) if np.isfinite(begin) else None,
+        "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
+        "predicted_px": _known(shown(deviation, begin, camera, group.radius)) if k and begin < np.inf else None,
+        "measured_px": None,
+        "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,
+        "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
+        "ms": sum(map(float, told["ms"])) if told["ms"] else None,
+    }
+
+
+def _known(number) -> float | None:
+    """The number, if it is finite: JSON has no other."""
+    return float(number) if np.isfinite(number) else None
+
+
+def _distance(camera: Camera, begin: float, radius: float) -> float | None:
+    """Metres from which a LOD that begins at `begin` is looked at; None where there is no such place outside the sphere."""
+    if camera.kind == "ORTHO" and begin < np.inf:
+        return 10 * radius  # the picture is the same from anywhere
+    return float(begin) if radius < begin < np.inf else None
+
+
+def _file_name(name: str, g: int, taken: set[str]) -> str:
+    """levels_NAME.png for a group's name, which may hold anything, another for each."""
+    safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:60] or "group"
+    if safe.casefold() in taken:
+        safe = f"{safe}_{g}"
+    taken.add(safe.casefold())
+    return f"levels_{safe}.png"

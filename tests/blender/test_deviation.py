@@ -1,0 +1,211 @@
+"""Deviation measured over the action, and the thresholds that follow from it, against known shapes and Blender's camera."""
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from crowd_lod_extension.crowd_lod.agents import Group
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import deviation, populate
+from crowd_lod_extension.operators.levels import make_levels
+from mathutils import Matrix, Vector
+
+GROUP = Group("one", 0, 1, 0, 1)
+
+
+def finish(steps):
+    """What the generator returns."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def sphere(rings, segments, radius=1.0):
+    """An object whose mesh has all its vertices on the sphere: rings of `segments`, and two poles."""
+    mesh = bpy.data.meshes.new("sphere")
+    theta, phi = np.meshgrid(np.linspace(0, np.pi, rings + 1)[1:-1], np.linspace(0, 2 * np.pi, segments, endpoint=False), indexing="ij")
+    points = radius * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
+    first = np.arange((rings - 2) * segments).reshape(-1, segments)
+    second = np.roll(first, -1, axis=1)
+    quads = np.stack([first, first + segments, second + segments, second], -1).reshape(-1, 4)
+    top, last = len(points), len(points) - segments
+    caps = [(top, i, (i + 1) % segments) for i in range(segments)]
+    caps += [(top + 1, last + (i + 1) % segments, last + i) for i in range(segments)]
+    mesh.from_pydata([*points.tolist(), (0, 0, radius), (0, 0, -radius)], [], [*quads.tolist(), *caps])
+    return bpy.data.objects.new("sphere", mesh)
+
+
+def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
+    ball, octahedron = sphere(200, 400, radius=2.0), sphere(2, 4, radius=2.0)
+    assert len(octahedron.data.polygons) == 8
+    found = finish(deviation.measure(GROUP, [ball], [[ball], [octahedron]]))
+    inside = 2 / np.sqrt(3)  # of the faces' planes from the centre
+    assert found.deviations[0] == found.rms[0] == 0
+    assert found.deviations[1] == pytest.approx(2 - inside, rel=2e-3)
+    assert found.diagonal == pytest.approx(np.sqrt(3) * 4, rel=1e-3)
+    # the octahedron's even samples, by rejection-free integration over one face: distance to the sphere is 2 - |p|
+    u, v = np.random.default_rng(0).random((2, 400_000))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    away = 2 - np.linalg.norm(2 * np.stack([u, v, 1 - u - v]), axis=0)
+    assert found.rms[1] >= np.sqrt(np.mean(away**2)) * 0.99
+    assert found.rms[1] < 2 - inside
+
+
+@pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
+def test_a_plane_deviates_by_what_it_was_moved_in_world_space(scale):
+    mesh = bpy.data.meshes.new("plane")
+    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    source, moved = (bpy.data.objects.new("plane", mesh) for _ in range(2))
+    for item in (source, moved):
+        item.scale = (scale,) * 3
+        item.location = (1000, -500, 3)
+    moved.location.z += 0.1 * scale
+    found = finish(deviation.measure(GROUP, [source], [[moved]]))
+    assert found.deviations == pytest.approx((0.1 * scale,), rel=1e-3)
+    assert found.rms == pytest.approx((0.1 * scale,), rel=1e-3)
+    assert found.diagonal == pytest.approx(np.sqrt(8) * scale, rel=1e-5)
+
+
+def cylinder(name, armature, upper):
+    """A tube along z from 0 to 2, 0.2 wide, skinned: vertices above the height `upper` follow the bone "upper"."""
+    heights, around = np.linspace(0, 2, 41), np.linspace(0, 2 * np.pi, 16, endpoint=False)
+    points = [(0.1 * np.cos(a), 0.1 * np.sin(a), z) for z in heights for a in around]
+    faces = [(16 * r + i, 16 * r + (i + 1) % 16, 16 * r + 16 + (i + 1) % 16, 16 * r + 16 + i) for r in range(40) for i in range(16)]
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(points, [], faces)
+    item = bpy.data.objects.new(name, mesh)
+    z = np.array(points)[:, 2]
+    for bone, chosen in (("lower", z <= upper), ("upper", z > upper)):
+        item.vertex_groups.new(name=bone).add(np.flatnonzero(chosen).tolist(), 1.0, "REPLACE")
+    item.modifiers.new("Armature", "ARMATURE").object = armature
+    return item
+
+
+def bending_armature():
+    """Two bones along z, the upper from 1 to 2; at rest at frame 1, bent by 90 degrees at frame 21, at rest at 41."""
+    data = bpy.data.armatures.new("rig")
+    rig = bpy.data.objects.new("rig", data)
+    bpy.context.scene.collection.objects.link(rig)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    lower, upper = data.edit_bones.new("lower"), data.edit_bones.new("upper")
+    lower.head, lower.tail, upper.head, upper.tail = (0, 0, 0), (0, 0, 1), (0, 0, 1), (0, 0, 2)
+    upper.parent = lower
+    bpy.ops.object.mode_set(mode="OBJECT")
+    bone = rig.pose.bones["upper"]
+    bone.rotation_mode = "XYZ"
+    for frame, angle in ((1, 0), (21, np.pi / 2), (41, 0)):
+        bone.rotation_euler.x = angle
+        bone.keyframe_insert("rotation_euler", frame=frame)
+    return rig
+
+
+def test_wrong_weights_show_in_motion_alone():
+    rig = bending_armature()
+    right, wrong = cylinder("right", rig, 1.0), cylinder("wrong", rig, 1.5)
+    found = finish(deviation.measure(GROUP, [right], [[right], [wrong]]))
+    assert found.deviations[0] == 0
+    with deviation.Posed([right], [[wrong]]) as posed:
+        at_rest, (other,) = posed.at(1)
+        assert deviation.deviation(at_rest, other)[0] < 1e-6
+    # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a metre off
+    assert found.deviations[1] == pytest.approx(0.5, abs=0.12)
+    assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
+
+
+def test_all_objects_of_a_character_count_together(scene):
+    body, belt = sphere(16, 32), sphere(16, 32, radius=0.5)
+    belt.location.x = 3
+    far = belt.copy()
+    far.location.x = 3.25
+    # where one object of the LOD lies off its own, but on the other's surface, nothing deviates
+    found = finish(deviation.measure(GROUP, [body, belt], [[belt, body], [body, far]]))
+    assert found.deviations[0] < 1e-6 and found.deviations[1] == pytest.approx(0.25, rel=0.02)
+
+
+def test_the_source_counts_as_it_is_rendered():
+    rough = sphere(4, 6)
+    hidden = rough.copy()
+    hidden.hide_viewport = True
+    for item in (rough, hidden):
+        modifier = item.modifiers.new("smooth", "SUBSURF")
+        modifier.levels, modifier.render_levels = 0, 3
+    bare = sphere(4, 6)
+    found = finish(deviation.measure(GROUP, [rough], [[bare], [hidden]]))
+    assert found.deviations[0] > 0.1 and found.deviations[1] == 0
+    assert rough.modifiers[0].levels == 0 and hidden.hide_viewport
+
+
+def test_what_shows_no_face_is_named():
+    ball, nothing = sphere(4, 6), bpy.data.objects.new("nothing", bpy.data.meshes.new("nothing"))
+    before = set(bpy.data.user_map())
+    with pytest.raises(CrowdError, match="LOD 1 of one has no face"):
+        finish(deviation.measure(GROUP, [ball], [[ball], [nothing]]))
+    with pytest.raises(CrowdError, match="character one shows no face"):
+        finish(deviation.measure(GROUP, [nothing], [[ball]]))
+    assert set(bpy.data.user_map()) == before
+
+
+def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(scene):
+    blocks = set(bpy.data.user_map())
+    list(make_levels(scene))
+    kinds = {type(b).__name__ for b in set(bpy.data.user_map()) - blocks}
+    assert kinds == {"Collection", "Object", "Mesh"}
+    for group in populate.groups_of(scene.crowd_lod):
+        assert group.deviations[0] == 0 < group.deviations[1] < group.deviations[2] < 0.1
+        assert 0 < group.rms[2] < group.deviations[2] and 1 < group.diagonal < 3
+    before = [g.deviations for g in populate.groups_of(scene.crowd_lod)]
+    mesh = next(o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH").data
+    mesh.transform(Matrix.Translation((0, 0, 0.5)))
+    assert bpy.ops.crowd_lod.measure_levels() == {"FINISHED"}
+    after = [g.deviations for g in populate.groups_of(scene.crowd_lod)]
+    assert after[1] == before[1] and after[0][:2] == before[0][:2] and after[0][2] > 0.4
+    bpy.ops.crowd_lod.populate()  # keeps what is known of the LODs
+    assert [g.deviations for g in populate.groups_of(scene.crowd_lod)] == after
+    for item in list(scene.crowd_lod.levels.children[1].children[0].objects):
+        bpy.data.objects.remove(item)
+    with pytest.raises(RuntimeError, match="LOD 1 of .* has no face"):
+        bpy.ops.crowd_lod.measure_levels()
+
+
+def tolerant(scene, pixels=1.0):
+    settings = scene.crowd_lod
+    settings.choice, settings.tolerance = "BY_TOLERANCE", pixels
+    populate.store_groups(settings, populate.measure_groups(scene))
+    list(make_levels(scene))
+    return settings
+
+
+@pytest.mark.parametrize("lens, width", [(35, 640), (120, 640), (35, 1920)])
+def test_at_the_switch_distance_the_deviation_spans_the_tolerance_in_blender_s_own_camera(scene, lens, width):
+    settings = tolerant(scene, 2.0)
+    camera, render = scene.camera, scene.render
+    camera.data.lens, render.resolution_x, render.resolution_y = lens, width, width * 9 // 16
+    frame = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    groups = populate.groups_of(settings)
+    camera.matrix_world.identity()
+    camera.location, camera.rotation_euler = (0, 0, 0), (0, 0, 0)
+    bpy.context.view_layer.update()
+    for group, begins in zip(groups, frame.begins, strict=True):
+        for metres, begin in zip(group.deviations[1:], begins, strict=True):
+            depth = -(begin - group.radius)  # of the sphere's nearest point
+            ends = [world_to_camera_view(scene, camera, Vector((x, 0, depth))) for x in (0, metres)]
+            assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
+
+
+def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(scene):
+    settings = tolerant(scene)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    one = populate.frame_of(scene, depsgraph)
+    settings.tolerance = 4
+    four = populate.frame_of(scene, depsgraph)
+    assert (four.levels >= one.levels).all() and four.triangles < one.triangles
+    assert (np.diff(one.begins, axis=1) >= 0).all()
+    for wrong in (0, float("nan")):
+        settings.tolerance = wrong
+        with pytest.raises(CrowdError, match="tolerance"):
+            populate.frame_of(scene, depsgraph)
+    settings.choice = "BY_RATIO"
+    assert populate.policy_of(settings).thresholds == (0.2, 0.5)

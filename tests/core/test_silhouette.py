@@ -1,0 +1,76 @@
+"""The rasteriser and the silhouette error, against areas, brute force and known outlines."""
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod import raster, silhouette
+
+from .test_culling import straight
+
+
+def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
+    random = np.random.default_rng(1)
+    corners = random.uniform(-10, 50, (6, 3, 2))
+    shape = (30, 40)
+    column, row = np.meshgrid(np.arange(40) + 0.5, np.arange(30) + 0.5)
+    expected = np.zeros(shape, bool)
+    for a, b, c in corners:
+        sides = [(q[0] - p[0]) * (row - p[1]) - (q[1] - p[1]) * (column - p[0]) for p, q in ((a, b), (b, c), (c, a))]
+        alone = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
+        assert (raster.mask(np.array([[a, b, c]]), shape) == alone).all()
+        expected |= alone
+    assert (raster.mask(corners, shape) == expected).all() and 0.2 < expected.mean() < 1
+
+
+def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
+    random = np.random.default_rng(2)
+    corners, depth = random.uniform(0, 40, (50, 3, 2)), random.uniform(1, 9, (50, 3))
+    pixel, triangle, weights = raster.nearest(corners, depth, (40, 40))
+    assert len(np.unique(pixel)) == len(pixel) == raster.mask(corners, (40, 40)).sum()
+    at = np.einsum("kc,kcd->kd", weights, corners[triangle])
+    np.testing.assert_allclose(at, np.stack([pixel % 40, pixel // 40], 1) + 0.5, atol=1e-9)
+    seen = (weights * depth[triangle]).sum(axis=1)
+    for other in range(50):  # each triangle's own plane lies behind, wherever it covers
+        own_pixel, _, own_weights = raster.nearest(corners[[other]], depth[[other]], (40, 40))
+        place = np.searchsorted(pixel, own_pixel)
+        assert (own_weights @ depth[other] >= seen[place] - 1e-9).all()
+    monkeypatch.setattr(raster, "MOST_PAIRS", 500)  # in many parts
+    again = raster.nearest(corners, depth, (40, 40))
+    assert all((a == b).all() for a, b in zip(again, (pixel, triangle, weights), strict=True))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_shift_is_the_hausdorff_distance_of_the_areas_by_brute_force(seed):
+    random = np.random.default_rng(seed)
+    one, other = (raster.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
+    a, b = np.argwhere(one), np.argwhere(other)
+    apart = np.linalg.norm(a[:, None] - b[None], axis=2)
+    assert silhouette.shift(one, other) == pytest.approx(max(apart.min(axis=0).max(), apart.min(axis=1).max()))
+    assert silhouette.shift(one, one) == 0 and silhouette.shift(one, np.zeros_like(one)) == np.inf
+
+
+def ball(radius, n=64):
+    theta, phi = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij")
+    points = radius * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
+    i = np.arange((n - 1) * 2 * n).reshape(-1, 2 * n)[:, :-1].ravel()
+    return points, np.concatenate([np.stack([i, i + 1, i + 2 * n], 1), np.stack([i + 1, i + 2 * n + 1, i + 2 * n], 1)])
+
+
+@pytest.mark.parametrize("kind, distance", [("PERSP", 8.0), ("PERSP", 3.0), ("ORTHO", 8.0)])
+def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance):
+    camera = straight(kind=kind)
+    large, small = ball(1.0), ball(0.9)
+    unit = camera.pixels_per_unit
+    # the outline of a sphere of radius r: the cone of half angle asin(r / d)
+    seen = [unit * (r if kind == "ORTHO" else r / np.sqrt(distance**2 - r * r)) for r in (1.0, 0.9)]
+    centre = np.array([5.0, -3.0, 1.0])
+    found = silhouette.error((large[0] + centre, large[1]), (small[0] + centre, small[1]), centre, distance, camera)
+    assert found == pytest.approx(seen[0] - seen[1], abs=1.5 / silhouette.FINER)
+    assert silhouette.error(large, large, np.zeros(3), distance, camera) == 0
+
+
+def test_directions_go_all_around_and_some_look_down():
+    found = silhouette.directions()
+    assert len(found) >= 12 and np.allclose(np.linalg.norm(found, axis=1), 1)
+    assert (found[:8, 2] == 0).all() and (found[8:, 2] > 0.4).all()
+    angles = np.sort(np.degrees(np.arctan2(found[:8, 1], found[:8, 0])) % 360)
+    assert np.allclose(np.diff(angles), 45)
