@@ -70,7 +70,7 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
     known = {group.name: group for group in groups_of(settings)}
     measured = []
     for name, objects, origin in characters_of(scene):
-        first, last = _action_range(objects)
+        first, last = action_range(objects)
         centre, radius = _bounds(objects, origin, _poses(first, last))
         stride = _custom(settings.characters, name, "stride")
         sizes = (known[name].vertices, known[name].triangles) if name in known else ((), ())
@@ -93,7 +93,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             entry.own_thresholds, entry.thresholds, entry.sizes = own[group.name]
 
 
-def _action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
+def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
     animated = [*objects, *armatures_of(objects)]
     actions = [o.animation_data.action for o in animated if o.animation_data and o.animation_data.action]
     if not actions:
