@@ -19,6 +19,7 @@ class SkinnedMesh:
     points, normals: (v, 3) float32, in the space that its joints take to the character's. joints: (v, INFLUENCES) uint16;
     weights: (v, INFLUENCES) float32, strongest first, each row sums to 1. uvs: (v, 2) float32. colours: (v, 3) float32,
     linear base colour. layers: (v,) float32, the image that takes the colour's place, -1 for none. triangles: (t, 3) uint32.
+    closed: whether its back faces are never seen from outside.
     """
 
     points: np.ndarray
@@ -29,14 +30,38 @@ class SkinnedMesh:
     colours: np.ndarray
     layers: np.ndarray
     triangles: np.ndarray
+    closed: bool = False
 
 
 def merge(meshes: list[SkinnedMesh]) -> SkinnedMesh:
     """One mesh of several that share their joints."""
     first = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
-    columns = {name: np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in SkinnedMesh.__annotations__}
+    names = ("points", "normals", "joints", "weights", "uvs", "colours", "layers")
+    columns = {name: np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in names}
     shifted = [mesh.triangles + np.uint32(begin) for mesh, begin in zip(meshes, first, strict=True)]
-    return SkinnedMesh(**columns | {"triangles": np.concatenate(shifted)})
+    return SkinnedMesh(**columns, triangles=np.concatenate(shifted), closed=all(mesh.closed for mesh in meshes))
+
+
+def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether each connected part of the surface has no border and its faces outwards: then what lies behind a back face
+    seen from outside lies behind a front face too. points: (n, 3); triangles: (t, 3) indices, counter-clockwise."""
+    if not len(triangles):
+        return True
+    n = np.int64(len(points))
+    tail, head = triangles.astype(np.int64).ravel(), np.roll(triangles, -1, axis=1).astype(np.int64).ravel()
+    if not np.array_equal(np.sort(tail * n + head), np.sort(head * n + tail)):
+        return False
+    part = np.arange(n)
+    while True:  # every vertex takes the least number among its neighbours
+        least = part.copy()
+        np.minimum.at(least, tail, part[head])
+        least = least[least]
+        if np.array_equal(least, part):
+            break
+        part = least
+    a, b, c = (points[triangles[:, i]].astype(np.float64) - points.mean(axis=0) for i in range(3))
+    volume = np.bincount(part[triangles[:, 0]], np.einsum("td,td->t", a, np.cross(b, c)), n)
+    return bool((volume >= 0).all())
 
 
 def strongest(weights: np.ndarray, influences: int = INFLUENCES) -> tuple[np.ndarray, np.ndarray]:

@@ -37,6 +37,7 @@ class Batches:
 
         self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
         self.draws, self.turn, self.materials = what.draws if cast is not None else (), what.turn, what.materials
+        self.fading = what.fading
         if self.draws:
             self.agents, self.palette = _list_texture(what.agents.reshape(-1, 4)), _list_texture(what.palette)
             self.view = GPUUniformBuf(Buffer("FLOAT", 24))
@@ -84,42 +85,42 @@ def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tupl
 
 def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> None:
     """One instanced draw a LOD and group, the finest LOD first."""
+    import gpu
+
     cast = batches.cast
-    batches.view.update(view_buffer(matrix, view, batches.turn, batches.materials))
-    shader = programs.meshes(skinned=bool(cast.characters))
+    batches.view.update(view_buffer(matrix, view, batches.turn))
+    materials = batches.materials and bool(cast.characters)
+    shader = programs.meshes(bool(cast.characters), materials, batches.fading)
     shader.bind()
-    bind(shader, batches)
+    shader.uniform_block("view", batches.view)
+    shader.uniform_sampler("agents", batches.agents)
+    if not materials:
+        shader.uniform_sampler("palette", batches.palette)
     for level, group, first, count in batches.draws:
         shader.uniform_int("base", first)
-        if cast.characters:
-            bind_character(shader, cast, group)
-            shader.uniform_sampler("images", cast.images[group])
-            batch = cast.meshes[group][level]
-        else:
-            batch = cast.boxes[group]
+        if not cast.characters:
+            gpu.state.face_culling_set("BACK")
+            cast.boxes[group].draw_instanced(shader, instance_start=0, instance_count=count)
+            continue
+        mesh, batch = cast.characters[group].meshes[level], cast.meshes[group][level]
         if batch is not None:
+            bind_joints(shader, cast, group)
+            if materials:
+                shader.uniform_sampler("images", cast.images[group])
+            gpu.state.face_culling_set("BACK" if mesh.closed else "NONE")
             batch.draw_instanced(shader, instance_start=0, instance_count=count)
+    gpu.state.face_culling_set("NONE")
 
 
-def bind(shader, batches: Batches) -> None:
-    """Give `shader`, of programs.mesh_interface, the instances."""
-    shader.uniform_block("view", batches.view)
-    for name, texture in (("agents", batches.agents), ("palette", batches.palette)):
-        try:
-            shader.uniform_sampler(name, texture)
-        except ValueError:  # this program does not look at it
-            pass
-
-
-def bind_character(shader, cast: Cast, group: int) -> None:
-    """Give `shader` the joint frames of the group."""
+def bind_joints(shader, cast: Cast, group: int) -> None:
+    """Give `shader`, of programs.mesh_interface, the joint frames of the group."""
     frames, joints = cast.characters[group].frames.shape[:2]
     shader.uniform_sampler("joint_frames", cast.joints[group])
     shader.uniform_int("joint_count", joints)
     shader.uniform_int("frame_count", frames)
 
 
-def view_buffer(matrix: np.ndarray, view: np.ndarray, turn: float, materials: bool):
+def view_buffer(matrix: np.ndarray, view: np.ndarray, turn: float):
     """What changes with the viewer, as the shaders' CrowdView."""
     from gpu.types import Buffer
 
@@ -127,7 +128,7 @@ def view_buffer(matrix: np.ndarray, view: np.ndarray, turn: float, materials: bo
     values = np.zeros(24, np.float32)
     values[:16] = matrix.T.ravel()
     values[16:19] = key / np.linalg.norm(key)
-    values[20:23] = np.cos(turn), np.sin(turn), materials
+    values[20:22] = np.cos(turn), np.sin(turn)
     return Buffer("FLOAT", 24, values)
 
 

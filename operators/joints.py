@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..crowd_lod.animation import SkinnedMesh, merge, pose, skin, strongest
+from ..crowd_lod.animation import SkinnedMesh, closed, merge, pose, skin, strongest
 from . import scene as io
 from .looks import Looks
 from .populate import action_range, armatures_of
@@ -164,11 +164,14 @@ class _Joints:
 
 def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
     """(points (v, 3), weights (v, bones), and of each corner that differs from all others: vertex, normal, uv, colour,
-    layer; triangles of those) of the part at rest."""
+    layer; triangles of those; whether they are closed) of the part at rest."""
     evaluated = part.rest.evaluated_get(depsgraph)
     mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
     try:
         points, triangles, corners, faces = io.read_triangles(mesh)
+        solid = closed(points, triangles)
+        if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
+            triangles, corners = triangles[:, ::-1], corners[:, ::-1]
         weights = np.zeros((len(points), len(part.bones)), np.float32)
         columns = {group.index: part.bones.index(group.name) for group in part.item.vertex_groups if group.name in part.bones}
         for vertex in mesh.vertices if columns else ():
@@ -191,12 +194,12 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         rows = np.concatenate([triangles.reshape(-1, 1), normals[loop].round(4), uvs, look], axis=1, dtype=np.float32)
         _, kept, number = np.unique(rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True)
         vertices = triangles.ravel()[kept]
-        return points, weights, vertices, normals[loop][kept], uvs[kept], look[kept], number.reshape(-1, 3)
+        return points, weights, vertices, normals[loop][kept], uvs[kept], look[kept], number.reshape(-1, 3), solid
     finally:
         evaluated.to_mesh_clear()
 
 
-def _piece(part: _Part, joints: _Joints, points, weights, vertices, normals, uvs, look, triangles) -> tuple:
+def _piece(part: _Part, joints: _Joints, points, weights, vertices, normals, uvs, look, triangles, solid) -> tuple:
     """(the mesh a vertex, the mesh a corner) of the part, with its joints' numbers. The first has points, joints and
     weights alone."""
     columns, kept = strongest(weights)
@@ -218,6 +221,7 @@ def _piece(part: _Part, joints: _Joints, points, weights, vertices, normals, uvs
         np.ascontiguousarray(look[:, :3]),
         np.ascontiguousarray(look[:, 3]),
         triangles.astype(np.uint32),
+        solid,
     )
     return source, corners
 

@@ -42,7 +42,8 @@ class Drawing:
     agents: (m, 8) float32, the instances, those of a draw one after the other: x, y, z of the feet, heading, phase, look,
     pitch, roll (radians). look is 4 x the colour in the palette + 2 + share: of the dither pattern, above 0 what lies
     below it, below 0 the rest, 0 all. draws: (LOD, group, first instance, count), the finest LOD first. palette: (p, 4)
-    float32, linear. turn, materials: see Style.
+    float32, linear. turn, materials: see Style. fading: whether any share
+    is not 0.
 
     positions: (n, 3) float32, the points, the agents' sphere centres: LOD 0 first, those culled last. colours: (n, 4)
     float32, linear RGBA. sizes: (n,) float32, relative to the largest character's. diameter: metres that size 1 stands
@@ -55,6 +56,7 @@ class Drawing:
     palette: np.ndarray
     turn: float
     materials: bool
+    fading: bool
     positions: np.ndarray
     colours: np.ndarray
     sizes: np.ndarray
@@ -107,6 +109,7 @@ def drawing(
         palette=colours.palette,
         turn=style.turn,
         materials=style.materials,
+        fading=fades is not None and not points,
         positions=positions,
         colours=tints,
         sizes=sizes,

@@ -13,7 +13,7 @@ def source(*names: str) -> str:
     return "\n".join((SHADERS / name).read_text(encoding="utf-8") for name in names)
 
 
-def mesh_interface(skinned: bool):
+def mesh_interface(skinned: bool, materials: bool = False):
     """What all programs that draw instances of meshes take in; see `Batches` for what it is."""
     from gpu.types import GPUShaderCreateInfo
 
@@ -22,36 +22,41 @@ def mesh_interface(skinned: bool):
     info.define("TEXELS", str(TEXELS))
     info.uniform_buf(0, "CrowdView", "view")
     info.sampler(0, "FLOAT_2D", "agents")
-    info.sampler(1, "FLOAT_2D", "palette")
     info.push_constant("INT", "base")
     info.vertex_in(0, "VEC3", "position")
     info.vertex_in(1, "VEC3", "normal")
     if skinned:
         info.define("SKINNED", "1")
-        info.sampler(2, "FLOAT_2D", "joint_frames")
+        info.sampler(1, "FLOAT_2D", "joint_frames")
         info.push_constant("INT", "joint_count")
         info.push_constant("INT", "frame_count")
         info.vertex_in(2, "UVEC4", "joints")
         info.vertex_in(3, "VEC4", "weights")
+    if materials:
+        info.define("MATERIALS", "1")
         info.vertex_in(4, "VEC2", "uv")
         info.vertex_in(5, "VEC3", "base_colour")
         info.vertex_in(6, "FLOAT", "layer")
+    else:
+        info.sampler(2, "FLOAT_2D", "palette")
     return info
 
 
 @cache
-def meshes(skinned: bool):
-    """Draws instances: of LOD meshes, or of rigid boxes."""
+def meshes(skinned: bool, materials: bool, fading: bool):
+    """Draws instances: of LOD meshes, in their materials' colours or those of the palette, or of rigid boxes."""
     from gpu import shader
     from gpu.types import GPUStageInterfaceInfo
 
-    info = mesh_interface(skinned)
-    between = GPUStageInterfaceInfo(f"crowd_lod_mesh_{'skinned' if skinned else 'rigid'}")
+    info = mesh_interface(skinned, materials)
+    between = GPUStageInterfaceInfo(f"crowd_lod_mesh_{skinned:d}{materials:d}{fading:d}")
     between.smooth("VEC3", "lit")
-    between.flat("FLOAT", "share")
-    if skinned:
+    if materials:
         between.smooth("VEC3", "image_at")
         info.sampler(3, "FLOAT_2D_ARRAY", "images")
+    if fading:
+        info.define("FADING", "1")
+        between.flat("FLOAT", "share")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
     info.vertex_source(source("common.glsl", "mesh.vert.glsl"))

@@ -11,13 +11,13 @@ void main()
   gl_Position = view.matrix * vec4(a.feet + oriented(a, at), 1.0);
   vec3 n = normalize(oriented(a, facing));
   float light = mix(0.3, 0.55, 0.5 + 0.5 * n.z) + 0.55 * max(dot(n, view.key.xyz), 0.0);
-  vec3 tint = listed(palette, a.colour).rgb;
-#ifdef SKINNED
-  if (view.turn.z > 0.0) {
-    tint = base_colour;
-  }
-  image_at = vec3(uv, view.turn.z > 0.0 ? layer : -1.0);
+#ifdef MATERIALS
+  lit = base_colour * light;
+  image_at = vec3(uv, layer);
+#else
+  lit = listed(palette, a.colour).rgb * light;
 #endif
-  lit = tint * light;
+#ifdef FADING
   share = a.share;
+#endif
 }
