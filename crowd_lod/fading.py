@@ -47,7 +47,7 @@ def fade(
     finer, share = np.zeros(len(distance), np.uint8), np.zeros(len(distance), np.float32)
     for i, (begin, end) in enumerate(zip(*_bands(begins, width), strict=True)):
         low, high = begin[group], end[group]
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore"):
             part = np.where(high > low, (distance - low) / (high - low), distance >= low).astype(np.float32)
         finer[part >= 1] = i + 1
         within = (part > 0) & (part < 1)
