@@ -14,8 +14,8 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
-from crowd_lod_extension.operators.levels import TINTS
 from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, _encoded, paint
+from crowd_lod_extension.operators.levels import TINTS
 from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
 from mathutils import Matrix, Vector
 
