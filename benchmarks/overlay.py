@@ -42,7 +42,6 @@ def session():
     for count in (10_000, 100_000):
         settings.count, settings.overlay, settings.overlay_mode = count, True, "MESHES"
         yield from ready(scene)
-        visible = int(overlay().latest(scene).visible.sum())
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.build("EXEC_DEFAULT")
         top = settings.build
@@ -54,6 +53,8 @@ def session():
                 top.hide_viewport = name != "nodes"
                 yield
                 frames += measure(scene, window)
+                if name == "overlay":
+                    visible = int(overlay().latest(scene).visible.sum())
         settings.build = top
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.remove_build()
@@ -64,7 +65,7 @@ def session():
             ratio = built["median"] / drawn["median"]
             net = (built["median"] - empty["median"]) / (drawn["median"] - empty["median"])
             entry[f"{clock} ratio"], entry[f"{clock} ratio less empty"] = ratio, net
-            print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}, nodes {said(built)}, x{ratio:.2f}, x{net:.2f} less empty")
+            print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}, nodes {said(built)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
         yield
     settings.overlay = True
     for mode in ("BOXES", "POINTS"):
