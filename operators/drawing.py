@@ -23,7 +23,7 @@ class Cast:
     def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
         self.characters = characters
         self.boxes = [_batch(*_box(group)) for group in groups] if not characters else []
-        self.joints = [_list_texture(character.frames.reshape(-1, 4)) for character in characters]
+        self.joints = [_joint_texture(character.frames) for character in characters]
         self.images = [_images(character.images) for character in characters]
         self.meshes = [[_skinned_batch(mesh) for mesh in character.meshes] for character in characters]
 
@@ -39,7 +39,7 @@ class Batches:
         self.draws, self.turn, self.materials = what.draws if cast is not None else (), what.turn, what.materials
         self.fading = what.fading
         if self.draws:
-            self.agents, self.palette = _list_texture(what.agents.reshape(-1, 4)), _list_texture(what.palette)
+            self.agents, self.palette = _agent_texture(what.agents), _texture(what.palette[None])
             self.view = GPUUniformBuf(Buffer("FLOAT", 24))
         columns = {"position": what.positions, "colour": what.colours, "size": what.sizes}
         self.points = _batch(columns, None, "POINTS") if len(what.positions) else None
@@ -114,10 +114,8 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
 
 def bind_joints(shader, cast: Cast, group: int) -> None:
     """Give `shader`, of programs.mesh_interface, the joint frames of the group."""
-    frames, joints = cast.characters[group].frames.shape[:2]
     shader.uniform_sampler("joint_frames", cast.joints[group])
-    shader.uniform_int("joint_count", joints)
-    shader.uniform_int("frame_count", frames)
+    shader.uniform_int("frame_count", len(cast.characters[group].frames))
 
 
 def view_buffer(matrix: np.ndarray, view: np.ndarray, turn: float):
@@ -151,15 +149,26 @@ def _gpu_state():
         gpu.state.depth_test_set(depth_test)
 
 
-def _list_texture(rows: np.ndarray):
-    """A texture that holds rows (n, 4) float32 one after the other, programs.TEXELS to its row."""
+def _texture(texels: np.ndarray):
+    """A texture of texels (height, width, 4) float32."""
     from gpu.types import Buffer, GPUTexture
 
-    height = max(1, -(-len(rows) // programs.TEXELS))
-    width = programs.TEXELS if height > 1 else max(1, len(rows))
-    padded = np.zeros((width * height, 4), np.float32)
-    padded[: len(rows)] = rows
-    return GPUTexture((width, height), format="RGBA32F", data=Buffer("FLOAT", padded.size, padded.ravel()))
+    height, width, _ = texels.shape
+    values = np.ascontiguousarray(texels, np.float32).ravel()
+    return GPUTexture((width, height), format="RGBA32F", data=Buffer("FLOAT", values.size, values))
+
+
+def _agent_texture(agents: np.ndarray):
+    """Two texels an instance, one after the other, programs.TEXELS to a row. agents: (m, 8) float32."""
+    rows = -(-2 * len(agents) // programs.TEXELS)
+    texels = np.zeros((rows * programs.TEXELS, 4), np.float32)
+    texels[: 2 * len(agents)] = agents.reshape(-1, 4)
+    return _texture(texels.reshape(rows, programs.TEXELS, 4))
+
+
+def _joint_texture(frames: np.ndarray):
+    """A row a frame, three texels a joint. frames: (F, J, 3, 4) float32."""
+    return _texture(frames.reshape(len(frames), -1, 4))
 
 
 def _images(pictures: np.ndarray):

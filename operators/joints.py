@@ -7,10 +7,12 @@ import bpy
 import numpy as np
 
 from ..crowd_lod.animation import SkinnedMesh, closed, merge, pose, skin, strongest
+from ..crowd_lod.errors import CrowdError
 from . import scene as io
 from .looks import Looks
 from .populate import action_range, armatures_of
 
+MOST_JOINTS = 16384 // 3  # in a row of a texture, which every GPU takes 16384 wide, three texels each
 MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even steps
 POSES = 5  # at which the baked character is compared with Blender's own
 TOLERANCE = 1e-3  # of the character's diagonal, beyond which the difference is told
@@ -77,6 +79,8 @@ def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
             sources.append([source for source, _ in pieces])
             meshes.append(merge([mesh for _, mesh in pieces]))
         frames = joints.frames()
+        if frames.shape[1] > MOST_JOINTS:
+            raise CrowdError(f"it has {frames.shape[1]:,} joints, bones of all its objects; use at most {MOST_JOINTS:,}")
         off = _compare(stage, parts[0], sources[0], frames, times, recorder.origin)
         images = looks.images()
     points = skin(meshes[0], frames[:1])[0]

@@ -4,7 +4,7 @@ from functools import cache
 from pathlib import Path
 
 SHADERS = Path(__file__).parent.parent / "shaders"
-TEXELS = 4096  # a row of a texture that holds a list
+TEXELS = 4096  # in a row of the texture of instances
 VIEW = "struct CrowdView { mat4 matrix; vec4 key; vec4 turn; };"
 
 
@@ -28,7 +28,6 @@ def mesh_interface(skinned: bool, materials: bool = False):
     if skinned:
         info.define("SKINNED", "1")
         info.sampler(1, "FLOAT_2D", "joint_frames")
-        info.push_constant("INT", "joint_count")
         info.push_constant("INT", "frame_count")
         info.vertex_in(2, "UVEC4", "joints")
         info.vertex_in(3, "VEC4", "weights")

@@ -1,11 +1,5 @@
 /* Shared by all shaders of meshes: data in textures, the skinning of crowd_lod/animation.py, the dither. */
 
-/* Texel i of a texture that holds a list, TEXELS to a row. */
-vec4 listed(sampler2D list, int i)
-{
-  return texelFetch(list, ivec2(i % TEXELS, i / TEXELS), 0);
-}
-
 /* An affine matrix as three rows. */
 struct Rows {
   vec4 x, y, z;
@@ -34,8 +28,9 @@ vec3 moved(Rows m, vec3 point)
 #ifdef SKINNED
 Rows joint(int frame, int number)
 {
-  int i = 3 * (frame * joint_count + number);
-  return Rows(listed(joint_frames, i), listed(joint_frames, i + 1), listed(joint_frames, i + 2));
+  ivec2 at = ivec2(3 * number, frame);
+  return Rows(texelFetch(joint_frames, at, 0), texelFetch(joint_frames, at + ivec2(1, 0), 0),
+              texelFetch(joint_frames, at + ivec2(2, 0), 0));
 }
 
 /* The vertex's matrix to the character's space at `phase`: two frames mixed linearly, joints blended by weight. Weights
@@ -59,7 +54,7 @@ Rows skinned(float phase, uvec4 joints, vec4 weights)
 }
 #endif
 
-/* An instance: two texels. */
+/* An instance: two texels of a texture that is TEXELS wide. */
 struct Agent {
   vec3 feet; /* relative to the drawing's origin */
   float phase;
@@ -70,7 +65,8 @@ struct Agent {
 
 Agent agent(int number)
 {
-  vec4 one = listed(agents, 2 * number), two = listed(agents, 2 * number + 1);
+  ivec2 at = ivec2(2 * number % TEXELS, 2 * number / TEXELS);
+  vec4 one = texelFetch(agents, at, 0), two = texelFetch(agents, at + ivec2(1, 0), 0);
   Agent a;
   a.feet = one.xyz;
   a.phase = two.x;

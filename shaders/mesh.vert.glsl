@@ -15,7 +15,7 @@ void main()
   lit = base_colour * light;
   image_at = vec3(uv, layer);
 #else
-  lit = listed(palette, a.colour).rgb * light;
+  lit = texelFetch(palette, ivec2(a.colour, 0), 0).rgb * light;
 #endif
 #ifdef FADING
   share = a.share;

@@ -94,7 +94,7 @@ def placed(what, cast, group, level) -> np.ndarray:
       Agent a = agent(base + gl_InstanceID);
       world = a.feet + oriented(a, moved(skinned(a.phase, joints, weights), position));
       vec2 pixel = (vec2(gl_VertexID, gl_InstanceID) + 0.5) / vec2({columns}.0, {count}.0);
-      gl_Position = vec4(2.0 * pixel - 1.0, 0.0, 1.0) + 0.0 * vec4(normal, listed(palette, 0).x);
+      gl_Position = vec4(2.0 * pixel - 1.0, 0.0, 1.0) + 0.0 * vec4(normal, texelFetch(palette, ivec2(0), 0).x);
       gl_PointSize = 1.0;
     }}"""
     info.vertex_source(programs.source("common.glsl") + main)
