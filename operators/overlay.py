@@ -3,9 +3,7 @@
 import sys
 import time as clock
 import traceback
-from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -13,16 +11,18 @@ import numpy as np
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.fading import fades_of
 from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import Bias
 from ..crowd_lod.live import held
+from . import casts, colours, programs
+from . import scene as io
 from .cameras import read_cameras, read_shutter
-from .points import Drawing, drawing
+from .drawing import Batches, Cast, paint
+from .joints import Character
+from .points import Style, drawing
 from .populate import bias_of, groups_of, policy_of, trajectory_of
 
-SHADERS = Path(__file__).parent.parent / "shaders"
-POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
-LINE_PIXELS = 1.5
 # Seconds between two looks at what has no cheap mark of change: the map's pixels, the state machine's text.
 LOOK_AGAIN = 1.0
 
@@ -31,22 +31,24 @@ LOOK_AGAIN = 1.0
 class Shown:
     """What the viewport shows of a scene: a frame of a trajectory, or a problem, ready for the user.
 
-    crowd_inputs, frame_inputs: what it follows from, as values that compare. looked: when the trajectory was last
-    compared with the map and the state machine, seconds. batches: on the GPU.
+    crowd_inputs, frame_inputs, cast_inputs: what it follows from, as values that compare. looked: when the trajectory was last
+    compared with the map and the state machine, seconds. cast, batches: on the GPU. notes: what the user should know of it.
     """
 
     crowd_inputs: tuple = ()
     frame_inputs: tuple = ()
+    cast_inputs: tuple = ()
     looked: float = 0.0
     trajectory: Trajectory | None = None
     bias: Bias | None = None
     frame: Frame | None = None
-    batches: "Batches | None" = None
+    cast: Cast | None = None
+    batches: Batches | None = None
+    notes: tuple[str, ...] = ()
     problem: str | None = None
 
 
 _handlers = []
-_shaders = {}
 _shown: dict[int, Shown] = {}  # by the scene's session_uid
 # Of scenes with motion blur, by session_uid: what an open shutter is asked for, and (that, read_shutter's answer).
 _asked: dict[int, tuple] = {}
@@ -57,6 +59,7 @@ _failure: str | None = None
 def register():
     global _failure
     _failure = None
+    bpy.app.handlers.load_pre.append(forget)
     if not bpy.app.background:  # nothing is drawn there
         _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW"))
 
@@ -64,11 +67,21 @@ def register():
 def unregister():
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
-    for kept in (_shown, _shaders, _asked, _shutters):
-        kept.clear()
+    if forget in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.remove(forget)
+    forget()
+    programs.forget()
     for timer in (_redraw_sidebars, _read_shutters):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
+
+
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre: let go all that is kept of scenes, on the GPU too."""
+    for kept in (_shown, _asked, _shutters):
+        kept.clear()
+    casts.forget()
 
 
 def latest(scene: bpy.types.Scene) -> Frame | None:
@@ -97,7 +110,14 @@ def _draw():
     try:
         batches = _follow(context).batches
         if batches is not None:
-            paint(batches, context.preferences.system.ui_scale)
+            view, region = context.region_data, context.region
+            paint(
+                batches,
+                np.array(view.view_matrix, np.float64),
+                np.array(view.window_matrix, np.float64),
+                (region.width, region.height),
+                context.preferences.system.ui_scale,
+            )
     except Exception as error:
         traceback.print_exc()
         _failure = (
@@ -114,9 +134,11 @@ def _follow(context) -> Shown:
     before = _shown.get(scene.session_uid)
     shown = _shown_now(scene, context.view_layer.depsgraph, before)
     if shown is not before:
-        for gone in _shown.keys() - {each.session_uid for each in bpy.data.scenes}:
+        alive = {each.session_uid for each in bpy.data.scenes}
+        for gone in _shown.keys() - alive:
             del _shown[gone]
             _shutters.pop(gone, None)
+        casts.forget(alive)
         _shown[scene.session_uid] = shown
         _redraw_sidebars_soon()
     return shown
@@ -131,6 +153,8 @@ def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
         time = scene.frame_current + scene.frame_subframe
         key, shutter = _open_shutter(scene, time, eyes)
         frame_inputs = time, policy, *map(_values, eyes), key if shutter else ()
+        style, characters, notes = _style(scene, policy.count)
+        frame_inputs += style, notes, settings.overlay_colour, round(settings.overlay_fade, 6)
         known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN:
             trajectory, bias, looked = known, before.bias, before.looked
@@ -139,18 +163,83 @@ def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
             bias = bias_of(settings, trajectory.world.area)
             if known is not None and _same(bias, before.bias):
                 bias = before.bias
-        if trajectory is known and bias is before.bias and before.frame_inputs == frame_inputs:
+        cast_inputs = trajectory.groups, style.mode, characters
+        same_cast = before is not None and before.cast_inputs == cast_inputs
+        if trajectory is known and bias is before.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
         frame = plan(trajectory, eyes, policy, time, shutter, bias)
         if policy.hysteresis and before is not None and before.trajectory is trajectory:
             frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
-        batches = Batches(drawing(frame, trajectory.groups))
-        return Shown(crowd_inputs, frame_inputs, looked, trajectory, bias, frame, batches)
+        cast = before.cast if same_cast else _cast(trajectory.groups, style, characters)
+        what = _drawing(scene, frame, trajectory, eyes, policy, bias, style, characters)
+        return Shown(
+            crowd_inputs=crowd_inputs,
+            frame_inputs=frame_inputs,
+            cast_inputs=cast_inputs,
+            looked=looked,
+            trajectory=trajectory,
+            bias=bias,
+            frame=frame,
+            cast=cast,
+            batches=Batches(what, cast),
+            notes=notes,
+        )
     except CrowdError as error:
         if before is not None and before.problem == str(error):
             return before
         return Shown(problem=str(error))
+
+
+def _style(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[str, ...]]:
+    """(style, the characters as far as it needs them, sentences for the user) of the scene, which has so many LODs."""
+    settings = scene.crowd_lod
+    style = Style(
+        settings.overlay_mode,
+        settings.overlay_culled,
+        float(io.rotation(settings.forward)),
+        settings.overlay_colour == "MATERIAL",
+    )
+    if style.mode != "MESHES" and not style.materials:
+        return style, (), ()
+    points = replace(style, mode="POINTS") if style.mode == "MESHES" else style
+    casting = casts.casting_of(scene)
+    if casting is None:
+        return points, (), ("Press Make LOD Meshes in the LOD panel to see the characters.",)
+    if not casting.ready:
+        return points, (), ("The characters are being read for the overlay.",)
+    fits = len(casting.characters) == len(settings.groups)
+    if fits and all(len(character.meshes) >= levels for character in casting.characters):
+        return style, casting.characters, casting.told
+    misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."
+    return points, (), casting.told or (misfit,)
+
+
+def _cast(groups, style: Style, characters: tuple[Character, ...]) -> Cast | None:
+    """What the style draws instances of, on the GPU."""
+    if style.mode == "POINTS":
+        return None
+    return Cast(groups, characters if style.mode == "MESHES" else ())
+
+
+def _drawing(scene, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, style: Style, characters):
+    """The drawing of the frame as the scene's settings have it."""
+    settings, groups = scene.crowd_lod, trajectory.groups
+    if settings.overlay_colour == "STATE":
+        coloured = colours.by_state(frame, trajectory.machine)
+    elif settings.overlay_colour == "GROUP":
+        coloured = colours.by_group(frame)
+    elif settings.overlay_colour == "REASON":
+        coloured = colours.by_reason(frame, groups, eyes, policy, bias)
+    elif settings.overlay_colour == "MATERIAL" and characters:
+        coloured = colours.by_material(frame, characters)
+    else:
+        coloured = colours.by_level(frame)
+    slopes = trajectory.heights if settings.tilt else None
+    fades = None
+    if style.mode == "MESHES" and settings.overlay_fade:
+        fades = fades_of(frame, groups, eyes, policy, bias, settings.overlay_fade)
+    return drawing(frame, groups, style, coloured, slopes, fades)
 
 
 def _crowd_inputs(scene) -> tuple:
@@ -225,110 +314,3 @@ def _redraw_sidebars():
                 for region in area.regions:
                     if region.type == "UI":
                         region.tag_redraw()
-
-
-class Batches:
-    """A drawing on the GPU. Needs a GPU context, as all below."""
-
-    def __init__(self, what: Drawing):
-        from gpu.types import GPUBatch, GPUVertBuf, GPUVertFormat
-        from gpu_extras.batch import batch_for_shader
-
-        self.origin, self.diameter = what.origin, what.diameter
-        form = GPUVertFormat()
-        columns = {"position": what.positions, "colour": what.colours, "size": what.sizes}
-        for name, values in columns.items():
-            form.attr_add(id=name, comp_type="F32", len=values[0].size, fetch_mode="FLOAT")
-        buffer = GPUVertBuf(format=form, len=len(what.positions))
-        for name, values in columns.items():
-            buffer.attr_fill(name, np.ascontiguousarray(values, np.float32))
-        self.points = GPUBatch(type="POINTS", buf=buffer)
-        columns = {"pos": what.lines.reshape(-1, 3), "color": _encoded(what.line_colours).reshape(-1, 4)}
-        self.lines = batch_for_shader(_line_shader(), "LINES", columns) if len(what.lines) else None
-
-
-def _encoded(linear: np.ndarray) -> np.ndarray:
-    """sRGB from linear RGBA (..., 4) float32: Blender's own shaders take it, and undo it for the viewport."""
-    encoded = linear.copy()
-    rgb = linear[..., :3]
-    encoded[..., :3] = np.where(rgb < 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
-    return encoded
-
-
-def paint(batches: Batches, ui_scale: float) -> None:
-    """Draw into the active framebuffer with the matrices of gpu.matrix. ui_scale: pixels of this screen per nominal
-    pixel of POINT_PIXELS and LINE_PIXELS."""
-    import gpu
-    from mathutils import Matrix
-
-    _, _, width, height = gpu.state.viewport_get()
-    projection = np.array(gpu.matrix.get_projection_matrix(), np.float64)
-    view = np.array(gpu.matrix.get_model_view_matrix(), np.float64)
-    view[:3, 3] += view[:3, :3] @ batches.origin
-    matrix = projection @ view
-    with _gpu_state():
-        shader = _point_shader()
-        shader.bind()
-        shader.uniform_float("matrix", Matrix(matrix.tolist()))
-        shader.uniform_float("pixels_per_metre", float(projection[1, 1] * height / 2))
-        shader.uniform_float("diameter", batches.diameter)
-        shader.uniform_float("bounds", [pixels * ui_scale for pixels in POINT_PIXELS])
-        batches.points.draw(shader)
-        if batches.lines is not None:
-            shader = _line_shader()
-            with gpu.matrix.push_pop():
-                gpu.matrix.load_matrix(Matrix(view.tolist()))
-                shader.bind()
-                shader.uniform_float("viewportSize", (width, height))
-                shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
-                batches.lines.draw(shader)
-
-
-@contextmanager
-def _gpu_state():
-    """Depth-tested, blended, points as large as the shader says; afterwards as it was."""
-    import gpu
-
-    depth_test, depth_mask, blend = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
-    try:
-        gpu.state.depth_test_set("LESS_EQUAL")
-        gpu.state.depth_mask_set(True)
-        gpu.state.blend_set("ALPHA")
-        gpu.state.program_point_size_set(True)
-        yield
-    finally:
-        gpu.state.program_point_size_set(False)
-        gpu.state.blend_set(blend)
-        gpu.state.depth_mask_set(depth_mask)
-        gpu.state.depth_test_set(depth_test)
-
-
-def _point_shader():
-    if "points" not in _shaders:
-        from gpu import shader
-        from gpu.types import GPUShaderCreateInfo, GPUStageInterfaceInfo
-
-        between = GPUStageInterfaceInfo("crowd_lod_points")
-        between.flat("VEC4", "tint")
-        info = GPUShaderCreateInfo()
-        info.push_constant("MAT4", "matrix")
-        info.push_constant("FLOAT", "pixels_per_metre")  # at a distance of 1 m; orthographic: anywhere
-        info.push_constant("FLOAT", "diameter")  # metres
-        info.push_constant("VEC2", "bounds")  # pixels
-        info.vertex_in(0, "VEC3", "position")
-        info.vertex_in(1, "VEC4", "colour")
-        info.vertex_in(2, "FLOAT", "size")
-        info.vertex_out(between)
-        info.fragment_out(0, "VEC4", "result")
-        info.vertex_source((SHADERS / "points.vert.glsl").read_text(encoding="utf-8"))
-        info.fragment_source((SHADERS / "points.frag.glsl").read_text(encoding="utf-8"))
-        _shaders["points"] = shader.create_from_info(info)
-    return _shaders["points"]
-
-
-def _line_shader():
-    if "lines" not in _shaders:
-        from gpu import shader
-
-        _shaders["lines"] = shader.from_builtin("POLYLINE_FLAT_COLOR")
-    return _shaders["lines"]

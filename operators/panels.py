@@ -5,6 +5,7 @@ import textwrap
 import bpy
 
 from ..crowd_lod.meshes import missing_library
+from ..crowd_lod.reasons import REASONS
 from . import overlay
 from .populate import count_of
 
@@ -51,6 +52,8 @@ class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
             _say(context, layout, problem, "ERROR")
         elif shown:
             _figures(layout, shown.frame)
+            for note in shown.notes:
+                _say(context, layout, note, "INFO")
         elif len(context.scene.crowd_lod.groups):
             layout.prop(context.scene.crowd_lod, "overlay", text="Overlay and Figures", toggle=True, icon="OVERLAY")
         else:
@@ -227,7 +230,18 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
     bl_label = "Preview"
 
     def body(self, context, layout, settings):
-        for name in ("overlay", "hysteresis", "frames", "step", "width", "engine", "colour"):
+        layout.prop(settings, "overlay")
+        column = layout.column()
+        column.active = settings.overlay
+        for name in ("overlay_mode", "overlay_colour", "overlay_culled", "overlay_fade", "hysteresis"):
+            column.prop(settings, name)
+        if settings.overlay_colour == "REASON":
+            for reason, (_, icon) in zip(REASONS, COLOURS, strict=False):
+                column.label(text=reason.capitalize(), icon=icon)
+        elif settings.overlay_colour == "GROUP":
+            for group, (_, icon) in zip(settings.groups, COLOURS, strict=False):
+                column.label(text=group.name, icon=icon)
+        for name in ("frames", "step", "width", "engine", "colour"):
             layout.prop(settings, name)
         layout.prop(settings, "above", text="From Above")
         layout.prop(settings, "folder")

@@ -199,7 +199,32 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     step: IntProperty(name="Step", default=10, min=1)
     width: IntProperty(name="Width", default=960, min=16, max=8192, subtype="PIXEL", description="Width of the pictures")
     folder: StringProperty(name="Output", default="//crowd_lod", subtype="DIR_PATH")
-    overlay: BoolProperty(name="Overlay", description="Draw the crowd as points, tinted by LOD, in the viewport")
+    overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
+    overlay_mode: EnumProperty(
+        name="Draw As",
+        items=[
+            ("MESHES", "LOD Meshes", "Every character at its LOD, each in its own step of the action"),
+            ("BOXES", "Boxes", "As high and wide as the characters; for very many"),
+            ("POINTS", "Points", "As wide as the characters; for very many"),
+        ],
+    )
+    overlay_colour: EnumProperty(
+        name="Overlay Color",
+        items=[
+            ("LOD", "By LOD", "Red, green, blue from near to far"),
+            ("STATE", "By State", "The colors of the state machine"),
+            ("GROUP", "By Group", "A color a character group"),
+            ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
+            ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
+        ],
+    )
+    overlay_culled: BoolProperty(name="Culled Agents", default=True, description="Show culled agents as faint points")
+    overlay_fade: FloatProperty(
+        name="Cross-Fade",
+        min=0,
+        max=0.5,
+        description="Part of a LOD's distance over which it dissolves into the next one, in a dither pattern; 0 switches at once",
+    )
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup)
     trouble: StringProperty()

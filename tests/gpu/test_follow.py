@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from crowd_lod_extension.operators import overlay
+from crowd_lod_extension.operators import casts, overlay
 
 
 @pytest.fixture
@@ -109,3 +109,85 @@ def test_nothing_is_shown_while_the_overlay_is_off(scene):
     shown(scene)
     scene.crowd_lod.overlay = False
     assert overlay.latest(scene) is None and overlay.problem(scene) is None
+
+
+def with_meshes(scene):
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
+    assert "being read" in shown(scene).notes[0]
+    while casts._bake_some() is not None:
+        pass
+    return shown(scene)
+
+
+def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
+    assert "Make LOD Meshes" in shown(scene).notes[0]
+    first = with_meshes(scene)
+    assert first.notes == () and first.problem is None
+    assert sum(count for *_, count in first.batches.draws) == first.frame.visible.sum()
+    assert [level for level, *_ in first.batches.draws] == sorted(level for level, *_ in first.batches.draws)
+    assert shown(scene).batches is first.batches
+    monkeypatch.setattr(overlay, "Cast", None)
+    monkeypatch.setattr(casts, "bake", None)
+    scene.frame_set(30)
+    later = shown(scene)
+    assert later.batches is not first.batches and later.cast is first.cast
+
+
+def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch):
+    first = with_meshes(scene)
+    monkeypatch.setattr(casts, "LOOK_AGAIN", 0.0)
+    assert shown(scene).cast is first.cast
+    item = scene.crowd_lod.levels.children[1].children[0].objects[0]
+
+    def paint():
+        material = bpy.data.materials.new("red")
+        item.data.materials.append(material)
+
+    for change in (lambda: setattr(item.data.vertices[0].co, "z", 0.1), paint, lambda: animate(item)):
+        before = shown(scene).cast
+        change()
+        scene.view_layers[0].update()
+        assert "being read" in shown(scene).notes[0]
+        while casts._bake_some() is not None:
+            pass
+        after = shown(scene).cast
+        assert after is not before
+    assert len(after.characters[0].frames) == 12
+
+
+def animate(item):
+    for frame in (1, 12):
+        item.location.x = frame
+        item.keyframe_insert("location", frame=frame)
+
+
+def test_every_mode_and_colour_is_drawn(scene):
+    with_meshes(scene)
+    settings = scene.crowd_lod
+    for mode in ("MESHES", "BOXES", "POINTS"):
+        for colour in ("LOD", "STATE", "GROUP", "REASON", "MATERIAL"):
+            for fade in (0.0, 0.3):
+                settings.overlay_mode, settings.overlay_colour, settings.overlay_fade = mode, colour, fade
+                now = shown(scene)
+                assert now.problem is None and now.notes == ()
+                assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())
+                assert now.batches.fading == (fade > 0 and mode == "MESHES")
+    settings.overlay_culled = False
+    assert shown(scene).batches.points is not None
+    settings.overlay_mode = "BOXES"
+    assert shown(scene).batches.points is None
+
+
+def test_lod_meshes_of_other_settings_say_so(scene):
+    with_meshes(scene)
+    scene.crowd_lod.level_count += 1
+    assert "do not fit" in shown(scene).notes[0]
+
+
+def test_another_file_lets_everything_go(scene):
+    with_meshes(scene)
+    overlay.forget()
+    assert not overlay._shown and not casts._castings
+    assert not bpy.app.timers.is_registered(casts._bake_some)
+    assert overlay.forget in bpy.app.handlers.load_pre

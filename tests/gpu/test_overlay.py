@@ -14,8 +14,8 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, _encoded, paint
 from crowd_lod_extension.operators.levels import TINTS
-from crowd_lod_extension.operators.overlay import POINT_PIXELS, Batches, _encoded, paint
 from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
 from mathutils import Matrix, Vector
 
@@ -96,10 +96,9 @@ def picture(what, viewer, depth=1.0):
         with canvas.bind():
             buffer = gpu.state.active_framebuffer_get()
             buffer.clear(color=(0, 0, 0, 1), depth=depth)
-            with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
-                gpu.matrix.load_matrix(viewer.matrix_world.inverted())
-                gpu.matrix.load_projection_matrix(viewer.calc_matrix_camera(depsgraph, x=WIDTH, y=HEIGHT))
-                paint(Batches(what), 1.0)
+            view = np.array(viewer.matrix_world.inverted())
+            projection = np.array(viewer.calc_matrix_camera(depsgraph, x=WIDTH, y=HEIGHT))
+            paint(Batches(what), view, projection, (WIDTH, HEIGHT), 1.0)
             pixels = buffer.read_color(0, 0, WIDTH, HEIGHT, 4, 0, "FLOAT")
         return np.asarray(memoryview(pixels), np.float32).reshape(HEIGHT, WIDTH, 4).copy()
     finally:

@@ -1,0 +1,140 @@
+"""Redraws of the overlay against those of geometry-nodes instances of the same LOD meshes, in a real window, playing.
+
+blender --python benchmarks/overlay.py -- [OUT.json]    with the extension enabled; it quits when it is done
+
+Prints, for 10,000 and 100,000 agents, the milliseconds of a frame (set, planned, drawn, shown), median and quartiles, of
+the empty window, the overlay and the build, taken in turns, and the ratio of build to overlay: as they are, and less the
+empty window. Likewise the processor's time, which on a software renderer is the whole work and which other programs
+disturb less. Then the overlay's boxes and points up to 1,000,000 agents.
+"""
+
+import json
+import statistics
+import sys
+import time
+from pathlib import Path
+
+import bpy
+
+ARGUMENTS = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+WARM, FRAMES, ROUNDS = 2, 6, 3  # frames that do not count, those that do, how often
+MOST_SECONDS = 30.0  # for the frames of a round
+RATIOS = 0.1, 0.02, 0.005  # of the sample's characters: some 1,100, 230 and 60 triangles
+
+
+def session():
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    region = next(region for region in area.regions if region.type == "WINDOW")
+    found = {}
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        bpy.ops.crowd_lod.sample(name="chapter")
+        scene = window.scene
+        settings = scene.crowd_lod
+        scene.collection.children["Scenery"].hide_viewport = True
+        for k, ratio in reversed(list(enumerate(RATIOS))):
+            settings.ratios[k] = ratio
+        area.spaces[0].region_3d.view_perspective = "CAMERA"
+    yield
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        bpy.ops.crowd_lod.populate()
+        bpy.ops.crowd_lod.make_levels("EXEC_DEFAULT")
+    for count in (10_000, 100_000):
+        settings.count, settings.overlay, settings.overlay_mode = count, True, "MESHES"
+        yield from ready(scene)
+        with bpy.context.temp_override(window=window, area=area, region=region):
+            bpy.ops.crowd_lod.build("EXEC_DEFAULT")
+        top = settings.build
+        taken = {"empty": [], "overlay": [], "nodes": []}
+        for _ in range(ROUNDS):
+            for name, frames in taken.items():
+                settings.overlay = name == "overlay"
+                settings.build = top if name == "nodes" else None
+                top.hide_viewport = name != "nodes"
+                yield
+                frames += measure(scene, window)
+                if name == "overlay":
+                    visible = int(overlay().latest(scene).visible.sum())
+        settings.build = top
+        with bpy.context.temp_override(window=window, area=area, region=region):
+            bpy.ops.crowd_lod.remove_build()
+        entry = found[f"{count} agents"] = {"visible": visible} | {name: summary(frames) for name, frames in taken.items()}
+        print(f"{count:,} agents, {visible:,} visible", flush=True)
+        for clock in ("shown", "processor"):
+            empty, drawn, built = (entry[name][clock] for name in taken)
+            ratio = built["median"] / drawn["median"]
+            net = (built["median"] - empty["median"]) / (drawn["median"] - empty["median"])
+            entry[f"{clock} ratio"], entry[f"{clock} ratio less empty"] = ratio, net
+            print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}, nodes {said(built)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
+        yield
+    settings.overlay = True
+    for mode in ("BOXES", "POINTS"):
+        for count in (10_000, 100_000, 1_000_000):
+            settings.count, settings.overlay_mode = count, mode
+            yield
+            entry = found[f"{count} {mode}"] = summary(measure(scene, window))
+            said_each = ", ".join(f"{clock} {said(times)}" for clock, times in entry.items())
+            print(f"{count:,} agents as {mode.lower()}: {said_each}", flush=True)
+    if ARGUMENTS:
+        Path(ARGUMENTS[0]).write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+def overlay():
+    return next(module for name, module in sys.modules.items() if name.endswith(".operators.overlay"))
+
+
+def ready(scene):
+    """Wait until the viewport shows LOD meshes."""
+    began = time.monotonic()
+    while not (overlay().shown_of(scene) and overlay().shown_of(scene).cast) and time.monotonic() - began < 60:
+        redraw()
+        yield
+
+
+def measure(scene, window) -> list[tuple[float, float]]:
+    """(until shown, of the processor), milliseconds, of frames played one after the other."""
+    times, began = [], time.monotonic()
+    for number in range(WARM + FRAMES):
+        start, work = time.perf_counter(), time.process_time()
+        scene.frame_set(2 + number)
+        with bpy.context.temp_override(window=window):
+            redraw()
+        if number >= WARM:
+            times.append((1000 * (time.perf_counter() - start), 1000 * (time.process_time() - work)))
+        if len(times) >= 2 and time.monotonic() - began > MOST_SECONDS:
+            break
+    return times
+
+
+def summary(frames: list[tuple[float, float]]) -> dict:
+    """Medians and quartiles of what `measure` took."""
+    found = {}
+    for name, times in zip(("shown", "processor"), zip(*frames, strict=True), strict=True):
+        low, median, high = statistics.quantiles(times, n=4)
+        found[name] = {"median": median, "quartiles": [low, high], "frames": len(times)}
+    return found
+
+
+def redraw():
+    """Draw the window and wait for it."""
+    bpy.ops.wm.redraw_timer(type="DRAW_WIN_SWAP", iterations=1)
+
+
+def said(times: dict) -> str:
+    low, high = times["quartiles"]
+    return f"{times['median']:.1f} ms ({low:.1f} to {high:.1f})"
+
+
+def go_on(steps):
+    def tick():
+        try:
+            next(steps)
+            return 0.5
+        except StopIteration:
+            bpy.ops.wm.quit_blender()
+
+    return tick
+
+
+bpy.context.preferences.view.show_splash = False
+bpy.app.timers.register(go_on(session()), first_interval=1.0, persistent=True)

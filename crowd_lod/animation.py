@@ -1,0 +1,110 @@
+"""Skeletal animation of instances: joint frames as an array, interpolation, linear blend skinning (chapter section 1.5).
+
+An action is baked to `frames`, (F, J, 3, 4) float32: for each of F even steps over the action, the last one included,
+and each of J joints the affine matrix that takes points of the mesh's own space to the posed character, whose origin
+stands on the ground. The shaders do the same as the functions here, on the same arrays.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+INFLUENCES = 4  # joints that a vertex follows at most
+
+
+@dataclass(frozen=True)
+class SkinnedMesh:
+    """A LOD of a whole character, all its objects in one.
+
+    points, normals: (v, 3) float32, in the space that its joints take to the character's. joints: (v, INFLUENCES) uint16;
+    weights: (v, INFLUENCES) float32, strongest first, each row sums to 1. uvs: (v, 2) float32. colours: (v, 3) float32,
+    linear base colour. layers: (v,) float32, the image that takes the colour's place, -1 for none. triangles: (t, 3) uint32.
+    closed: whether its back faces are never seen from outside.
+    """
+
+    points: np.ndarray
+    normals: np.ndarray
+    joints: np.ndarray
+    weights: np.ndarray
+    uvs: np.ndarray
+    colours: np.ndarray
+    layers: np.ndarray
+    triangles: np.ndarray
+    closed: bool = False
+
+
+def merge(meshes: list[SkinnedMesh]) -> SkinnedMesh:
+    """One mesh of several that share their joints."""
+    first = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
+    names = ("points", "normals", "joints", "weights", "uvs", "colours", "layers")
+    columns = {name: np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in names}
+    shifted = [mesh.triangles + np.uint32(begin) for mesh, begin in zip(meshes, first, strict=True)]
+    return SkinnedMesh(**columns, triangles=np.concatenate(shifted), closed=all(mesh.closed for mesh in meshes))
+
+
+def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
+    """Whether each connected part of the surface has no border and its faces outwards: then what lies behind a back face
+    seen from outside lies behind a front face too. points: (n, 3); triangles: (t, 3) indices, counter-clockwise."""
+    if not len(triangles):
+        return True
+    n = np.int64(len(points))
+    tail, head = triangles.astype(np.int64).ravel(), np.roll(triangles, -1, axis=1).astype(np.int64).ravel()
+    if not np.array_equal(np.sort(tail * n + head), np.sort(head * n + tail)):
+        return False
+    part = np.arange(n)
+    while True:  # every vertex takes the least number among its neighbours
+        least = part.copy()
+        np.minimum.at(least, tail, part[head])
+        least = least[least]
+        if np.array_equal(least, part):
+            break
+        part = least
+    a, b, c = (points[triangles[:, i]].astype(np.float64) - points.mean(axis=0) for i in range(3))
+    volume = np.bincount(part[triangles[:, 0]], np.einsum("td,td->t", a, np.cross(b, c)), n)
+    return bool((volume >= 0).all())
+
+
+def strongest(weights: np.ndarray, influences: int = INFLUENCES) -> tuple[np.ndarray, np.ndarray]:
+    """(columns (v, influences) uint16, weights (v, influences) float32) of the strongest weights, not increasing and
+    summing to 1, of `weights` (v, k), none below 0. A row without weights gets zeros."""
+    v, k = weights.shape
+    padded = np.zeros((v, max(k, influences)), np.float32)
+    padded[:, :k] = weights
+    columns = np.argsort(-padded, axis=1, kind="stable")[:, :influences]
+    kept = np.take_along_axis(padded, columns, axis=1)
+    total = kept.sum(axis=1, keepdims=True)
+    kept = np.divide(kept, total, out=np.zeros_like(kept), where=total > 0)
+    return np.where(kept > 0, columns, 0).astype(np.uint16), kept
+
+
+def pose(frames: np.ndarray, phase: np.ndarray) -> np.ndarray:
+    """Joint matrices (n, J, 3, 4) float32 of agents at `phase` (n,) float32 in [0, 1): the two frames about each phase,
+    mixed linearly as matrices."""
+    at = phase * np.float32(len(frames) - 1)
+    first = np.clip(at.astype(np.intp), 0, max(len(frames) - 2, 0))
+    second = np.minimum(first + 1, len(frames) - 1)
+    part = (at - first.astype(np.float32))[:, None, None, None]
+    return frames[first] * (1 - part) + frames[second] * part
+
+
+def skin(mesh: SkinnedMesh, joints: np.ndarray) -> np.ndarray:
+    """Points (n, v, 3) float32 of the mesh in the character's space, for joint matrices (n, J, 3, 4) from `pose`."""
+    blended = np.einsum("vi,nvijk->nvjk", mesh.weights, joints[:, mesh.joints])
+    return np.einsum("nvjk,vk->nvj", blended[..., :3], mesh.points) + blended[..., 3]
+
+
+def stance(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> np.ndarray:
+    """Rotations (n, 3, 3) float64 from the character's space to the world: Rz(heading) Ry(-pitch) Rx(roll) Rz(turn), as
+    the node group of the build turns its instances. All angles in radians, (n,) but for `turn`."""
+    return _about(2, heading) @ _about(1, -pitch) @ _about(0, roll) @ _about(2, np.array([turn]))
+
+
+def _about(axis: int, angle: np.ndarray) -> np.ndarray:
+    """Rotations (n, 3, 3) float64 about a coordinate axis."""
+    cos, sin = np.cos(angle, dtype=np.float64), np.sin(angle, dtype=np.float64)
+    turned = np.zeros((len(angle), 3, 3))
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    turned[:, axis, axis] = 1
+    turned[:, i, i] = turned[:, j, j] = cos
+    turned[:, i, j], turned[:, j, i] = -sin, sin
+    return turned

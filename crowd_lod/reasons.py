@@ -1,0 +1,46 @@
+"""Why an agent is culled, or has not the finest LOD."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .agents import Group
+from .camera import Camera
+from .culling import planes, radar
+from .frame import Frame
+from .levels import Bias, LevelPolicy, assign
+
+REASONS = ("near enough", "far away", "detail map", "hysteresis", "before the near plane", "beyond the far plane", "beside the view")
+NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE = range(len(REASONS))
+
+
+def reasons(
+    frame: Frame, groups: tuple[Group, ...], cameras: Sequence[Camera], policy: LevelPolicy, bias: Bias | None = None
+) -> np.ndarray:
+    """For each agent of `frame`, whose plan had the other arguments, an index (n,) uint8 into REASONS.
+
+    A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
+    the distance alone does not give comes from the detail map, or from hysteresis.
+    """
+    crowd = frame.crowd
+    centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "radius"))
+    _, distance = radar(crowd, cameras, centre, radius, policy.margin, policy.metric == "RADIAL")
+    plain = assign(distance, frame.begins, crowd.group)
+    painted = plain if bias is None else assign(distance, frame.begins, crowd.group, bias.at(crowd.x, crowd.y))
+    found = np.full(len(crowd), DISTANCE, np.uint8)
+    found[painted != plain] = DETAIL_MAP
+    found[frame.levels != painted] = HYSTERESIS
+    found[frame.levels == 0] = NEAR_ENOUGH
+    culled = np.flatnonzero(~frame.visible)
+    found[culled] = BESIDE
+    camera, group = cameras[0], crowd.group[culled]
+    v = np.stack([crowd.x[culled], crowd.y[culled], crowd.z[culled] + centre[group]], axis=1) - camera.origin
+    if camera.kind == "PANO":
+        along, near, far = np.linalg.norm(v, axis=1), camera.near, camera.far
+    else:
+        frustum = planes(camera)
+        along, near, far = v @ frustum.normals[5], -frustum.offsets[4], frustum.offsets[5]
+    reach = radius[group] if policy.margin is None else 0.0
+    found[culled[along < near - reach]] = NEAR
+    found[culled[along > far + reach]] = FAR
+    return found

@@ -1,0 +1,127 @@
+"""The baked characters of each scene, for the overlay: baked outside the drawing, anew when what they came from changed."""
+
+import hashlib
+import time as clock
+import traceback
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .joints import Character, bake
+from .looks import Looks
+from .populate import armatures_of
+
+LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, which have no cheap mark of change
+
+
+@dataclass
+class Casting:
+    """A scene's characters: those of `characters` once all are baked. key: of what they came from, looked: when that was
+    last compared, seconds. told: what the user should know of it."""
+
+    key: bytes
+    looked: float
+    characters: tuple[Character, ...] = ()
+    ready: bool = False
+    told: tuple[str, ...] = ()
+
+
+_castings: dict[int, Casting] = {}  # by the scene's session_uid
+
+
+def casting_of(scene: bpy.types.Scene) -> Casting | None:
+    """The characters of the scene's LOD meshes, to be baked soon if they are not; None without LOD meshes."""
+    levels = scene.crowd_lod.levels
+    if levels is None or not levels.children or not levels.children[0].children:
+        _castings.pop(scene.session_uid, None)
+        return None
+    known, now = _castings.get(scene.session_uid), clock.monotonic()
+    if known is None or now > known.looked + LOOK_AGAIN:
+        key = _key(levels)
+        if known is None or known.key != key:
+            known = _castings[scene.session_uid] = Casting(key, now)
+        known.looked = now
+    if not known.ready and not bpy.app.timers.is_registered(_bake_some):
+        bpy.app.timers.register(_bake_some)
+    return known
+
+
+def forget(keep: set[int] = frozenset()) -> None:
+    """Drop what is baked, but for the scenes with these session_uids."""
+    for gone in _castings.keys() - keep:
+        del _castings[gone]
+    if not keep and bpy.app.timers.is_registered(_bake_some):
+        bpy.app.timers.unregister(_bake_some)
+
+
+def _bake_some() -> float | None:
+    """A timer: bake one character, which makes and removes data-blocks and so must not be done while Blender draws."""
+    for scene in bpy.data.scenes:
+        casting = _castings.get(scene.session_uid)
+        if casting is not None and not casting.ready:
+            _bake_next(scene, casting)
+            return 0.0
+    _redraw()
+    return None
+
+
+def _bake_next(scene: bpy.types.Scene, casting: Casting) -> None:
+    levels = scene.crowd_lod.levels
+    casting.ready = True
+    if levels is None or any(len(level.children) != len(levels.children[0].children) for level in levels.children):
+        casting.characters = ()
+        return
+    number, groups = len(casting.characters), scene.crowd_lod.groups
+    homes = [level.children[number] for level in levels.children]
+    name = groups[number].name if number < len(groups) else homes[0].name
+    try:
+        character = bake(name, homes)
+    except Exception as error:
+        traceback.print_exc()
+        casting.characters = ()
+        casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): the console has more.",)
+        return
+    casting.characters += (character,)
+    casting.told += (character.told,) if character.told else ()
+    casting.ready = len(casting.characters) == len(levels.children[0].children)
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+def _key(levels: bpy.types.Collection) -> bytes:
+    """A digest of all that the characters are baked from."""
+    digest, looks, told = hashlib.sha256(), Looks(), set()
+    for home in (home for level in levels.children for home in level.children):
+        items = [item for item in home.all_objects if item.type == "MESH"]
+        digest.update(repr((home.session_uid, tuple(home.instance_offset))).encode())
+        for item in items:
+            materials = [looks.of(slot.material) for slot in item.material_slots]
+            modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
+            sizes = len(item.data.vertices), len(item.data.polygons)
+            digest.update(repr((item.session_uid, item.data.session_uid, sizes, materials, modifiers)).encode())
+            points = np.empty(3 * sizes[0], np.float32)
+            item.data.vertices.foreach_get("co", points)
+            digest.update(points)
+        for owner in (*items, *armatures_of(items)):
+            action = owner.animation_data and owner.animation_data.action
+            if action and action not in told:
+                told.add(action)
+                digest.update(repr((action.session_uid, tuple(action.frame_range))).encode())
+                for curve in _curves(action):
+                    keys = np.empty(2 * len(curve.keyframe_points), np.float32)
+                    curve.keyframe_points.foreach_get("co", keys)
+                    digest.update(keys)
+    return digest.digest()
+
+
+def _curves(action: bpy.types.Action):
+    for layer in action.layers:
+        for strip in layer.strips:
+            for bag in strip.channelbags:
+                yield from bag.fcurves

@@ -1,0 +1,237 @@
+"""Draws what points.py says, on the GPU: into the viewport, or into any framebuffer with any view."""
+
+from contextlib import contextmanager
+
+import numpy as np
+
+from ..crowd_lod.agents import Group
+from . import programs
+from .joints import Character
+from .points import Drawing
+
+POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
+LINE_PIXELS = 1.5
+KEY = np.array([-0.4, 0.55, 0.75])  # towards the key light, in the viewer's space
+
+
+class Cast:
+    """The characters on the GPU: all that stays from frame to frame. Needs a GPU context, as all below.
+
+    characters: one a group, or () for boxes.
+    """
+
+    def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
+        self.characters = characters
+        self.boxes = [_batch(*_box(group)) for group in groups] if not characters else []
+        self.joints = [_joint_texture(character.frames) for character in characters]
+        self.images = [_images(character.images) for character in characters]
+        self.meshes = [[_skinned_batch(mesh) for mesh in character.meshes] for character in characters]
+
+
+class Batches:
+    """A drawing on the GPU."""
+
+    def __init__(self, what: Drawing, cast: Cast | None = None):
+        from gpu.types import Buffer, GPUUniformBuf
+        from gpu_extras.batch import batch_for_shader
+
+        self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
+        self.draws, self.turn, self.materials = what.draws if cast is not None else (), what.turn, what.materials
+        self.fading = what.fading
+        if self.draws:
+            self.agents, self.palette = _agent_texture(what.agents), _texture(what.palette[None])
+            self.view = GPUUniformBuf(Buffer("FLOAT", 24))
+        columns = {"position": what.positions, "colour": what.colours, "size": what.sizes}
+        self.points = _batch(columns, None, "POINTS") if len(what.positions) else None
+        columns = {"pos": what.lines.reshape(-1, 3), "color": _encoded(what.line_colours).reshape(-1, 4)}
+        self.lines = batch_for_shader(programs.lines(), "LINES", columns) if len(what.lines) else None
+
+
+def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], ui_scale: float) -> None:
+    """Draw into the active framebuffer, `size` pixels wide and high.
+
+    view: (4, 4) float64, world to viewer's space; projection: (4, 4) float64, OpenGL's clip space. ui_scale: pixels of
+    this screen per nominal pixel of POINT_PIXELS and LINE_PIXELS.
+    """
+    import gpu
+    from mathutils import Matrix
+
+    view = np.array(view, np.float64)
+    view[:3, 3] += view[:3, :3] @ batches.origin
+    matrix = projection @ view
+    with _gpu_state():
+        if batches.draws:
+            gpu.state.blend_set("NONE")
+            _paint_meshes(batches, matrix, view)
+            gpu.state.blend_set("ALPHA")
+        if batches.points is not None:
+            shader = programs.points()
+            shader.bind()
+            shader.uniform_float("matrix", Matrix(matrix.tolist()))
+            shader.uniform_float("pixels_per_metre", float(projection[1, 1] * size[1] / 2))
+            shader.uniform_float("diameter", batches.diameter)
+            shader.uniform_float("bounds", [pixels * ui_scale for pixels in POINT_PIXELS])
+            batches.points.draw(shader)
+        if batches.lines is not None:
+            shader = programs.lines()
+            with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+                gpu.matrix.load_matrix(Matrix(view.tolist()))
+                gpu.matrix.load_projection_matrix(Matrix(np.asarray(projection).tolist()))
+                shader.bind()
+                shader.uniform_float("viewportSize", size)
+                shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
+                batches.lines.draw(shader)
+
+
+def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> None:
+    """One instanced draw a LOD and group, the finest LOD first."""
+    import gpu
+
+    cast = batches.cast
+    batches.view.update(view_buffer(matrix, view, batches.turn))
+    materials = batches.materials and bool(cast.characters)
+    shader = programs.meshes(bool(cast.characters), materials, batches.fading)
+    shader.bind()
+    shader.uniform_block("view", batches.view)
+    shader.uniform_sampler("agents", batches.agents)
+    if not materials:
+        shader.uniform_sampler("palette", batches.palette)
+    for level, group, first, count in batches.draws:
+        shader.uniform_int("base", first)
+        if not cast.characters:
+            gpu.state.face_culling_set("BACK")
+            cast.boxes[group].draw_instanced(shader, instance_start=0, instance_count=count)
+            continue
+        mesh, batch = cast.characters[group].meshes[level], cast.meshes[group][level]
+        if batch is not None:
+            bind_joints(shader, cast, group)
+            if materials:
+                shader.uniform_sampler("images", cast.images[group])
+            gpu.state.face_culling_set("BACK" if mesh.closed else "NONE")
+            batch.draw_instanced(shader, instance_start=0, instance_count=count)
+    gpu.state.face_culling_set("NONE")
+
+
+def bind_joints(shader, cast: Cast, group: int) -> None:
+    """Give `shader`, of programs.mesh_interface, the joint frames of the group."""
+    shader.uniform_sampler("joint_frames", cast.joints[group])
+    shader.uniform_int("frame_count", len(cast.characters[group].frames))
+
+
+def view_buffer(matrix: np.ndarray, view: np.ndarray, turn: float):
+    """What changes with the viewer, as the shaders' CrowdView."""
+    from gpu.types import Buffer
+
+    key = view[:3, :3].T @ KEY
+    values = np.zeros(24, np.float32)
+    values[:16] = matrix.T.ravel()
+    values[16:19] = key / np.linalg.norm(key)
+    values[20:22] = np.cos(turn), np.sin(turn)
+    return Buffer("FLOAT", 24, values)
+
+
+@contextmanager
+def _gpu_state():
+    """Depth-tested, blended, points as large as the shader says; afterwards as it was."""
+    import gpu
+
+    depth_test, depth_mask, blend = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
+    try:
+        gpu.state.depth_test_set("LESS_EQUAL")
+        gpu.state.depth_mask_set(True)
+        gpu.state.blend_set("ALPHA")
+        gpu.state.program_point_size_set(True)
+        yield
+    finally:
+        gpu.state.program_point_size_set(False)
+        gpu.state.blend_set(blend)
+        gpu.state.depth_mask_set(depth_mask)
+        gpu.state.depth_test_set(depth_test)
+
+
+def _texture(texels: np.ndarray):
+    """A texture of texels (height, width, 4) float32."""
+    from gpu.types import Buffer, GPUTexture
+
+    height, width, _ = texels.shape
+    values = np.ascontiguousarray(texels, np.float32).ravel()
+    return GPUTexture((width, height), format="RGBA32F", data=Buffer("FLOAT", values.size, values))
+
+
+def _agent_texture(agents: np.ndarray):
+    """Two texels an instance, one after the other, programs.TEXELS to a row. agents: (m, 8) float32."""
+    rows = -(-2 * len(agents) // programs.TEXELS)
+    texels = np.zeros((rows * programs.TEXELS, 4), np.float32)
+    texels[: 2 * len(agents)] = agents.reshape(-1, 4)
+    return _texture(texels.reshape(rows, programs.TEXELS, 4))
+
+
+def _joint_texture(frames: np.ndarray):
+    """A row a frame, three texels a joint. frames: (F, J, 3, 4) float32."""
+    return _texture(frames.reshape(len(frames), -1, 4))
+
+
+def _images(pictures: np.ndarray):
+    """A texture of `pictures` (n, size, size, 4) uint8."""
+    from gpu.types import Buffer, GPUTexture
+
+    if not len(pictures):
+        pictures = np.full((1, 1, 1, 4), 255, np.uint8)
+    values = np.ascontiguousarray(pictures, np.float32).ravel() / np.float32(255)
+    layers, height, width, _ = pictures.shape
+    texture = GPUTexture((width, height), layers=layers, format="RGBA8", data=Buffer("FLOAT", values.size, values))
+    texture.filter_mode(True)
+    texture.extend_mode("REPEAT")
+    return texture
+
+
+def _skinned_batch(mesh):
+    """The batch of a LOD mesh; None without triangles."""
+    columns = {
+        "position": mesh.points,
+        "normal": mesh.normals,
+        "joints": mesh.joints,
+        "weights": mesh.weights,
+        "uv": mesh.uvs,
+        "base_colour": mesh.colours,
+        "layer": mesh.layers,
+    }
+    return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
+
+
+def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS"):
+    """A batch with a vertex attribute a column, (n,) or (n, k), float32 or uint16."""
+    from gpu.types import GPUBatch, GPUIndexBuf, GPUVertBuf, GPUVertFormat
+
+    form = GPUVertFormat()
+    for name, values in columns.items():
+        whole = values.dtype == np.uint16
+        form.attr_add(
+            id=name, comp_type="U16" if whole else "F32", len=values[0].size, fetch_mode="INT" if whole else "FLOAT"
+        )
+    buffer = GPUVertBuf(format=form, len=len(next(iter(columns.values()))))
+    for name, values in columns.items():
+        buffer.attr_fill(name, np.ascontiguousarray(values))
+    if triangles is None:
+        return GPUBatch(type=kind, buf=buffer)
+    return GPUBatch(type=kind, buf=buffer, elem=GPUIndexBuf(type=kind, seq=np.ascontiguousarray(triangles, np.uint32)))
+
+
+def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """A box on the ground that the group's bounding sphere goes around, its normals those of a rounded one: eight
+    vertices, no floor."""
+    half = np.sqrt(max(group.radius**2 - group.centre**2, (0.2 * group.radius) ** 2) / 2)
+    corners = np.array([(x, y, z) for z in (0, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
+    normals = corners * (1, 1, 2) - (0, 0, 0.5)
+    triangles = [(0, 1, 5), (0, 5, 4), (1, 3, 7), (1, 7, 5), (3, 2, 6), (3, 6, 7), (2, 0, 4), (2, 4, 6), (4, 5, 7), (4, 7, 6)]
+    normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+    points = (corners * (half, half, 2 * group.centre)).astype(np.float32)
+    return {"position": points, "normal": normals}, np.array(triangles, np.uint32)
+
+
+def _encoded(linear: np.ndarray) -> np.ndarray:
+    """sRGB from linear RGBA (..., 4) float32: Blender's own shaders take it, and undo it for the viewport."""
+    encoded = linear.copy()
+    rgb = linear[..., :3]
+    encoded[..., :3] = np.where(rgb < 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    return encoded

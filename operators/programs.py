@@ -1,0 +1,100 @@
+"""Shader programs: the bodies are files in shaders/, their interfaces are declared here. Compiled when first used."""
+
+from functools import cache
+from pathlib import Path
+
+SHADERS = Path(__file__).parent.parent / "shaders"
+TEXELS = 4096  # in a row of the texture of instances
+VIEW = "struct CrowdView { mat4 matrix; vec4 key; vec4 turn; };"
+
+
+def source(*names: str) -> str:
+    """The shader files one after the other."""
+    return "\n".join((SHADERS / name).read_text(encoding="utf-8") for name in names)
+
+
+def mesh_interface(skinned: bool, materials: bool = False):
+    """What all programs that draw instances of meshes take in; see `Batches` for what it is."""
+    from gpu.types import GPUShaderCreateInfo
+
+    info = GPUShaderCreateInfo()
+    info.typedef_source(VIEW)
+    info.define("TEXELS", str(TEXELS))
+    info.uniform_buf(0, "CrowdView", "view")
+    info.sampler(0, "FLOAT_2D", "agents")
+    info.push_constant("INT", "base")
+    info.vertex_in(0, "VEC3", "position")
+    info.vertex_in(1, "VEC3", "normal")
+    if skinned:
+        info.define("SKINNED", "1")
+        info.sampler(1, "FLOAT_2D", "joint_frames")
+        info.push_constant("INT", "frame_count")
+        info.vertex_in(2, "UVEC4", "joints")
+        info.vertex_in(3, "VEC4", "weights")
+    if materials:
+        info.define("MATERIALS", "1")
+        info.vertex_in(4, "VEC2", "uv")
+        info.vertex_in(5, "VEC3", "base_colour")
+        info.vertex_in(6, "FLOAT", "layer")
+    else:
+        info.sampler(2, "FLOAT_2D", "palette")
+    return info
+
+
+@cache
+def meshes(skinned: bool, materials: bool, fading: bool):
+    """Draws instances: of LOD meshes, in their materials' colours or those of the palette, or of rigid boxes."""
+    from gpu import shader
+    from gpu.types import GPUStageInterfaceInfo
+
+    info = mesh_interface(skinned, materials)
+    between = GPUStageInterfaceInfo(f"crowd_lod_mesh_{skinned:d}{materials:d}{fading:d}")
+    between.smooth("VEC3", "lit")
+    if materials:
+        between.smooth("VEC3", "image_at")
+        info.sampler(3, "FLOAT_2D_ARRAY", "images")
+    if fading:
+        info.define("FADING", "1")
+        between.flat("FLOAT", "share")
+    info.vertex_out(between)
+    info.fragment_out(0, "VEC4", "result")
+    info.vertex_source(source("common.glsl", "mesh.vert.glsl"))
+    info.fragment_source(source("mesh.frag.glsl"))
+    return shader.create_from_info(info)
+
+
+@cache
+def points():
+    """Draws round points."""
+    from gpu import shader
+    from gpu.types import GPUShaderCreateInfo, GPUStageInterfaceInfo
+
+    between = GPUStageInterfaceInfo("crowd_lod_points")
+    between.flat("VEC4", "tint")
+    info = GPUShaderCreateInfo()
+    info.push_constant("MAT4", "matrix")
+    info.push_constant("FLOAT", "pixels_per_metre")  # at a distance of 1 m; orthographic: anywhere
+    info.push_constant("FLOAT", "diameter")  # metres
+    info.push_constant("VEC2", "bounds")  # pixels
+    info.vertex_in(0, "VEC3", "position")
+    info.vertex_in(1, "VEC4", "colour")
+    info.vertex_in(2, "FLOAT", "size")
+    info.vertex_out(between)
+    info.fragment_out(0, "VEC4", "result")
+    info.vertex_source(source("points.vert.glsl"))
+    info.fragment_source(source("points.frag.glsl"))
+    return shader.create_from_info(info)
+
+
+@cache
+def lines():
+    """Draws lines of a width in pixels; Blender's own."""
+    from gpu import shader
+
+    return shader.from_builtin("POLYLINE_FLAT_COLOR")
+
+
+def forget() -> None:
+    """Let the programs go."""
+    for made in (meshes, points, lines):
+        made.cache_clear()

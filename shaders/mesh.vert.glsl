@@ -1,0 +1,23 @@
+/* A vertex of a LOD mesh, or of a box, of one instance; lit at the vertex: sky above, ground below, a key by the viewer. */
+void main()
+{
+  Agent a = agent(base + gl_InstanceID);
+#ifdef SKINNED
+  Rows rest = skinned(a.phase, joints, weights);
+  vec3 at = moved(rest, position), facing = turned(rest, normal);
+#else
+  vec3 at = position, facing = normal;
+#endif
+  gl_Position = view.matrix * vec4(a.feet + oriented(a, at), 1.0);
+  vec3 n = normalize(oriented(a, facing));
+  float light = mix(0.3, 0.55, 0.5 + 0.5 * n.z) + 0.55 * max(dot(n, view.key.xyz), 0.0);
+#ifdef MATERIALS
+  lit = base_colour * light;
+  image_at = vec3(uv, layer);
+#else
+  lit = texelFetch(palette, ivec2(a.colour, 0), 0).rgb * light;
+#endif
+#ifdef FADING
+  share = a.share;
+#endif
+}

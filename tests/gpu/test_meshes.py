@@ -1,0 +1,313 @@
+"""LOD meshes as the overlay draws them: skinning against NumPy and Blender, places, dither and colours by pixels."""
+
+from dataclasses import replace
+
+import bpy
+import gpu
+import numpy as np
+import pytest
+from crowd_lod_extension import sample_scenes
+from crowd_lod_extension.crowd_lod.agents import Group
+from crowd_lod_extension.crowd_lod.animation import SkinnedMesh, pose, skin, stance
+from crowd_lod_extension.operators import drawing as gpu_side
+from crowd_lod_extension.operators import programs
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.drawing import Batches, Cast, paint
+from crowd_lod_extension.operators.joints import Character, bake
+from crowd_lod_extension.operators.points import Drawing
+from mathutils import Matrix, kdtree
+
+WIDTH, HEIGHT = 640, 480
+TINTS = np.array([(1, 0.1, 0.1, 1), (0.1, 1, 0.1, 1), (0.1, 0.1, 1, 1), (1, 1, 0.1, 1), (0.1, 1, 1, 1), (1, 0.1, 1, 1)], np.float32)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The sample's characters; the adult carries a cube on a bone, and swings a cone that has no armature at all."""
+    scene = bpy.data.scenes.new("meshes")
+    sample_scenes.make("chapter", scene)
+    adult = scene.crowd_lod.characters.children["adult"]
+    rig = next(item for item in adult.objects if item.type == "ARMATURE")
+    prop = bpy.data.objects.new("prop", tetrahedron("prop", 0.2))
+    prop.parent, prop.parent_type, prop.parent_bone = rig, "BONE", rig.data.bones[-1].name
+    swing = bpy.data.objects.new("swing", tetrahedron("swing", 0.3))
+    for frame in range(1, 27):
+        swing.location, swing.rotation_euler = (0.5, 0, 0.04 * frame), (0, 0.1 * frame, 0)
+        swing.keyframe_insert("location", frame=frame)
+        swing.keyframe_insert("rotation_euler", frame=frame)
+    for item in (prop, swing):
+        adult.objects.link(item)
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+        assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
+    yield scene
+    bpy.data.scenes.remove(scene)
+
+
+def tetrahedron(name, size):
+    mesh = bpy.data.meshes.new(name)
+    points = [(0, 0, 0), (size, 0, 0), (0, size, 0), (0, 0, size)]
+    mesh.from_pydata(points, [], [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+    return mesh
+
+
+def homes(scene, group):
+    return [level.children[group] for level in scene.crowd_lod.levels.children]
+
+
+@pytest.fixture(scope="module")
+def characters(scene):
+    return tuple(bake(str(g), homes(scene, g)) for g in range(3))
+
+
+@pytest.fixture(scope="module")
+def cast(characters):
+    return Cast((), characters)
+
+
+def instances(rows, draws, **others):
+    """A drawing of these agents alone, about the world's origin."""
+    nothing = np.empty((0, 4), np.float32)
+    what = Drawing(
+        origin=np.zeros(3), agents=np.array(rows, np.float32), draws=tuple(draws), palette=TINTS, turn=0.0,
+        materials=False, fading=False, positions=nothing[:, :3], colours=nothing, sizes=nothing[:, 0], diameter=1.0,
+        lines=nothing[:, :3], line_colours=nothing,
+    )  # fmt: skip
+    return replace(what, **others)
+
+
+def row(x, y, z=0.0, heading=0.0, phase=0.0, colour=0, share=0.0, pitch=0.0, roll=0.0):
+    return x, y, z, heading, phase, 4.0 * colour + 2.0 + share, pitch, roll
+
+
+def placed(what, cast, group, level) -> np.ndarray:
+    """Where the shader puts each vertex of the mesh, (agents, vertices, 3): the pixels of a float32 target."""
+    mesh = cast.characters[group].meshes[level]
+    info, between = programs.mesh_interface(skinned=True), gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
+    between.flat("VEC3", "world")
+    info.vertex_out(between)
+    info.fragment_out(0, "VEC4", "result")
+    count, columns = len(what.agents), len(mesh.points)
+    main = f"""
+    void main()
+    {{
+      Agent a = agent(base + gl_InstanceID);
+      world = a.feet + oriented(a, moved(skinned(a.phase, joints, weights), position));
+      vec2 pixel = (vec2(gl_VertexID, gl_InstanceID) + 0.5) / vec2({columns}.0, {count}.0);
+      gl_Position = vec4(2.0 * pixel - 1.0, 0.0, 1.0) + 0.0 * vec4(normal, texelFetch(palette, ivec2(0), 0).x);
+      gl_PointSize = 1.0;
+    }}"""
+    info.vertex_source(programs.source("common.glsl") + main)
+    info.fragment_source("void main() { result = vec4(world, 1.0); }")
+    shader = gpu.shader.create_from_info(info)
+    batches = Batches(what, cast)
+    columns_of = {name: getattr(mesh, name) for name in ("joints", "weights")}
+    points = gpu_side._batch({"position": mesh.points, "normal": mesh.normals, **columns_of}, None, "POINTS")
+    canvas = gpu.types.GPUOffScreen(columns, count, format="RGBA32F")
+    try:
+        with canvas.bind():
+            buffer = gpu.state.active_framebuffer_get()
+            buffer.clear(color=(0, 0, 0, 0))
+            shader.bind()
+            batches.view.update(gpu_side.view_buffer(np.eye(4), np.eye(4), what.turn))
+            shader.uniform_block("view", batches.view)
+            shader.uniform_sampler("agents", batches.agents)
+            shader.uniform_sampler("palette", batches.palette)
+            gpu_side.bind_joints(shader, cast, group)
+            shader.uniform_int("base", 0)
+            points.draw_instanced(shader, instance_start=0, instance_count=count)
+            pixels = buffer.read_color(0, 0, columns, count, 4, 0, "FLOAT")
+    finally:
+        canvas.free()
+    values = np.asarray(memoryview(pixels), np.float32).reshape(count, columns, 4)
+    assert (values[..., 3] == 1).all()
+    return values[..., :3]
+
+
+def expected(what, character, level) -> np.ndarray:
+    """The same by NumPy, float64 but for the skinning."""
+    x, y, z, heading, phase, _, pitch, roll = what.agents.T
+    points = skin(character.meshes[level], pose(character.frames, phase))
+    turned = stance(heading, pitch, roll, what.turn)
+    return np.einsum("nij,nvj->nvi", turned, points) + np.stack([x, y, z], 1)[:, None]
+
+
+def some(count):
+    random = np.random.default_rng(5)
+    rows = np.zeros((count, 8), np.float32)
+    rows[:, :3] = random.uniform(-4, 4, (count, 3))
+    rows[:, 3], rows[:, 4], rows[:, 5] = random.uniform(-3.2, 3.2, count), random.random(count), 2.0
+    rows[1:, 6:] = random.uniform(-0.6, 0.6, (count - 1, 2))
+    return rows
+
+
+@pytest.mark.parametrize("group", [0, 1, 2])
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_the_shader_skins_as_numpy_does(cast, group, level):
+    what = instances(some(7), [(level, group, 0, 7)], turn=0.7)
+    difference = placed(what, cast, group, level) - expected(what, cast.characters[group], level)
+    assert np.abs(difference).max() < 1e-5
+
+
+@pytest.mark.parametrize("group", [0, 1])
+@pytest.mark.parametrize("level", [0, 1, 2])
+def test_the_shader_skins_as_blender_does(scene, cast, group, level):
+    character = cast.characters[group]
+    home = homes(scene, group)[level]
+    items = [item for item in home.all_objects if item.type == "MESH"]
+    assert len(items) == (3 if group == 0 else 1)
+    with io.scratch():
+        stage = bpy.data.scenes.new("oracle")
+        for item in items:
+            stage.collection.objects.link(item)
+        for frame in (0, 7, len(character.frames) - 1):
+            phase = frame / (len(character.frames) - 1)
+            what = instances([row(0, 0, phase=phase)], [(level, group, 0, 1)])
+            mine = placed(what, cast, group, level)[0].astype(float)
+            stage.frame_set(1 + frame)
+            depsgraph = stage.view_layers[0].depsgraph
+            blenders = np.concatenate([io.world_points(item.evaluated_get(depsgraph)) for item in items])
+            diagonal = np.linalg.norm(np.ptp(blenders, axis=0))
+            assert max(apart(mine, blenders), apart(blenders, mine)) < 1e-4 * diagonal
+
+
+def apart(points, others) -> float:
+    """The greatest distance of a point from the nearest of the others."""
+    tree = kdtree.KDTree(len(others))
+    for number, point in enumerate(others):
+        tree.insert(point, number)
+    tree.balance()
+    return max(tree.find(point)[2] for point in points)
+
+
+def test_baking_leaves_the_file_as_it_was(scene):
+    before, frame = {block.name_full for block in bpy.data.user_map()}, scene.frame_current
+    poses = [bone.matrix.copy() for item in bpy.data.objects if item.pose for bone in item.pose.bones]
+    bake("adult", homes(scene, 0))
+    assert {block.name_full for block in bpy.data.user_map()} == before and scene.frame_current == frame
+    assert [bone.matrix for item in bpy.data.objects if item.pose for bone in item.pose.bones] == poses
+
+
+def test_what_joints_cannot_express_is_measured_and_told(scene):
+    assert all(bake("fine", homes(scene, g)).told is None for g in range(3))
+    item = next(item for item in homes(scene, 0)[0].objects if item.modifiers)
+    twist = item.modifiers.new("twist", "SIMPLE_DEFORM")
+    item.modifiers.move(1, 0)
+    twist.deform_method, twist.angle = "TWIST", 0.5
+    assert bake("twisted", homes(scene, 0)).told is None  # before the armature: a part of the rest pose
+    item.modifiers.move(0, 1)
+    try:
+        character = bake("bent", homes(scene, 0))
+        assert character.off > 0.01 and character.told.startswith("bent moves in ways")
+    finally:
+        item.modifiers.remove(twist)
+
+
+def picture(what, cast, eye=(0, -12, 1.0), background=(0, 0, 0, 1)) -> tuple[np.ndarray, np.ndarray]:
+    """((HEIGHT, WIDTH, 3) float32 bottom row first, the matrix to clip space), seen along +y."""
+    view = np.linalg.inv(np.array(Matrix.Translation(eye) @ Matrix.Rotation(np.pi / 2, 4, "X")))
+    near, far, slope = 0.1, 200.0, 0.4
+    projection = np.zeros((4, 4))
+    projection[0, 0], projection[1, 1] = HEIGHT / WIDTH / slope, 1 / slope
+    projection[2, 2:], projection[3, 2] = ((far + near) / (near - far), 2 * far * near / (near - far)), -1
+    canvas = gpu.types.GPUOffScreen(WIDTH, HEIGHT, format="RGBA32F")
+    try:
+        with canvas.bind():
+            buffer = gpu.state.active_framebuffer_get()
+            buffer.clear(color=background, depth=1.0)
+            paint(Batches(what, cast), view, projection, (WIDTH, HEIGHT), 1.0)
+            pixels = buffer.read_color(0, 0, WIDTH, HEIGHT, 4, 0, "FLOAT")
+        return np.asarray(memoryview(pixels), np.float32).reshape(HEIGHT, WIDTH, 4)[..., :3].copy(), projection @ view
+    finally:
+        canvas.free()
+
+
+def hue(pixels) -> np.ndarray:
+    """The palette's entry of each pixel, -1 for none."""
+    unit = pixels / np.maximum(np.linalg.norm(pixels, axis=-1, keepdims=True), 1e-9)
+    tints = TINTS[:, :3] / np.linalg.norm(TINTS[:, :3], axis=1, keepdims=True)
+    likeness = unit @ tints.T
+    return np.where(pixels.any(axis=-1), likeness.argmax(axis=-1), -1)
+
+
+def test_agents_stand_on_their_pixels_at_their_lod(cast):
+    rows = [
+        row(-4.2, 0, heading=0.3, phase=0.1, colour=0),
+        row(-2.4, 2, heading=2.0, phase=0.5, colour=1),
+        row(-0.5, 1, heading=-1.0, phase=0.9, colour=2),
+        row(1.4, 1, 0.5, heading=3.0, phase=0.4, colour=3, roll=0.3),
+        row(3.1, 0, -0.2, heading=-2.2, phase=0.7, colour=4, pitch=0.3),
+        row(4.8, 1, heading=1.4, phase=0.3, colour=5),
+    ]
+    draws = [(0, 0, 0, 1), (0, 1, 1, 1), (1, 0, 2, 1), (1, 2, 3, 1), (2, 0, 4, 1), (2, 1, 5, 1)]
+    what = instances(rows, draws, turn=0.4)
+    pixels, matrix = picture(what, cast)
+    found = hue(pixels)
+    for k, (level, group, _, _) in enumerate(draws):
+        mine = replace(what, agents=what.agents[k : k + 1])
+        points = expected(mine, cast.characters[group], level)[0]
+        clip = np.concatenate([points, np.ones_like(points[:, :1])], axis=1) @ matrix.T
+        place = (clip[:, :2] / clip[:, 3:] + 1) / 2 * (WIDTH, HEIGHT)
+        v, u = np.nonzero(found == k)
+        box = u.min(), v.min(), u.max() + 1, v.max() + 1
+        assert box == pytest.approx((*place.min(axis=0), *place.max(axis=0)), abs=2)  # thin tips miss pixels
+
+
+def test_a_cross_fade_fills_every_pixel_once(cast):
+    whole, _ = picture(instances([row(0, 0)], [(0, 0, 0, 1)]), cast, (0, -4, 1))
+    body = whole.any(axis=-1)
+    for share in (1 / 1024, 0.25, 0.5, 0.8, 1023 / 1024):
+        parts = []
+        for sign in (-1, 1):
+            half = instances([row(0, 0, share=sign * share)], [(0, 0, 0, 1)], fading=True)
+            parts.append(picture(half, cast, (0, -4, 1))[0])
+        finer, coarser = (part.any(axis=-1) for part in parts)
+        assert (finer ^ coarser == body).all()
+        assert coarser.sum() / body.sum() == pytest.approx(share, abs=0.02)
+        assert (parts[0] + parts[1] == whole).all()
+
+
+def test_back_faces_of_closed_meshes_are_not_missed(cast):
+    rows = [row(-1, 0, heading=0.5), row(1, 0, heading=-2)]
+    what = instances(rows, [(0, 0, 0, 2)])
+    body = cast.characters[0]
+    assert body.meshes[0].closed
+    opened = Cast((), (replace(body, meshes=(replace(body.meshes[0], closed=False),)),))
+    one, other = (picture(what, each, (0, -4, 1))[0] for each in (cast, opened))
+    assert (one.any(axis=-1) == other.any(axis=-1)).all()
+    assert (np.abs(one - other) > 0.02).any(axis=-1).sum() <= 5  # where both faces of an edge are as near
+
+
+def test_boxes_are_as_high_as_the_characters():
+    groups = (Group("one", 0.9, 1.0, 0.0, 1.0),)
+    pixels, matrix = picture(instances([row(0, 0)], [(0, 0, 0, 1)]), Cast(groups, ()))
+    v, u = np.nonzero(hue(pixels) == 0)
+    half = np.sqrt((1.0 - 0.81) / 2)
+    corners = np.array([(x, y, z, 1) for x in (-half, half) for y in (-half, half) for z in (0, 1.8)]) @ matrix.T
+    place = (corners[:, :2] / corners[:, 3:] + 1) / 2 * (WIDTH, HEIGHT)
+    assert (u.min(), v.min(), u.max() + 1, v.max() + 1) == pytest.approx((*place.min(0), *place.max(0)), abs=1.1)
+
+
+def quad_character(images, layers):
+    points = np.array([(-1, 0, 0), (1, 0, 0), (1, 0, 2), (-1, 0, 2)], np.float32)
+    mesh = SkinnedMesh(
+        points, np.tile(np.float32((0, 0, 1)), (4, 1)), np.zeros((4, 4), np.uint16),
+        np.tile(np.float32((1, 0, 0, 0)), (4, 1)), np.array([(0, 0), (1, 0), (1, 1), (0, 1)], np.float32),
+        np.tile(np.float32((0.6, 0.3, 0.1)), (4, 1)), np.full(4, layers, np.float32),
+        np.array([(0, 1, 2), (0, 2, 3)], np.uint32),
+    )  # fmt: skip
+    return Character("quad", np.eye(4, dtype=np.float32)[None, None, :3], (mesh,), images, np.ones(3), 0.0, None)
+
+
+def test_materials_show_their_colour_or_their_image():
+    what = instances([row(0, 0)], [(0, 0, 0, 1)], materials=True)
+    nothing = np.empty((0, 1, 1, 4), np.uint8)
+    plain, _ = picture(what, Cast((), (quad_character(nothing, -1),)), (0, -4, 1))
+    middle = plain[HEIGHT // 2, WIDTH // 2]
+    assert middle / middle[0] == pytest.approx([1, 0.5, 1 / 6], abs=1e-4)
+    images = np.zeros((2, 2, 2, 4), np.uint8)
+    images[1] = ((255, 128, 0, 255), (255, 128, 0, 255)), ((0, 128, 255, 255), (0, 128, 255, 255))
+    shown, _ = picture(what, Cast((), (quad_character(images, 1),)), (0, -4, 1))
+    below, above = (shown[int(HEIGHT * part), WIDTH // 2] / middle for part in (0.344, 0.657))  # the texels' middles
+    green = ((128 / 255 + 0.055) / 1.055) ** 2.4
+    assert below == pytest.approx([1, green, 0], abs=0.01) and above == pytest.approx([0, green, 1], abs=0.01)
