@@ -24,7 +24,7 @@ TINTS = (
     (0.09, 0.46, 0.81),
     (0.87, 0.78, 0.05),
     (0.60, 0.19, 0.38),
-    (0.90, 0.90, 0.90),
+    (0.02, 0.02, 0.02),
 )
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 # Custom properties of a LOD's collection of one character group: the hash of what it was made from, which candidate it is,
