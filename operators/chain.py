@@ -67,6 +67,6 @@ def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> 
             for group, each in zip(groups, end.value, strict=True):
                 kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each)
                 keep.append(kept)
-                said += [f"{group.name}: {reason}" for reason in reasons]
+                said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
             return keep, said
 
