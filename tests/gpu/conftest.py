@@ -1,14 +1,18 @@
 """Every file of tests starts with a GPU and the extension registered."""
 
+import os
+
 import pytest
 
 
 @pytest.fixture(scope="module", autouse=True)
-def extension():
+def extension(tmp_path_factory):
     import bpy  # noqa: F401  not above: this file is read where there is no Blender, too, and gpu comes with bpy
     import gpu
     from crowd_lod_extension.operators import registration
 
+    # Mesa's cache is not made for several processes at a time
+    os.environ["MESA_SHADER_CACHE_DIR"] = str(tmp_path_factory.getbasetemp() / "mesa")
     gpu.init()
     registration.register()
     yield
