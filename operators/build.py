@@ -1,22 +1,50 @@
-"""The render set-up: points per LOD bucket, instanced by geometry nodes, that follow the frame."""
+"""The render set-up: points per bucket, instanced by geometry nodes in the pose of their phase, that follow the frame."""
 
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
+from ..crowd_lod import chance
 from ..crowd_lod.agents import Crowd
+from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.maps import HeightMap
-from ..crowd_lod.sorting import Buckets
+from ..crowd_lod.frame import Frame
+from ..crowd_lod.poses import pose_of
 from . import cameras
 from . import scene as io
 from .levels import OWNED, TINTS, make_levels, remove_owned
-from .nodes.instances import instances
+from .nodes import instances, trees
 from .operator import Reporting, Stepwise
 from .populate import frame_of, policy_of, trajectory_of
+from .poses import Posed, make_poses
 
-LEVEL = "crowd_lod_level"  # custom property of a point object: its LOD
+# Custom properties. Of a point object: its LOD, its bucket, and how many poses each group has there.
+LEVEL, BUCKET, POSES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses"
+LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's collection in it
+MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
+
+
+@dataclass(frozen=True)
+class Bucket:
+    """A point object of the build. name: no other has it; level: the LOD that it shows; unseen_by: what does not see it,
+    of camera, shadow, diffuse, glossy, transmission and volume_scatter (Object.visible_...)."""
+
+    name: str
+    level: int
+    unseen_by: tuple[str, ...] = ()
+
+
+def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
+    """The buckets that a build of `scene` has: what the camera sees, by LOD."""
+    return [Bucket(f"LOD {k}", k) for k in range(policy_of(scene.crowd_lod).count)]
+
+
+def members(frame: Frame) -> dict[str, np.ndarray]:
+    """The agents (m,) intp of each bucket, by its name, in the frame."""
+    return {f"LOD {k}": frame.buckets[k] for k in range(len(frame.buckets.counts))}
 
 
 def check_levels(scene: bpy.types.Scene) -> int:
@@ -34,43 +62,168 @@ def check_levels(scene: bpy.types.Scene) -> int:
     return count
 
 
-def build(scene: bpy.types.Scene) -> None:
-    """Put one point object a LOD into a new collection of the scene, in place of those of an earlier build."""
+def _made_from(scene: bpy.types.Scene) -> str:
+    """What tells the scene's LOD meshes from others, at a glance."""
+    objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
+    return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects)
+
+
+def build(scene: bpy.types.Scene) -> Iterator[float]:
+    """Put one point object a bucket, and the poses that they show, into a collection of the scene; yields the progress.
+
+    What an earlier build made stays, with all that the user changed or added there, but for the poses: those are new.
+    Closed early, it leaves the scene as it was.
+    """
+    check_levels(scene)
     settings = scene.crowd_lod
-    count = check_levels(scene)
-    levels = settings.levels.children
-    remove_build(settings)
-    top = bpy.data.collections.new("Crowd LOD Build")
-    top[OWNED] = True
-    for k in range(count):
-        mesh = bpy.data.meshes.new(f"Crowd LOD {k} points")
-        points = bpy.data.objects.new(mesh.name, mesh)
-        mesh[OWNED] = points[OWNED] = True
-        points[LEVEL] = k
-        points.color = (*TINTS[k], 1.0)  # instances are drawn in the object colour of their instancer
+    posed = yield from make_poses(scene)
+    upgrade()
+    top = settings.build
+    if top is None:
+        top = settings.build = bpy.data.collections.new("Crowd LOD Build")
+        top[OWNED] = True
+        scene.collection.children.link(top)
+    top[MADE_FROM] = _made_from(scene)
+    shelves = _shelve(scene, top, posed)
+    made = {item[BUCKET] if BUCKET in item else f"LOD {item[LEVEL]}": item for item in top.objects if LEVEL in item}
+    for bucket in buckets_of(scene):
+        points = made.pop(bucket.name, None) or _points(top, bucket)
+        points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
+        _dress(points, shelves[bucket.level], settings.forward)
+    bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
+
+
+def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
+    """A new point object."""
+    mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
+    points = bpy.data.objects.new(mesh.name, mesh)
+    mesh[OWNED] = points[OWNED] = True
+    points[LEVEL] = bucket.level
+    points.color = (*TINTS[bucket.level], 1.0)  # instances are drawn in the object colour of their instancer
+    for ray in bucket.unseen_by:
+        setattr(points, f"visible_{ray}", False)  # their instances, too
+    top.objects.link(points)
+    return points
+
+
+def _dress(points: bpy.types.Object, characters: bpy.types.Collection, forward: str) -> None:
+    """Give the point object our modifier, which instances the children of `characters`."""
+    ours = instances.instances()
+    modifier = next((m for m in points.modifiers if m.type == "NODES" and m.node_group == ours), None)
+    if modifier is None:
         modifier = points.modifiers.new("Crowd LOD", "NODES")
-        modifier.node_group = instances()
-        io.set_node_input(modifier, "Characters", levels[k])
-        io.set_node_input(modifier, "Turn", float(io.rotation(settings.forward)))
-        top.objects.link(points)
-    scene.collection.children.link(top)
-    settings.build = top
+        modifier.node_group = ours
+    io.set_node_input(modifier, "Characters", characters)
+    io.set_node_input(modifier, "Turn", float(io.rotation(forward)))
+    points.update_tag()
+
+
+def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> list[bpy.types.Collection]:
+    """Put the poses into the build, in place of those that it has: of each LOD the collection that holds them."""
+    library = next((child for child in top.children if LIBRARY in child), None)
+    if library is None:
+        library = _library(top, "Crowd LOD Poses", -1)
+        for view_layer in scene.view_layers:
+            view_layer.update()  # a scene that was never evaluated has no layer collections yet
+            _exclude(view_layer.layer_collection, library)
+    shelves = {child[LIBRARY]: child for child in library.children if LIBRARY in child}
+    gone = bpy.data.collections.new("Crowd LOD")
+    for level, shelf in list(shelves.items()):
+        for pose in list(shelf.children):
+            shelf.children.unlink(pose)
+            gone.children.link(pose)
+        if level >= len(posed.collections):
+            gone.children.link(shelves.pop(level))
+    remove_owned(gone)
+    for level, poses in enumerate(posed.collections):
+        if level not in shelves:
+            shelves[level] = _library(library, f"Crowd LOD {level} poses", level)
+        for pose in poses:
+            shelves[level].children.link(pose)
+    for block, name in posed.names.items():
+        block.name = name
+    return [shelves[level] for level in range(len(posed.collections))]
+
+
+def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.Collection:
+    made = bpy.data.collections.new(name)
+    made[OWNED], made[LIBRARY] = True, level
+    parent.children.link(made)
+    return made
+
+
+def _exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
+    for child in layer.children:
+        if child.collection == collection:
+            child.exclude = True
+        _exclude(child, collection)
 
 
 def remove_build(settings) -> None:
-    """Remove the point objects of the build."""
+    """Remove the build: points, poses, and the node groups that nothing else uses."""
     top, settings.build = settings.build, None
     if top is not None:
         remove_owned(top)
+    for kind in (instances.NAME,):
+        tree = trees.made(kind)
+        if tree is not None and not tree.users:
+            bpy.data.node_groups.remove(tree)
 
 
-def write(top: bpy.types.Collection, crowd: Crowd, buckets: Buckets, slopes: HeightMap | None = None) -> None:
-    """Write each bucket's agents, as they stand in `crowd`, to its point object in the build `top`; with `slopes` they
-    lean with them."""
+@bpy.app.handlers.persistent
+def upgrade(*_) -> None:
+    """load_post: rebuild our node groups where the file holds them in another version, and give all that use them their
+    inputs. A build from before the poses shows each group's LOD itself, as it then did."""
+    if not trees.stale(instances.NAME, instances.VERSION):
+        return
+    instances.instances()
+    for scene in bpy.data.scenes:
+        top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
+        if top is None or levels is None:
+            continue
+        shelves = {child[LIBRARY]: child for child in top.children_recursive if LIBRARY in child}
+        for points in top.objects:
+            level = points.get(LEVEL)
+            if level is not None and (level in shelves or level < len(levels.children)):
+                _dress(points, shelves.get(level) or levels.children[level], scene.crowd_lod.forward)
+
+
+def columns_of(
+    trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray, counts: np.ndarray, tilt: bool
+) -> dict[str, np.ndarray]:
+    """The point attributes of `agents` (m,) as they stand in `crowd`, by name; see scene.write_points.
+
+    position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
+    group; pose, an index into the poses of all groups, `counts` (G,) of each, as the phases in `held` say; looks, a
+    number in [0, 1) of the agent's own for materials to vary by; and the stable id.
+    """
+    place = np.empty((len(agents), 3), np.float32)
+    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
+        place[:, axis] = column[agents]
+    heading, group = crowd.heading[agents], crowd.group[agents]
+    columns = {
+        "position": place,
+        "heading": heading,
+        "phase": crowd.phase[agents],
+        "group": group.astype(np.int32),
+        "pose": pose_of(held.phase[agents], group, counts),
+        "looks": chance.uniform(trajectory.start.key[agents], chance.LOOKS).astype(np.float32),
+        "id": agents.astype(np.int32),
+    }
+    if tilt and trajectory.heights is not None:
+        pitch, roll = trajectory.heights.tilt(crowd.x[agents], crowd.y[agents], heading)
+        columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
+    return columns
+
+
+def points_of(top: bpy.types.Collection, groups: int) -> dict[str, tuple[bpy.types.Object, np.ndarray]]:
+    """(point object, poses of each of so many groups there) by bucket, of the build `top`."""
+    found = {}
     for points in top.objects:
-        level = points.get(LEVEL)
-        if level is not None and level < len(buckets.counts):
-            io.write_agents(points.data, crowd, buckets[level], slopes)
+        if LEVEL in points:  # before version 3 of the tree there were neither names nor poses
+            counts = points.get(POSES) or [1] * groups
+            found[points.get(BUCKET) or f"LOD {points[LEVEL]}"] = points, np.array(counts, np.intp)
+    return found
 
 
 def empty(top: bpy.types.Collection) -> None:
@@ -82,7 +235,7 @@ def empty(top: bpy.types.Collection) -> None:
 
 
 def shutter_frame(scene: bpy.types.Scene) -> float:
-    """The frame in whose shutter the current time falls; without motion blur the time itself."""
+    """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself."""
     time = scene.frame_current + scene.frame_subframe
     if not scene.render.use_motion_blur:
         return time
@@ -94,19 +247,24 @@ def shutter_frame(scene: bpy.types.Scene) -> float:
 def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Show the scene's current time in its build: a pure function of frame and sub-frame.
 
-    With motion blur every time within a frame's shutter shows that frame's buckets, at the positions of its own time:
-    an agent that changed its LOD, and so its object, while the shutter is open would lose its blur.
+    With motion blur every time within a frame's shutter shows that frame's buckets and poses, at the positions of its
+    own time: an agent that changed its object, or its instance, while the shutter is open would lose its blur.
     """
-    top = scene.crowd_lod.build
-    if {item.get(LEVEL) for item in top.objects} < set(range(check_levels(scene))):
+    top, settings = scene.crowd_lod.build, scene.crowd_lod
+    check_levels(scene)
+    trajectory = trajectory_of(scene)
+    points = points_of(top, len(trajectory.groups))
+    if {bucket.name for bucket in buckets_of(scene)} - points.keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
-    time = scene.frame_current + scene.frame_subframe
-    whole = shutter_frame(scene)
+    if top.get(MADE_FROM, made := _made_from(scene)) != made:
+        raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
+    time, whole = io.time_of(scene), io.remapped(scene.render, shutter_frame(scene))
     camera = None if whole == time else cameras.camera_at(scene, whole)
-    frame, trajectory = frame_of(scene, depsgraph, whole, camera), trajectory_of(scene)
+    frame = frame_of(scene, depsgraph, whole, camera, trajectory)
     crowd = frame.crowd if whole == time else trajectory.at(time)
-    slopes = trajectory.heights if scene.crowd_lod.tilt else None
-    write(top, crowd, frame.buckets, slopes)
+    for name, agents in members(frame).items():
+        item, counts = points[name]
+        io.write_points(item.data, columns_of(trajectory, crowd, frame.crowd, agents, counts, settings.tilt))
 
 
 @bpy.app.handlers.persistent
@@ -134,7 +292,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         frame = frame_of(scene, depsgraph)
         if scene.crowd_lod.levels is None:
             yield from make_levels(scene)
-        build(scene)
+        yield from build(scene)
         update(scene, depsgraph)
         return f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene."
 

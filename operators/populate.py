@@ -70,7 +70,7 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
     known = {group.name: group for group in groups_of(settings)}
     measured = []
     for name, objects, origin in characters_of(scene):
-        first, last = _action_range(objects)
+        first, last = action_range(objects)
         centre, radius = _bounds(objects, origin, _poses(first, last))
         stride = _custom(settings.characters, name, "stride")
         sizes = (known[name].vertices, known[name].triangles) if name in known else ((), ())
@@ -93,7 +93,8 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             entry.own_thresholds, entry.thresholds, entry.sizes = own[group.name]
 
 
-def _action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
+def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
+    """The first and the last frame of the actions that move `objects`."""
     animated = [*objects, *armatures_of(objects)]
     actions = [o.animation_data.action for o in animated if o.animation_data and o.animation_data.action]
     if not actions:
@@ -253,12 +254,14 @@ def frame_of(
     depsgraph: bpy.types.Depsgraph,
     time: float | None = None,
     camera: Camera | Sequence[Camera] | None = None,
+    trajectory: Trajectory | None = None,
 ) -> Frame:
-    """The plan of the crowd at `time` (the scene's own if None) from `camera`, one or the eyes (the active ones as
-    `depsgraph` has them); with motion blur, of all that its shutter sees."""
+    """The plan of the crowd at `time` (the scene's own if None; see scene.time_of) from `camera`, one or the eyes (the
+    active ones as `depsgraph` has them); with motion blur, of all that its shutter sees. trajectory: the scene's, where
+    it is at hand."""
     if time is None:
-        time = scene.frame_current + scene.frame_subframe
-    trajectory, settings = trajectory_of(scene), scene.crowd_lod
+        time = io.time_of(scene)
+    trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
     shutter, bias = read_shutter(scene, time), bias_of(settings, trajectory.world.area)
     return plan(trajectory, eyes, policy_of(settings), time, shutter, bias)

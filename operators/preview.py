@@ -66,8 +66,9 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if stage.crowd_lod.levels is None:
             for part in make_levels(stage):
-                yield 0.1 * part
-        build.build(stage)
+                yield 0.05 * part
+        for part in build.build(stage):
+            yield 0.05 + 0.05 * part
         built = stage.crowd_lod.build
         tint = _tint_material() if wanted.engine != "WORKBENCH" else None
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))

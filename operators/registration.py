@@ -14,6 +14,7 @@ def register():
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
     bpy.app.handlers.frame_change_post.append(build.follow)
+    bpy.app.handlers.load_post.append(build.upgrade)
     overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", cli.from_blender))
 
@@ -22,6 +23,7 @@ def unregister():
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     overlay.unregister()
+    bpy.app.handlers.load_post.remove(build.upgrade)
     bpy.app.handlers.frame_change_post.remove(build.follow)
     populate.forget()
     del bpy.types.Scene.crowd_lod
