@@ -16,15 +16,17 @@ from ..crowd_lod.poses import pose_of
 from . import cameras
 from . import scene as io
 from .levels import OWNED, TINTS, make_levels, remove_owned
-from .nodes import instances, trees
+from .nodes import baked, instances, trees
 from .operator import Reporting, Stepwise
 from .populate import frame_of, policy_of, trajectory_of
 from .poses import Posed, make_poses
+from .threads import on_main_thread
 
 # Custom properties. Of a point object: its LOD, its bucket, and how many poses each group has there.
 LEVEL, BUCKET, POSES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses"
 LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's collection in it
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
+BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
 
 @dataclass(frozen=True)
@@ -75,8 +77,12 @@ def build(scene: bpy.types.Scene) -> Iterator[float]:
     Closed early, it leaves the scene as it was.
     """
     check_levels(scene)
+    install(scene, (yield from make_poses(scene)))
+
+
+def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
+    """Put the poses and, where there are none yet, point objects into the build of `scene`: its collection."""
     settings = scene.crowd_lod
-    posed = yield from make_poses(scene)
     upgrade()
     top = settings.build
     if top is None:
@@ -84,13 +90,15 @@ def build(scene: bpy.types.Scene) -> Iterator[float]:
         top[OWNED] = True
         scene.collection.children.link(top)
     top[MADE_FROM] = _made_from(scene)
-    shelves = _shelve(scene, top, posed)
-    made = {item[BUCKET] if BUCKET in item else f"LOD {item[LEVEL]}": item for item in top.objects if LEVEL in item}
+    top.pop(BAKED, None)
+    _shelve(scene, top, posed)
+    made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
         points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
-        _dress(points, shelves[bucket.level], settings.forward)
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
+    dress_all(scene)
+    return top
 
 
 def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
@@ -106,20 +114,31 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
     return points
 
 
-def _dress(points: bpy.types.Object, characters: bpy.types.Collection, forward: str) -> None:
-    """Give the point object our modifier, which instances the children of `characters`."""
-    ours = instances.instances()
-    modifier = next((m for m in points.modifiers if m.type == "NODES" and m.node_group == ours), None)
-    if modifier is None:
-        modifier = points.modifiers.new("Crowd LOD", "NODES")
-        modifier.node_group = ours
-    io.set_node_input(modifier, "Characters", characters)
-    io.set_node_input(modifier, "Turn", float(io.rotation(forward)))
-    points.update_tag()
+def dress_all(scene: bpy.types.Scene) -> None:
+    """Give the point objects of the scene's build our modifier, with its inputs. A build from before there were poses
+    shows each group's LOD itself, as it then did."""
+    top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
+    inputs = {"Turn": float(io.rotation(scene.crowd_lod.forward))}
+    if BAKED in top:
+        tree, (inputs["Rate"], inputs["Opens"], *_) = baked.baked(), top[BAKED]
+    else:
+        tree = instances.instances()
+    shelves = {child[LIBRARY]: child for child in top.children_recursive if LIBRARY in child}
+    for points in points_of(top).values():
+        level = points[LEVEL]
+        if level not in shelves and (levels is None or level >= len(levels.children)):
+            continue
+        modifier = next((m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
+        modifier = modifier or points.modifiers.new("Crowd LOD", "NODES")
+        modifier.node_group = tree
+        characters = shelves[level] if level in shelves else levels.children[level]
+        for name, value in {**inputs, "Characters": characters}.items():
+            io.set_node_input(modifier, name, value)
+        points.update_tag()
 
 
-def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> list[bpy.types.Collection]:
-    """Put the poses into the build, in place of those that it has: of each LOD the collection that holds them."""
+def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> None:
+    """Put the poses into the build, in place of those that it has."""
     library = next((child for child in top.children if LIBRARY in child), None)
     if library is None:
         library = _library(top, "Crowd LOD Poses", -1)
@@ -142,7 +161,6 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
             shelves[level].children.link(pose)
     for block, name in posed.names.items():
         block.name = name
-    return [shelves[level] for level in range(len(posed.collections))]
 
 
 def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.Collection:
@@ -164,7 +182,7 @@ def remove_build(settings) -> None:
     top, settings.build = settings.build, None
     if top is not None:
         remove_owned(top)
-    for kind in (instances.NAME,):
+    for kind in (baked.NAME, instances.NAME):  # the one holds the other
         tree = trees.made(kind)
         if tree is not None and not tree.users:
             bpy.data.node_groups.remove(tree)
@@ -172,20 +190,15 @@ def remove_build(settings) -> None:
 
 @bpy.app.handlers.persistent
 def upgrade(*_) -> None:
-    """load_post: rebuild our node groups where the file holds them in another version, and give all that use them their
-    inputs. A build from before the poses shows each group's LOD itself, as it then did."""
-    if not trees.stale(instances.NAME, instances.VERSION):
-        return
-    instances.instances()
-    for scene in bpy.data.scenes:
-        top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
-        if top is None or levels is None:
-            continue
-        shelves = {child[LIBRARY]: child for child in top.children_recursive if LIBRARY in child}
-        for points in top.objects:
-            level = points.get(LEVEL)
-            if level is not None and (level in shelves or level < len(levels.children)):
-                _dress(points, shelves.get(level) or levels.children[level], scene.crowd_lod.forward)
+    """load_post: where the file holds our node groups in another version, rebuild them, and give the builds that use
+    them their inputs."""
+    if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
+        instances.instances()
+        if trees.made(baked.NAME) is not None:
+            baked.baked()
+        for scene in bpy.data.scenes:
+            if scene.crowd_lod.build is not None:
+                dress_all(scene)
 
 
 def columns_of(
@@ -216,22 +229,16 @@ def columns_of(
     return columns
 
 
-def points_of(top: bpy.types.Collection, groups: int) -> dict[str, tuple[bpy.types.Object, np.ndarray]]:
-    """(point object, poses of each of so many groups there) by bucket, of the build `top`."""
-    found = {}
-    for points in top.objects:
-        if LEVEL in points:  # before version 3 of the tree there were neither names nor poses
-            counts = points.get(POSES) or [1] * groups
-            found[points.get(BUCKET) or f"LOD {points[LEVEL]}"] = points, np.array(counts, np.intp)
-    return found
+def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
+    """The point objects of the build `top` by bucket. (In a file from before there were buckets, by LOD.)"""
+    return {item.get(BUCKET) or f"LOD {item[LEVEL]}": item for item in top.objects if LEVEL in item}
 
 
 def empty(top: bpy.types.Collection) -> None:
     """Take all points out of the build `top`."""
-    for points in top.objects:
-        if LEVEL in points:
-            points.data.clear_geometry()
-            points.data.update_tag()
+    for points in points_of(top).values():
+        points.data.clear_geometry()
+        points.data.update_tag()
 
 
 def shutter_frame(scene: bpy.types.Scene) -> float:
@@ -239,9 +246,14 @@ def shutter_frame(scene: bpy.types.Scene) -> float:
     time = scene.frame_current + scene.frame_subframe
     if not scene.render.use_motion_blur:
         return time
-    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[scene.render.motion_blur_position]
-    # Blender's engines ask for times that a float32 has rounded
-    return float(np.floor(time + opens + (-1e-4 if opens == 1.0 else 1e-4)))
+    return float(np.floor(time + opening(scene.render)))
+
+
+def opening(render: bpy.types.RenderSettings) -> float:
+    """The part of a frame by which the shutter opens before it. Blender's engines ask for times that a float32 has
+    rounded: a frame's own time stays its own."""
+    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position] if render.use_motion_blur else 0.0
+    return opens + (-1e-4 if opens == 1.0 else 1e-4)
 
 
 def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
@@ -253,7 +265,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     top, settings = scene.crowd_lod.build, scene.crowd_lod
     check_levels(scene)
     trajectory = trajectory_of(scene)
-    points = points_of(top, len(trajectory.groups))
+    points = points_of(top)
     if {bucket.name for bucket in buckets_of(scene)} - points.keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
     if top.get(MADE_FROM, made := _made_from(scene)) != made:
@@ -263,21 +275,28 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     frame = frame_of(scene, depsgraph, whole, camera, trajectory)
     crowd = frame.crowd if whole == time else trajectory.at(time)
     for name, agents in members(frame).items():
-        item, counts = points[name]
-        io.write_points(item.data, columns_of(trajectory, crowd, frame.crowd, agents, counts, settings.tilt))
+        counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))
+        io.write_points(points[name].data, columns_of(trajectory, crowd, frame.crowd, agents, counts, settings.tilt))
 
 
 @bpy.app.handlers.persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
-    if scene.crowd_lod.build is None:
+    top = scene.crowd_lod.build
+    if top is None or BAKED in top:
         return
     try:
-        update(scene, depsgraph)
+        on_main_thread(lambda: _show(scene, depsgraph))
     except CrowdError as error:
-        # the crowd of another frame would be a wrong picture: show none, and say why
-        empty(scene.crowd_lod.build)
         print(f"Crowd LOD, frame {scene.frame_current}: {error}", file=sys.stderr)
+
+
+def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    try:
+        update(scene, depsgraph)
+    except CrowdError:
+        empty(scene.crowd_lod.build)  # the crowd of another frame would be a wrong picture
+        raise
 
 
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):

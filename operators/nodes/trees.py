@@ -17,6 +17,11 @@ def made(kind: str) -> bpy.types.GeometryNodeTree | None:
     return None
 
 
+def is_ours(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether it is a tree of ours, of any kind and version."""
+    return tree is not None and (KIND in tree or tree.name.startswith("Crowd LOD ") and VERSION in tree)
+
+
 def stale(kind: str, version: int) -> bool:
     """Whether this file holds a tree of that kind that is of another version."""
     tree = made(kind)
