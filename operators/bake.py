@@ -8,10 +8,22 @@ import numpy as np
 from ..crowd_lod.errors import CrowdError
 from . import cameras
 from . import scene as io
-from .build import BAKED, buckets_of, check_levels, columns_of, dress_all, install, members, opening, points_of
+from .build import (
+    BAKED,
+    buckets_of,
+    build,
+    check_levels,
+    columns_of,
+    dress_all,
+    install,
+    members,
+    opening,
+    points_of,
+    update,
+)
 from .levels import make_levels
 from .operator import Stepwise
-from .populate import frame_of, trajectory_of
+from .populate import frame_of, measure_groups, store_groups, trajectory_of
 from .poses import make_poses
 
 MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
@@ -42,6 +54,20 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
         rows[name].clear()
     dress_all(scene)
     yield 1.0
+
+
+def prepared(scene: bpy.types.Scene, frames: Sequence[int] | None) -> Iterator[float]:
+    """Bake these frames of `scene`, or build it where there are none, with all that comes before; yields the progress."""
+    settings, layer = scene.crowd_lod, scene.view_layers[0]
+    layer.update()
+    if not len(settings.groups):
+        store_groups(settings, measure_groups(scene))
+    frame_of(scene, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
+    begin = 0.0
+    if settings.levels is None:
+        yield from _share(make_levels(scene), 0.0, begin := 0.3)
+    yield from _share(build(scene) if frames is None else bake(scene, frames), begin, 1.0)
+    update(scene, layer.depsgraph)
 
 
 def _share(steps: Iterator[float], begin: float, end: float) -> Iterator[float]:
@@ -106,11 +132,8 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
 
     def steps(self, context):
         scene = context.scene
-        frame_of(scene, context.evaluated_depsgraph_get())  # whatever is wrong with the scene is said before the work begins
-        if scene.crowd_lod.levels is None:
-            yield from make_levels(scene)
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        yield from bake(scene, frames)
+        yield from prepared(scene, frames)
         return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
 
 

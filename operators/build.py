@@ -193,8 +193,11 @@ def upgrade(*_) -> None:
     """load_post: where the file holds our node groups in another version, rebuild them, and give the builds that use
     them their inputs."""
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
+        both = trees.made(baked.NAME)
+        if both is not None:
+            both[trees.VERSION] = 0  # it holds the other, whose sockets are new
         instances.instances()
-        if trees.made(baked.NAME) is not None:
+        if both is not None:
             baked.baked()
         for scene in bpy.data.scenes:
             if scene.crowd_lod.build is not None:
@@ -263,6 +266,8 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     own time: an agent that changed its object, or its instance, while the shutter is open would lose its blur.
     """
     top, settings = scene.crowd_lod.build, scene.crowd_lod
+    if BAKED in top:
+        return
     check_levels(scene)
     trajectory = trajectory_of(scene)
     points = points_of(top)
@@ -282,8 +287,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 @bpy.app.handlers.persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
-    top = scene.crowd_lod.build
-    if top is None or BAKED in top:
+    if scene.crowd_lod.build is None:
         return
     try:
         on_main_thread(lambda: _show(scene, depsgraph))
@@ -312,7 +316,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         if scene.crowd_lod.levels is None:
             yield from make_levels(scene)
         yield from build(scene)
-        update(scene, depsgraph)
+        update(scene, context.evaluated_depsgraph_get())
         return f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene."
 
 

@@ -6,7 +6,7 @@ from . import instances
 from .trees import attribute, current, spread
 
 NAME = "Crowd LOD Baked"
-VERSION = 100 * instances.VERSION + 1  # it holds the other group, and is rebuilt with it
+VERSION = 1
 
 
 def baked() -> bpy.types.GeometryNodeTree:
