@@ -276,8 +276,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     if top.get(MADE_FROM, made := _made_from(scene)) != made:
         raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
     time, whole = io.time_of(scene), io.remapped(scene.render, shutter_frame(scene))
-    camera = None if whole == time else cameras.camera_at(scene, whole)
-    frame = frame_of(scene, depsgraph, whole, camera, trajectory)
+    if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
+        film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
+    else:
+        film = cameras.camera_at(scene, whole)
+    frame = frame_of(scene, depsgraph, whole, film, trajectory)
     crowd = frame.crowd if whole == time else trajectory.at(time)
     for name, agents in members(frame).items():
         counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))

@@ -11,7 +11,7 @@ import bpy
 from ..crowd_lod.errors import CrowdError
 
 PAUSE = 0.01  # seconds between two looks at what there is to do
-PATIENCE = 60.0  # seconds; the main thread may itself wait for the render to end, when it is stopped
+PATIENCE = 20.0  # seconds; the main thread may itself wait for the render to end, when it is stopped
 _waiting: queue.SimpleQueue[tuple[Future, Callable]] = queue.SimpleQueue()
 
 
