@@ -15,15 +15,33 @@ from ..crowd_lod.errors import CrowdError
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 
 
+# The values last read of each image: a cache, never the truth.
+_values: dict[int, np.ndarray] = {}
+MOST_IMAGES = 8
+
+
 def read_values(image: bpy.types.Image) -> np.ndarray:
-    """The image's own values as (rows, columns, channels) float32, bottom row first; CrowdError if it has no pixels."""
+    """The image's own values as (rows, columns, channels) float32, bottom row first, read-only: the same array as before
+    if they are the same. CrowdError if it has no pixels."""
     width, height = image.size
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
         raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
-    values = np.empty(width * height * image.channels, np.float32)
-    image.pixels.foreach_get(values)
-    return values.reshape(height, width, image.channels)
+    values = np.empty((height, width, image.channels), np.float32)
+    image.pixels.foreach_get(values.ravel())
+    before = _values.pop(image.session_uid, None)
+    if before is not None and np.array_equal(before, values):
+        values = before
+    values.flags.writeable = False
+    while len(_values) >= MOST_IMAGES:
+        _values.pop(next(iter(_values)))
+    _values[image.session_uid] = values
+    return values
+
+
+def forget() -> None:
+    """Drop the cache."""
+    _values.clear()
 
 
 def read_pixels(image: bpy.types.Image) -> np.ndarray:

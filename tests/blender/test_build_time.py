@@ -10,6 +10,7 @@ from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import cameras, threads
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.populate import trajectory_of
 
 
 def columns(scene, *names):
@@ -144,3 +145,27 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     late.join()
     threads._work()
     assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
+
+
+def test_a_repainted_map_or_an_edited_number_is_never_missed(built):
+    settings = built.crowd_lod
+    pixels = np.full((8, 8, 3), 128, np.uint8)
+    settings.map_image = io.write_image("ground", pixels)
+    settings.machine = bpy.data.texts.new("east")
+    table = '{"version": 1, "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": false}}, '
+    table += '"states": {"go": {"on": {"*": {"move": [1.5, 0]}}}}}'
+    settings.machine.from_string(table)
+    first = trajectory_of(built)
+    assert trajectory_of(built) is first
+    pixels[:, :4] = 32
+    values = np.ones((8, 8, 4), np.float32)
+    values[..., :3] = pixels / np.float32(255)
+    settings.map_image.pixels.foreach_set(values.ravel())  # without a word to Blender
+    walled = trajectory_of(built)
+    assert walled is not first and (walled.start.x > settings.centre[0] - 1e-6).all() and first.start.x.min() < -5
+    settings.machine.from_string(table.replace("1.5", "2.5"))
+    assert trajectory_of(built).machine.velocity.max() == 2.5
+    settings.seed += 1
+    assert not np.array_equal(trajectory_of(built).start.x, walled.start.x)
+    settings.height_image = io.write_image("hills", pixels)
+    assert trajectory_of(built).at(1).z.max() > 0.4
