@@ -9,7 +9,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ..crowd_lod.levels import limits
-from ..crowd_lod.poses import MOST, longest_step, pose_counts
+from ..crowd_lod.poses import MOST, longest_step, path_pixels, pose_counts
 from . import scene as io
 from .cameras import camera_at
 from .levels import OWNED
@@ -21,11 +21,13 @@ MEASURING = 0.3  # part of the time
 
 @dataclass(frozen=True)
 class Posed:
-    """Poses that stand in no scene yet. counts: (G, n), poses of each group and LOD. collections: of each LOD its
+    """Poses that stand in no scene yet. counts: (G, n), poses of each group and LOD. apart: pixels that a vertex moves
+    at most from one pose to the next where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its
     collections, a pose each, group after group; sorted by name they keep this order. names: what each new block is to
     be called, as soon as those of an earlier build have gone."""
 
     counts: np.ndarray
+    apart: float
     collections: list[list[bpy.types.Collection]]
     names: dict[bpy.types.ID, str]
 
@@ -44,7 +46,9 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
         for g, (_, objects, _) in enumerate(characters):
             share = MEASURING / len(characters)
             paths.append((yield from _path(objects, levels[0].children[g], g * share, share)))
-        posed = Posed(_counts(scene, np.array(paths)), [[] for _ in range(count)], names)
+        pixels = _pixels(scene, np.array(paths))
+        counts = pose_counts(pixels, policy_of(scene.crowd_lod).tolerance)
+        posed = Posed(counts, float((pixels / counts)[:, 1:].max(initial=0.0)), [[] for _ in range(count)], names)
         for g, (name, objects, _) in enumerate(characters):
             finest = int(posed.counts[g].max())
             homes = [level.children[g] for level in levels[:count]]
@@ -74,7 +78,7 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 def _path(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: float, share: float) -> Iterator[float]:
-    """What pose_counts calls the path of the group of `objects`, whose LOD is `home`; yields the progress from `begin`
+    """What path_pixels calls the path of the group of `objects`, whose LOD is `home`; yields the progress from `begin`
     on, `share` in all."""
     first, last = action_range(objects)
     if first == last:
@@ -90,15 +94,13 @@ def _path(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: fl
     return MOST * longest
 
 
-def _counts(scene: bpy.types.Scene, paths: np.ndarray) -> np.ndarray:
-    """(G, n): the poses that the cameras of the whole shot ask for."""
+def _pixels(scene: bpy.types.Scene, paths: np.ndarray) -> np.ndarray:
+    """path_pixels (G, n), the most that a camera of the shot shows."""
     groups, policy = groups_of(scene.crowd_lod), policy_of(scene.crowd_lod)
     radius = np.array([group.radius for group in groups])
     frames = np.unique(np.linspace(scene.frame_start, scene.frame_end, MOST_CAMERAS).round())
     eyes = [eye for frame in frames for eye in camera_at(scene, io.remapped(scene.render, frame))]
-    return np.max(
-        [pose_counts(paths, limits(policy, eye, radius), radius, eye, policy.tolerance) for eye in eyes], axis=0
-    )
+    return np.max([path_pixels(paths, limits(policy, eye, radius), radius, eye) for eye in eyes], axis=0)
 
 
 @contextmanager

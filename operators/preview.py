@@ -80,6 +80,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
             stage.crowd_lod.build = None  # else it would follow, and the frame's own times be those of a cache
+            stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph)
             ticks = [clock.perf_counter()]
@@ -131,6 +132,7 @@ def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
+    stage.timeline_markers.clear()  # they would take the camera back in the picture from above
     built, stage.crowd_lod.build = stage.crowd_lod.build, None
     if built is not None and built.name in stage.collection.children:
         stage.collection.children.unlink(built)

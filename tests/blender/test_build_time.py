@@ -11,6 +11,7 @@ from crowd_lod_extension.operators import cameras, threads
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
 from crowd_lod_extension.operators.populate import trajectory_of
+from crowd_lod_extension.operators.preview import Preview, preview
 
 
 def columns(scene, *names):
@@ -24,6 +25,15 @@ def columns(scene, *names):
             attribute.data.foreach_get("vector" if width == 3 else "value", values)
             found[bucket, name] = values.tobytes()
     return found
+
+
+def finished(steps):
+    """What the generator returns at its end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
 
 
 @pytest.fixture
@@ -82,6 +92,18 @@ def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
             for name, column in values.items():
                 item.data.attributes[name].data.foreach_get("value", column)
             assert values["id"][values["frame"] == number].tobytes() == live[number][bucket, "id"]
+
+
+def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(cut, tmp_path):
+    plan = finished(preview(cut, Preview([10, 11], tmp_path / "cut", 96), []))
+    seen = []
+    for number in (10, 11):
+        cut.frame_set(number)
+        seen.append(sum(len(item.data.vertices) for item in builder.points_of(cut.crowd_lod.build).values()))
+    assert [row["visible"] for row in plan["frames"]] == seen and seen[0] != seen[1]
+    main, above = ([io.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)] for view in ("main", "above"))
+    assert (np.abs(above[0] - main[0]).max(axis=2) > 30).mean() > 0.3
+    assert np.median(np.abs(above[0] - above[1])) <= 2  # the ground stays where it is, seen from above
 
 
 def test_time_stretching_slows_crowd_and_camera_alike(built):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.camera import Camera, window
-from crowd_lod_extension.crowd_lod.poses import LEAST, MOST, longest_step, pose_counts, pose_of
+from crowd_lod_extension.crowd_lod.poses import LEAST, MOST, MOST_ASKED, longest_step, path_pixels, pose_counts, pose_of
 
 CAMERA = Camera(
     kind="PERSP",
@@ -21,24 +21,24 @@ CAMERA = Camera(
 @pytest.mark.parametrize("tolerance", [0.25, 1.0, 3.0])
 def test_the_step_between_poses_shows_less_than_the_tolerance_where_the_lod_begins(tolerance):
     path, begin, radius = np.array([2.0, 6.0, 0.3]), np.array([[40.0, 300.0]] * 3), np.full(3, 1.0)
-    counts = pose_counts(path, begin, radius, CAMERA, tolerance)
-    assert counts.shape == (3, 3) and set(counts.ravel()) <= {8, 16, 32, 64}
+    counts = pose_counts(path_pixels(path, begin, radius, CAMERA), tolerance)
+    assert counts.shape == (3, 3) and set(counts.ravel()) <= {8, 16, 32, 64, 128, 256}
     for g in range(3):
         for k, distance in ((1, 39.0), (2, 299.0)):
             pixels = path[g] / counts[g, k] * 1000 / distance  # the lens's slope is 1: 1000 pixels per unit
-            assert pixels <= tolerance or counts[g, k] == MOST
+            assert pixels <= tolerance or counts[g, k] == MOST_ASKED
             assert 2 * pixels > tolerance or counts[g, k] == LEAST  # and no more poses than that takes
     assert (np.diff(counts, axis=1) <= 0).all() and len(set(counts.ravel())) > 1
 
 
 def test_one_pose_where_nothing_moves_and_the_most_where_it_is_not_known():
-    counts = pose_counts(np.array([0.0, np.inf]), np.array([[5.0], [5.0]]), np.ones(2), CAMERA)
-    assert counts.tolist() == [[1, 1], [MOST, MOST]]
+    pixels = path_pixels(np.array([0.0, np.inf]), np.array([[5.0], [5.0]]), np.ones(2), CAMERA)
+    assert pose_counts(pixels).tolist() == [[1, 1], [MOST, MOST]]
 
 
 def test_an_orthographic_camera_shows_a_step_as_large_at_any_distance():
     flat = replace(CAMERA, kind="ORTHO", window=window(100.0, "AUTO", (1000, 1000), (1, 1), (0, 0)))
-    counts = pose_counts(np.array([2.0]), np.array([[-np.inf, np.inf]]), np.ones(1), flat)
+    counts = pose_counts(path_pixels(np.array([2.0]), np.array([[-np.inf, np.inf]]), np.ones(1), flat))
     assert counts.tolist() == [[32, 32, 32]]  # 2 m are 20 pixels
 
 
