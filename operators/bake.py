@@ -11,7 +11,6 @@ from . import scene as io
 from .build import (
     BAKED,
     buckets_of,
-    build,
     check_levels,
     columns_of,
     dress_all,
@@ -19,11 +18,11 @@ from .build import (
     members,
     opening,
     points_of,
-    update,
+    prepared,
+    share,
 )
-from .levels import make_levels
 from .operator import Stepwise
-from .populate import frame_of, measure_groups, store_groups, trajectory_of
+from .populate import frame_of, trajectory_of
 from .poses import make_poses
 
 MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
@@ -41,8 +40,8 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     posed = None
     done = False
     try:
-        posed = yield from _share(make_poses(scene), 0.0, 0.3)
-        rows = yield from _share(_rows(scene, posed.counts, frames), 0.3, 0.95)
+        posed = yield from share(make_poses(scene), 0.0, 0.3)
+        rows = yield from share(_rows(scene, posed.counts, frames), 0.3, 0.95)
         done = True
     finally:
         if posed is not None and not done:
@@ -54,30 +53,6 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
         rows[name].clear()
     dress_all(scene)
     yield 1.0
-
-
-def prepared(scene: bpy.types.Scene, frames: Sequence[int] | None) -> Iterator[float]:
-    """Bake these frames of `scene`, or build it where there are none, with all that comes before; yields the progress."""
-    settings, layer = scene.crowd_lod, scene.view_layers[0]
-    layer.update()
-    if not len(settings.groups):
-        store_groups(settings, measure_groups(scene))
-    frame_of(scene, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
-    begin = 0.0
-    if settings.levels is None:
-        yield from _share(make_levels(scene), 0.0, begin := 0.3)
-    yield from _share(build(scene) if frames is None else bake(scene, frames), begin, 1.0)
-    update(scene, layer.depsgraph)
-
-
-def _share(steps: Iterator[float], begin: float, end: float) -> Iterator[float]:
-    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns."""
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as stop:
-            return stop.value
-        yield begin + (end - begin) * progress
 
 
 def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> Iterator[float]:
@@ -133,7 +108,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
     def steps(self, context):
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        yield from prepared(scene, frames)
+        yield from prepared(scene, lambda: bake(scene, frames))
         return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
 
 

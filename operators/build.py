@@ -1,7 +1,7 @@
 """The render set-up: points per bucket, instanced by geometry nodes in the pose of their phase, that follow the frame."""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import bpy
@@ -18,7 +18,7 @@ from . import scene as io
 from .levels import OWNED, TINTS, make_levels, remove_owned
 from .nodes import baked, instances, trees
 from .operator import Reporting, Stepwise
-from .populate import frame_of, policy_of, trajectory_of
+from .populate import frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from .poses import Posed, make_poses
 from .threads import on_main_thread
 
@@ -101,6 +101,42 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
+
+
+def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Iterator[float]:
+    """`work()`, a build or a bake of `scene`, with all that comes before where it is not done yet: the groups' measures
+    and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
+    settings, layer = scene.crowd_lod, scene.view_layers[0]
+    layer.update()
+    known, made = groups_of(settings), settings.levels is None
+    groups = known or measure_groups(scene)
+    frame_of(scene, layer.depsgraph, trajectory=trajectory_of(scene, groups))  # what is wrong is said before the work begins
+    done = False
+    try:
+        if made:
+            yield from share(make_levels(scene), 0.0, 0.3)
+        elif not known:
+            store_groups(settings, groups)
+        found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+        update(scene, layer.depsgraph)
+        done = True
+        return found
+    finally:
+        if not done and made and settings.levels is not None:
+            levels, settings.levels = settings.levels, None
+            remove_owned(levels)
+        if not done:
+            store_groups(settings, known)
+
+
+def share(steps: Iterator[float], begin: float, end: float) -> Iterator[float]:
+    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns."""
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as stop:
+            return stop.value
+        yield begin + (end - begin) * progress
 
 
 def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
@@ -316,12 +352,10 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
 
     def steps(self, context):
         scene = context.scene
-        depsgraph = context.evaluated_depsgraph_get()
-        frame = frame_of(scene, depsgraph)
-        if scene.crowd_lod.levels is None:
-            yield from make_levels(scene)
-        posed = yield from build(scene)
-        update(scene, context.evaluated_depsgraph_get())
+        if not len(scene.crowd_lod.groups):
+            trajectory_of(scene)  # says to populate first
+        posed = yield from prepared(scene, lambda: build(scene))
+        frame = frame_of(scene, context.evaluated_depsgraph_get())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
         poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.apart:.2g} pixels apart"
         return f"{seen}; {poses}." if posed.apart else f"{seen}."

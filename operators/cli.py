@@ -242,7 +242,8 @@ def _build(args, command: list[str]) -> dict:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
     if args.bake and frames is None:
         frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
-    _finish(bake.prepared(scene, frames), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+    work = (lambda: bake.bake(scene, frames)) if args.bake else (lambda: build.build(scene))
+    _finish(build.prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
     points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
     _save(path, compress=True)  # poses share most of what they hold
     size = path.stat().st_size

@@ -3,12 +3,15 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.build import prepared
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.nodes import trees
 from crowd_lod_extension.operators.nodes.instances import NAME, VERSION
+from crowd_lod_extension.operators.populate import groups_of, measure_groups, store_groups
 
 
 def visible():
@@ -173,3 +176,29 @@ def test_two_scenes_have_builds_of_their_own(built):
     builder.remove_build(other.crowd_lod)
     built.frame_set(5)
     assert len(visible()) and io.time_of(built) == 5
+
+
+@pytest.mark.parametrize("name", ["build", "bake"])
+@pytest.mark.parametrize("steps", [1, 5, 150, 265])
+def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, steps):
+    scene.frame_end = 20
+    store_groups(scene.crowd_lod, measure_groups(scene))
+    before, groups = set(bpy.data.user_map()), groups_of(scene.crowd_lod)
+    work = prepared(scene, lambda: builder.build(scene) if name == "build" else bake(scene, range(1, 21)))
+    for _ in range(min(steps, 260) if name == "build" else steps):
+        next(work)
+    work.close()
+    assert set(bpy.data.user_map()) == before and groups_of(scene.crowd_lod) == groups
+    assert scene.crowd_lod.levels is None and scene.crowd_lod.build is None
+
+
+def test_what_is_missing_is_said_before_anything_is_made(scene):
+    scene.camera = None
+    before = set(bpy.data.user_map())
+    with pytest.raises(CrowdError, match="no active camera"):
+        list(prepared(scene, lambda: builder.build(scene)))
+    assert set(bpy.data.user_map()) == before and not len(scene.crowd_lod.groups)
+    for operator in (bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.bake):
+        with pytest.raises(RuntimeError):
+            operator()
+    assert set(bpy.data.user_map()) == before
