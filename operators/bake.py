@@ -37,6 +37,11 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     closes.
     """
     check_levels(scene)
+    if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= 1:
+        raise CrowdError(
+            f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "
+            "a time, so set it below 1, or render with Crowd LOD installed."
+        )
     posed = None
     done = False
     try:

@@ -282,12 +282,29 @@ def empty(top: bpy.types.Collection) -> None:
         points.data.update_tag()
 
 
+# The time, on the timeline, of the frame that each scene renders now, by session_uid.
+_rendering: dict[int, float] = {}
+
+
+@bpy.app.handlers.persistent
+def rendering(scene: bpy.types.Scene, *_) -> None:
+    """render_pre."""
+    _rendering[scene.session_uid] = scene.frame_current + scene.frame_subframe
+
+
+@bpy.app.handlers.persistent
+def rendered(scene: bpy.types.Scene, *_) -> None:
+    """render_post, render_cancel."""
+    _rendering.pop(scene.session_uid, None)
+
+
 def shutter_frame(scene: bpy.types.Scene) -> float:
-    """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself."""
+    """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself. While
+    Blender renders it is the frame rendered: shutters of a frame and longer overlap, and time alone does not tell."""
     time = scene.frame_current + scene.frame_subframe
     if not scene.render.use_motion_blur:
         return time
-    return float(np.floor(time + opening(scene.render)))
+    return _rendering.get(scene.session_uid, float(np.floor(time + opening(scene.render))))
 
 
 def opening(render: bpy.types.RenderSettings) -> float:

@@ -6,6 +6,13 @@ from . import bake, build, cli, levels, machines, overlay, panels, populate, pre
 
 MODULES = (properties, samples, machines, populate, levels, preview, build, bake, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
+HANDLERS = {
+    "frame_change_post": [build.follow],
+    "load_post": [build.upgrade],
+    "render_pre": [build.rendering],
+    "render_post": [build.rendered],
+    "render_cancel": [build.rendered],
+}
 _commands = []
 
 
@@ -13,8 +20,9 @@ def register():
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
-    bpy.app.handlers.frame_change_post.append(build.follow)
-    bpy.app.handlers.load_post.append(build.upgrade)
+    for name, functions in HANDLERS.items():
+        for function in functions:
+            getattr(bpy.app.handlers, name).append(function)
     threads.register()
     overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", cli.from_blender))
@@ -25,8 +33,9 @@ def unregister():
         bpy.utils.unregister_cli_command(_commands.pop())
     overlay.unregister()
     threads.unregister()
-    bpy.app.handlers.load_post.remove(build.upgrade)
-    bpy.app.handlers.frame_change_post.remove(build.follow)
+    for name, functions in HANDLERS.items():
+        for function in functions:
+            getattr(bpy.app.handlers, name).remove(function)
     populate.forget()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):

@@ -12,6 +12,7 @@ from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import cli
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.levels import make_levels
 
 FRAMES = (27, 12, 20)
 FARM = """
@@ -49,7 +50,7 @@ def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, 
     built.display.render_aa = "OFF"
     render.use_motion_blur, render.frame_map_new = blur is not None, stretch
     if blur:
-        render.motion_blur_position, render.motion_blur_shutter = blur, 1.5
+        render.motion_blur_position, render.motion_blur_shutter = blur, 0.8
     built.crowd_lod.first_frame = 5
     for number in FRAMES:
         built.frame_set(number)
@@ -93,8 +94,6 @@ def test_a_bake_that_is_stopped_leaves_the_live_build(built):
 
 
 def test_remove_takes_a_bake_away(scene):
-    from crowd_lod_extension.operators.levels import make_levels
-
     list(make_levels(scene))
     before = set(bpy.data.user_map())
     list(bake(scene, [3, 4]))
@@ -128,5 +127,9 @@ def test_the_command_bakes_a_file_and_says_its_size(scene, tmp_path, capfd):
 
 def test_a_bake_needs_what_a_build_needs(scene):
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
+        list(bake(scene, [1]))
+    list(make_levels(scene))
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
+    with pytest.raises(CrowdError, match="set it below 1"):
         list(bake(scene, [1]))
     assert scene.crowd_lod.build is None

@@ -79,6 +79,21 @@ def test_buckets_stand_still_while_the_shutter_is_open_and_agents_move(built):
     assert len(ids) > 10  # while from frame to frame they do change
 
 
+def test_an_agents_looks_are_its_own_at_every_time_in_every_lod(built):
+    looks, levels = {}, {}
+    for time in (1, 30, 12):
+        built.frame_set(time)
+        for item in built.crowd_lod.build.objects:
+            ids, values = np.empty(len(item.data.vertices), np.int32), np.empty(len(item.data.vertices), np.float32)
+            item.data.attributes["id"].data.foreach_get("value", ids)
+            item.data.attributes["looks"].data.foreach_get("value", values)
+            for agent, value in zip(ids.tolist(), values.tolist(), strict=True):
+                assert looks.setdefault(agent, value) == value and 0 <= value < 1
+                levels.setdefault(agent, set()).add(item[builder.LEVEL])
+    assert max(map(len, levels.values())) > 1  # some changed their LOD
+    assert len(set(looks.values())) > 0.99 * len(looks) and 0.4 < np.mean(list(looks.values())) < 0.6
+
+
 @pytest.mark.parametrize("blur", [False, True])
 def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path, blur):
     """One agent, rendered by Cycles from the moving camera: its pixels lie where Blender projects it."""

@@ -128,6 +128,33 @@ def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stre
         assert time == pytest.approx(io.time_of(built), abs=1e-6)
 
 
+@pytest.mark.parametrize("position", ["START", "CENTER", "END"])
+def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
+    """Seen from above, one agent walks along x at 1.25 m/s: it is as much longer as it walks in 4 frames."""
+    built.crowd_lod.count, built.crowd_lod.size = 1, (4, 4)
+    built.camera.animation_data_clear()
+    built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 8
+    built.camera.location, built.camera.rotation_euler = (0, 0, 20), (0, 0, 0)
+    built.render.engine, built.cycles.samples, built.cycles.use_denoising = "CYCLES", 64, False
+    built.render.film_transparent, built.render.image_settings.color_mode = True, "RGBA"
+    built.render.resolution_x, built.render.resolution_y = 320, 160
+    built.render.motion_blur_shutter, built.render.motion_blur_position = 4.0, position
+    wide = {}
+    for blur in (False, True):
+        built.render.use_motion_blur = blur
+        built.frame_set(20)
+        built.render.filepath = str(tmp_path / f"{blur}.png")
+        bpy.ops.render.render(write_still=True)
+        columns_seen = np.nonzero((io.load_pixels(tmp_path / f"{blur}.png")[..., 3] > 8).any(axis=0))[0]
+        wide[blur] = columns_seen.min(), columns_seen.max()
+    pixels = 4 / 24 * 1.25 * 320 / 8
+    before = {"START": 0, "CENTER": 0.5, "END": 1}[position] * pixels
+    heading = np.cos(trajectory_of(built).at(20).heading[0])
+    ends = np.array(wide[True]) - np.array(wide[False])
+    wanted = (-before, pixels - before) if heading > 0 else (before - pixels, before)
+    np.testing.assert_allclose(ends, wanted, atol=1.6)
+
+
 def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, monkeypatch):
     """As a render in a window asks: it waits while the main thread, here this loop, works."""
     built.render.use_motion_blur = True
