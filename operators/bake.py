@@ -8,20 +8,8 @@ import numpy as np
 from ..crowd_lod.errors import CrowdError
 from . import cameras
 from . import scene as io
-from .build import (
-    BAKED,
-    buckets_of,
-    check_levels,
-    columns_of,
-    dress_all,
-    install,
-    members,
-    opening,
-    points_of,
-    prepared,
-    share,
-)
-from .operator import Stepwise
+from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
+from .follow import columns_of, members, opening
 from .populate import frame_of, trajectory_of
 from .poses import make_poses
 
@@ -58,6 +46,16 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
         rows[name].clear()
     dress_all(scene)
     yield 1.0
+
+
+def share(steps: Iterator[float], begin: float, end: float) -> Iterator[float]:
+    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns."""
+    while True:
+        try:
+            progress = next(steps)
+        except StopIteration as stop:
+            return stop.value
+        yield begin + (end - begin) * progress
 
 
 def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> Iterator[float]:
@@ -102,19 +100,3 @@ def _turn(now: dict[str, np.ndarray], then: dict[str, np.ndarray]) -> np.ndarray
         if name in now:
             change[:, axis] = (then[name] - now[name] + np.pi) % (2 * np.pi) - np.pi
     return change
-
-
-class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
-    """Build, with the points of all the scene's frames in the file: it then renders where Crowd LOD is not installed"""
-
-    bl_idname = "crowd_lod.bake"
-    bl_label = "Bake"
-
-    def steps(self, context):
-        scene = context.scene
-        frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        yield from prepared(scene, lambda: bake(scene, frames))
-        return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
-
-
-CLASSES = (CROWDLOD_OT_bake,)

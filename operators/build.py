@@ -1,26 +1,16 @@
-"""The render set-up: points per bucket, instanced by geometry nodes in the pose of their phase, that follow the frame."""
+"""The render set-up: a point object a bucket, whose instances, by geometry nodes, show the poses of their phases."""
 
-import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import bpy
-import numpy as np
 
-from ..crowd_lod import chance
-from ..crowd_lod.agents import Crowd
-from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.frame import Frame
-from ..crowd_lod.poses import pose_of
-from . import cameras
 from . import scene as io
-from .levels import OWNED, TINTS, make_levels, remove_owned
+from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
-from .operator import Reporting, Stepwise
-from .populate import frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
+from .populate import policy_of
 from .poses import Posed, make_poses
-from .threads import on_main_thread
 
 # Custom properties. Of a point object: its LOD, its bucket, and how many poses each group has there.
 LEVEL, BUCKET, POSES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses"
@@ -44,11 +34,6 @@ def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
     return [Bucket(f"LOD {k}", k) for k in range(policy_of(scene.crowd_lod).count)]
 
 
-def members(frame: Frame) -> dict[str, np.ndarray]:
-    """The agents (m,) intp of each bucket, by its name, in the frame."""
-    return {f"LOD {k}": frame.buckets[k] for k in range(len(frame.buckets.counts))}
-
-
 def check_levels(scene: bpy.types.Scene) -> int:
     """The number of LODs, if the scene's LOD meshes are those of its settings."""
     settings = scene.crowd_lod
@@ -64,7 +49,7 @@ def check_levels(scene: bpy.types.Scene) -> int:
     return count
 
 
-def _made_from(scene: bpy.types.Scene) -> str:
+def made_from(scene: bpy.types.Scene) -> str:
     """What tells the scene's LOD meshes from others, at a glance."""
     objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
     return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects)
@@ -91,7 +76,7 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
         top = settings.build = bpy.data.collections.new("Crowd LOD Build")
         top[OWNED] = True
         scene.collection.children.link(top)
-    top[MADE_FROM] = _made_from(scene)
+    top[MADE_FROM] = made_from(scene)
     top.pop(BAKED, None)
     _shelve(scene, top, posed)
     made = points_of(top)
@@ -101,42 +86,6 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
-
-
-def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Iterator[float]:
-    """`work()`, a build or a bake of `scene`, with all that comes before where it is not done yet: the groups' measures
-    and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
-    settings, layer = scene.crowd_lod, scene.view_layers[0]
-    layer.update()
-    known, made = groups_of(settings), settings.levels is None
-    groups = known or measure_groups(scene)
-    frame_of(scene, layer.depsgraph, trajectory=trajectory_of(scene, groups))  # what is wrong is said before the work begins
-    done = False
-    try:
-        if made:
-            yield from share(make_levels(scene), 0.0, 0.3)
-        elif not known:
-            store_groups(settings, groups)
-        found = yield from share(work(), 0.3 if made else 0.0, 1.0)
-        update(scene, layer.depsgraph)
-        done = True
-        return found
-    finally:
-        if not done and made and settings.levels is not None:
-            levels, settings.levels = settings.levels, None
-            remove_owned(levels)
-        if not done:
-            store_groups(settings, known)
-
-
-def share(steps: Iterator[float], begin: float, end: float) -> Iterator[float]:
-    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns."""
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as stop:
-            return stop.value
-        yield begin + (end - begin) * progress
 
 
 def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
@@ -242,153 +191,6 @@ def upgrade(*_) -> None:
                 dress_all(scene)
 
 
-def columns_of(
-    trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray, counts: np.ndarray, tilt: bool
-) -> dict[str, np.ndarray]:
-    """The point attributes of `agents` (m,) as they stand in `crowd`, by name; see scene.write_points.
-
-    position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
-    group; pose, an index into the poses of all groups, `counts` (G,) of each, as the phases in `held` say; looks, a
-    number in [0, 1) of the agent's own for materials to vary by; and the stable id.
-    """
-    place = np.empty((len(agents), 3), np.float32)
-    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
-        place[:, axis] = column[agents]
-    heading, group = crowd.heading[agents], crowd.group[agents]
-    columns = {
-        "position": place,
-        "heading": heading,
-        "phase": crowd.phase[agents],
-        "group": group.astype(np.int32),
-        "pose": pose_of(held.phase[agents], group, counts),
-        "looks": chance.uniform(trajectory.start.key[agents], chance.LOOKS).astype(np.float32),
-        "id": agents.astype(np.int32),
-    }
-    if tilt and trajectory.heights is not None:
-        pitch, roll = trajectory.heights.tilt(crowd.x[agents], crowd.y[agents], heading)
-        columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
-    return columns
-
-
 def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
     """The point objects of the build `top` by bucket. (In a file from before there were buckets, by LOD.)"""
     return {item.get(BUCKET) or f"LOD {item[LEVEL]}": item for item in top.objects if LEVEL in item}
-
-
-def empty(top: bpy.types.Collection) -> None:
-    """Take all points out of the build `top`."""
-    for points in points_of(top).values():
-        points.data.clear_geometry()
-        points.data.update_tag()
-
-
-# The time, on the timeline, of the frame that each scene renders now, by session_uid.
-_rendering: dict[int, float] = {}
-
-
-@bpy.app.handlers.persistent
-def rendering(scene: bpy.types.Scene, *_) -> None:
-    """render_pre."""
-    _rendering[scene.session_uid] = scene.frame_current + scene.frame_subframe
-
-
-@bpy.app.handlers.persistent
-def rendered(scene: bpy.types.Scene, *_) -> None:
-    """render_post, render_cancel."""
-    _rendering.pop(scene.session_uid, None)
-
-
-def shutter_frame(scene: bpy.types.Scene) -> float:
-    """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself. While
-    Blender renders it is the frame rendered: shutters of a frame and longer overlap, and time alone does not tell."""
-    time = scene.frame_current + scene.frame_subframe
-    if not scene.render.use_motion_blur:
-        return time
-    return _rendering.get(scene.session_uid, float(np.floor(time + opening(scene.render))))
-
-
-def opening(render: bpy.types.RenderSettings) -> float:
-    """The part of a frame by which the shutter opens before it. Blender's engines ask for times that a float32 has
-    rounded: a frame's own time stays its own."""
-    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position] if render.use_motion_blur else 0.0
-    return opens + (-1e-4 if opens == 1.0 else 1e-4)
-
-
-def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Show the scene's current time in its build: a pure function of frame and sub-frame.
-
-    With motion blur every time within a frame's shutter shows that frame's buckets and poses, at the positions of its
-    own time: an agent that changed its object, or its instance, while the shutter is open would lose its blur.
-    """
-    top, settings = scene.crowd_lod.build, scene.crowd_lod
-    if BAKED in top:
-        return
-    check_levels(scene)
-    trajectory = trajectory_of(scene)
-    points = points_of(top)
-    if {bucket.name for bucket in buckets_of(scene)} - points.keys():
-        raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
-    if top.get(MADE_FROM, made := _made_from(scene)) != made:
-        raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
-    time, whole = io.time_of(scene), io.remapped(scene.render, shutter_frame(scene))
-    if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
-        film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
-    else:
-        film = cameras.camera_at(scene, whole)
-    frame = frame_of(scene, depsgraph, whole, film, trajectory)
-    crowd = frame.crowd if whole == time else trajectory.at(time)
-    for name, agents in members(frame).items():
-        counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))
-        io.write_points(points[name].data, columns_of(trajectory, crowd, frame.crowd, agents, counts, settings.tilt))
-
-
-@bpy.app.handlers.persistent
-def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
-    if scene.crowd_lod.build is None:
-        return
-    try:
-        on_main_thread(lambda: _show(scene, depsgraph))
-    except CrowdError as error:
-        print(f"Crowd LOD, frame {scene.frame_current}: {error}", file=sys.stderr)
-
-
-def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    try:
-        update(scene, depsgraph)
-    except CrowdError:
-        empty(scene.crowd_lod.build)  # the crowd of another frame would be a wrong picture
-        raise
-
-
-class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
-    """Build the render set-up: instances of each LOD's collections that follow camera and frame"""
-
-    bl_idname = "crowd_lod.build"
-    bl_label = "Build"
-
-    def steps(self, context):
-        scene = context.scene
-        if not len(scene.crowd_lod.groups):
-            trajectory_of(scene)  # says to populate first
-        posed = yield from prepared(scene, lambda: build(scene))
-        frame = frame_of(scene, context.evaluated_depsgraph_get())
-        seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
-        poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.apart:.2g} pixels apart"
-        return f"{seen}; {poses}." if posed.apart else f"{seen}."
-
-
-class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
-    """Remove the render set-up; LOD meshes and settings stay"""
-
-    bl_idname = "crowd_lod.remove_build"
-    bl_label = "Remove Build"
-
-    def run(self, context):
-        if context.scene.crowd_lod.build is None:
-            raise CrowdError(f"The scene {context.scene.name} has no build to remove.")
-        remove_build(context.scene.crowd_lod)
-        return "The build is removed."
-
-
-CLASSES = (CROWDLOD_OT_build, CROWDLOD_OT_remove_build)

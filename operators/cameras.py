@@ -170,21 +170,23 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
 def camera_at(scene: bpy.types.Scene, time: float) -> tuple[Camera, ...]:
     """The scene's cameras, as `read_cameras`, as they will be at `time` (see scene.time_of); the scene stays at its own
     time."""
-    return cameras_at(scene, [time], bound_camera(scene, time))[0]
+    return cameras_at(scene, [time])[0]
 
 
 def cameras_at(
-    scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object
+    scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None
 ) -> list[tuple[Camera, ...]]:
-    """`camera_at` for several times, all filmed by `camera`."""
+    """`camera_at` for several times, filmed by `camera` or by the one bound to each."""
+    films = [camera or bound_camera(scene, time) for time in times]
     with scratch():
         stage = bpy.data.scenes.new("Crowd LOD camera")  # its times are not remapped
-        for item in {camera, *(_view_camera(scene, camera, view.camera_suffix) for view in scene.render.views)}:
+        eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
+        for item in {*films, *eyes}:
             stage.collection.objects.link(item)
         found = []
-        for time in times:
+        for time, film in zip(times, films, strict=True):
             stage.frame_set(int(time // 1), subframe=time % 1)
-            found.append(cameras_from(scene, camera, stage.view_layers[0].depsgraph))
+            found.append(cameras_from(scene, film, stage.view_layers[0].depsgraph))
         return found
 
 

@@ -19,6 +19,7 @@ from ..crowd_lod.shot import parse_frames
 from . import bake, build, report
 from . import scene as io
 from .preview import Preview, preview
+from .render_setup import prepared
 
 
 def from_blender(argv: list[str]) -> int:
@@ -243,7 +244,7 @@ def _build(args, command: list[str]) -> dict:
     if args.bake and frames is None:
         frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
     work = (lambda: bake.bake(scene, frames)) if args.bake else (lambda: build.build(scene))
-    _finish(build.prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+    _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
     points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
     _save(path, compress=True)  # poses share most of what they hold
     size = path.stat().st_size

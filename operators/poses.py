@@ -11,7 +11,7 @@ from mathutils import Matrix
 from ..crowd_lod.levels import limits
 from ..crowd_lod.poses import MOST, longest_step, path_pixels, pose_counts
 from . import scene as io
-from .cameras import camera_at
+from .cameras import cameras_at
 from .levels import OWNED
 from .populate import action_range, characters_of, groups_of, policy_of
 
@@ -99,7 +99,8 @@ def _pixels(scene: bpy.types.Scene, paths: np.ndarray) -> np.ndarray:
     groups, policy = groups_of(scene.crowd_lod), policy_of(scene.crowd_lod)
     radius = np.array([group.radius for group in groups])
     frames = np.unique(np.linspace(scene.frame_start, scene.frame_end, MOST_CAMERAS).round())
-    eyes = [eye for frame in frames for eye in camera_at(scene, io.remapped(scene.render, frame))]
+    times = [io.remapped(scene.render, frame) for frame in frames]
+    eyes = [eye for film in cameras_at(scene, times) for eye in film]
     return np.max([path_pixels(paths, limits(policy, eye, radius), radius, eye) for eye in eyes], axis=0)
 
 

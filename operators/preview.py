@@ -16,7 +16,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
-from . import above, build, cameras
+from . import above, build, cameras, follow
 from . import scene as io
 from .levels import TINTS, make_levels
 from .operator import Stepwise
@@ -85,7 +85,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             frame = frame_of(stage, layer.depsgraph)
             ticks = [clock.perf_counter()]
             stage.crowd_lod.build = built
-            build.update(stage, layer.depsgraph)
+            follow.update(stage, layer.depsgraph)
             ticks.append(clock.perf_counter())
             main = folder / f"main_{number:04d}.png"
             drawing.hide_render = True

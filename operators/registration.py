@@ -2,16 +2,30 @@
 
 import bpy
 
-from . import bake, build, cli, levels, machines, overlay, panels, populate, preview, properties, samples, threads
+from . import (
+    build,
+    cli,
+    follow,
+    levels,
+    machines,
+    overlay,
+    panels,
+    populate,
+    preview,
+    properties,
+    render_setup,
+    samples,
+    threads,
+)
 
-MODULES = (properties, samples, machines, populate, levels, preview, build, bake, panels)
+MODULES = (properties, samples, machines, populate, levels, preview, render_setup, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
-    "frame_change_post": [build.follow],
+    "frame_change_post": [follow.follow],
     "load_post": [build.upgrade],
-    "render_pre": [build.rendering],
-    "render_post": [build.rendered],
-    "render_cancel": [build.rendered],
+    "render_pre": [follow.rendering],
+    "render_post": [follow.rendered],
+    "render_cancel": [follow.rendered],
 }
 _commands = []
 

@@ -7,11 +7,11 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.build import prepared
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.nodes import trees
 from crowd_lod_extension.operators.nodes.instances import NAME, VERSION
 from crowd_lod_extension.operators.populate import groups_of, measure_groups, store_groups
+from crowd_lod_extension.operators.render_setup import prepared
 
 
 def visible():

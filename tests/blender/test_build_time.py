@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import cameras, threads
+from crowd_lod_extension.operators import cameras, follow, threads
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
 from crowd_lod_extension.operators.populate import trajectory_of
@@ -162,10 +162,10 @@ def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, mo
     built.frame_set(12)
     wanted = columns(built)
     where = []
-    real = builder.update
-    monkeypatch.setattr(builder, "update", lambda *inputs: (where.append(threading.current_thread()), real(*inputs)))
-    builder.empty(built.crowd_lod.build)
-    render = threading.Thread(target=builder.follow, args=(built, depsgraph))
+    real = follow.update
+    monkeypatch.setattr(follow, "update", lambda *inputs: (where.append(threading.current_thread()), real(*inputs)))
+    follow.empty(built.crowd_lod.build)
+    render = threading.Thread(target=follow.follow, args=(built, depsgraph))
     render.start()
     while render.is_alive():
         threads._work()
