@@ -42,7 +42,8 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     top, render = install(scene, posed), scene.render
     top[BAKED] = [render.frame_map_new / render.frame_map_old, opening(render), float(frames[0]), float(frames[-1])]
     for name, item in points_of(top).items():
-        io.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in rows[name][0]})
+        columns = rows[name][0].keys()
+        io.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
         rows[name].clear()
     dress_all(scene)
     yield 1.0
@@ -72,7 +73,8 @@ def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> 
             poses = counts[:, levels[name]]
             columns = columns_of(trajectory, frame.crowd, frame.crowd, agents, poses, tilt)
             for part, crowd in shutter:
-                then, when = columns_of(trajectory, crowd, frame.crowd, agents, poses, tilt), "before" if part < 0 else "after"
+                then = columns_of(trajectory, crowd, frame.crowd, agents, poses, tilt)
+                when = "before" if part < 0 else "after"
                 columns[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
                 columns[f"turn_{when}"] = _turn(columns, then) / np.float32(part)
             rows[name].append(columns | {"frame": np.full(len(agents), number, np.int32)})

@@ -21,10 +21,13 @@ MEASURING = 0.3  # part of the time
 
 @dataclass(frozen=True)
 class Posed:
-    """Poses that stand in no scene yet. counts: (G, n), poses of each group and LOD. apart: pixels that a vertex moves
-    at most from one pose to the next where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its
-    collections, a pose each, group after group; sorted by name they keep this order. names: what each new block is to
-    be called, as soon as those of an earlier build have gone."""
+    """Poses that stand in no scene yet.
+
+    counts: (G, n), poses of each group and LOD. apart: pixels that a vertex moves at most from one pose to the next where
+    a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its collections, a pose each,
+    group after group; sorted by name they keep this order. names: what each new block is to be called, as soon as those
+    of an earlier build have gone.
+    """
 
     counts: np.ndarray
     apart: float
