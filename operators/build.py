@@ -1,22 +1,37 @@
-"""The render set-up: points per LOD bucket, instanced by geometry nodes, that follow the frame."""
+"""The render set-up: a point object a bucket, whose instances, by geometry nodes, show the poses of their phases."""
 
-import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import bpy
-import numpy as np
 
-from ..crowd_lod.agents import Crowd
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.maps import HeightMap
-from ..crowd_lod.sorting import Buckets
-from . import cameras
 from . import scene as io
-from .levels import OWNED, TINTS, make_levels, remove_owned
-from .nodes.instances import instances
-from .operator import Reporting, Stepwise
-from .populate import frame_of, policy_of, trajectory_of
+from .levels import OWNED, TINTS, remove_owned
+from .nodes import baked, instances, trees
+from .populate import policy_of
+from .poses import Posed, make_poses
 
-LEVEL = "crowd_lod_level"  # custom property of a point object: its LOD
+# Custom properties. Of a point object: its LOD, its bucket, and how many poses each group has there.
+LEVEL, BUCKET, POSES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses"
+LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's collection in it
+MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
+BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
+
+
+@dataclass(frozen=True)
+class Bucket:
+    """A point object of the build. name: no other has it; level: the LOD that it shows; unseen_by: what does not see it,
+    of camera, shadow, diffuse, glossy, transmission and volume_scatter (Object.visible_...)."""
+
+    name: str
+    level: int
+    unseen_by: tuple[str, ...] = ()
+
+
+def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
+    """The buckets that a build of `scene` has: what the camera sees, by LOD."""
+    return [Bucket(f"LOD {k}", k) for k in range(policy_of(scene.crowd_lod).count)]
 
 
 def check_levels(scene: bpy.types.Scene) -> int:
@@ -34,122 +49,148 @@ def check_levels(scene: bpy.types.Scene) -> int:
     return count
 
 
-def build(scene: bpy.types.Scene) -> None:
-    """Put one point object a LOD into a new collection of the scene, in place of those of an earlier build."""
+def made_from(scene: bpy.types.Scene) -> str:
+    """What tells the scene's LOD meshes from others, at a glance."""
+    objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
+    return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects)
+
+
+def build(scene: bpy.types.Scene) -> Iterator[float]:
+    """Put one point object a bucket, and the poses that they show, into a collection of the scene; yields the progress.
+
+    What an earlier build made stays, with all that the user changed or added there, but for the poses: those are new,
+    and returned. Closed early, it leaves the scene as it was.
+    """
+    check_levels(scene)
+    posed = yield from make_poses(scene)
+    install(scene, posed)
+    return posed
+
+
+def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
+    """Put the poses and, where there are none yet, point objects into the build of `scene`: its collection."""
     settings = scene.crowd_lod
-    count = check_levels(scene)
-    levels = settings.levels.children
-    remove_build(settings)
-    top = bpy.data.collections.new("Crowd LOD Build")
-    top[OWNED] = True
-    for k in range(count):
-        mesh = bpy.data.meshes.new(f"Crowd LOD {k} points")
-        points = bpy.data.objects.new(mesh.name, mesh)
-        mesh[OWNED] = points[OWNED] = True
-        points[LEVEL] = k
-        points.color = (*TINTS[k], 1.0)  # instances are drawn in the object colour of their instancer
-        modifier = points.modifiers.new("Crowd LOD", "NODES")
-        modifier.node_group = instances()
-        io.set_node_input(modifier, "Characters", levels[k])
-        io.set_node_input(modifier, "Turn", float(io.rotation(settings.forward)))
-        top.objects.link(points)
-    scene.collection.children.link(top)
-    settings.build = top
+    upgrade()
+    top = settings.build
+    if top is None:
+        top = settings.build = bpy.data.collections.new("Crowd LOD Build")
+        top[OWNED] = True
+        scene.collection.children.link(top)
+    top[MADE_FROM] = made_from(scene)
+    top.pop(BAKED, None)
+    _shelve(scene, top, posed)
+    made = points_of(top)
+    for bucket in buckets_of(scene):
+        points = made.pop(bucket.name, None) or _points(top, bucket)
+        points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
+    bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
+    dress_all(scene)
+    return top
+
+
+def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
+    """A new point object."""
+    mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
+    points = bpy.data.objects.new(mesh.name, mesh)
+    mesh[OWNED] = points[OWNED] = True
+    points[LEVEL] = bucket.level
+    points.color = (*TINTS[bucket.level], 1.0)  # instances are drawn in the object colour of their instancer
+    for ray in bucket.unseen_by:
+        setattr(points, f"visible_{ray}", False)  # their instances, too
+    top.objects.link(points)
+    return points
+
+
+def dress_all(scene: bpy.types.Scene) -> None:
+    """Give the point objects of the scene's build our modifier, with its inputs. A build from before there were poses
+    shows each group's LOD itself, as it then did."""
+    top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
+    inputs = {"Turn": float(io.rotation(scene.crowd_lod.forward))}
+    if BAKED in top:
+        tree, (inputs["Rate"], inputs["Opens"], *_) = baked.baked(), top[BAKED]
+    else:
+        tree = instances.instances()
+    shelves = {child[LIBRARY]: child for child in top.children_recursive if LIBRARY in child}
+    for points in points_of(top).values():
+        level = points[LEVEL]
+        if level not in shelves and (levels is None or level >= len(levels.children)):
+            continue
+        modifier = next((m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
+        modifier = modifier or points.modifiers.new("Crowd LOD", "NODES")
+        modifier.node_group = tree
+        characters = shelves[level] if level in shelves else levels.children[level]
+        for name, value in {**inputs, "Characters": characters}.items():
+            io.set_node_input(modifier, name, value)
+        points.update_tag()
+
+
+def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> None:
+    """Put the poses into the build, in place of those that it has."""
+    library = next((child for child in top.children if LIBRARY in child), None)
+    if library is None:
+        library = _library(top, "Crowd LOD Poses", -1)
+        for view_layer in scene.view_layers:
+            view_layer.update()  # a scene that was never evaluated has no layer collections yet
+            _exclude(view_layer.layer_collection, library)
+    shelves = {child[LIBRARY]: child for child in library.children if LIBRARY in child}
+    gone = bpy.data.collections.new("Crowd LOD")
+    for level, shelf in list(shelves.items()):
+        for pose in list(shelf.children):
+            shelf.children.unlink(pose)
+            gone.children.link(pose)
+        if level >= len(posed.collections):
+            gone.children.link(shelves.pop(level))
+    remove_owned(gone)
+    for level, poses in enumerate(posed.collections):
+        if level not in shelves:
+            shelves[level] = _library(library, f"Crowd LOD {level} poses", level)
+        for pose in poses:
+            shelves[level].children.link(pose)
+    for block, name in posed.names.items():
+        block.name = name
+
+
+def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.Collection:
+    made = bpy.data.collections.new(name)
+    made[OWNED], made[LIBRARY] = True, level
+    parent.children.link(made)
+    return made
+
+
+def _exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
+    for child in layer.children:
+        if child.collection == collection:
+            child.exclude = True
+        _exclude(child, collection)
 
 
 def remove_build(settings) -> None:
-    """Remove the point objects of the build."""
+    """Remove the build: points, poses, and the node groups that nothing else uses."""
     top, settings.build = settings.build, None
     if top is not None:
         remove_owned(top)
-
-
-def write(top: bpy.types.Collection, crowd: Crowd, buckets: Buckets, slopes: HeightMap | None = None) -> None:
-    """Write each bucket's agents, as they stand in `crowd`, to its point object in the build `top`; with `slopes` they
-    lean with them."""
-    for points in top.objects:
-        level = points.get(LEVEL)
-        if level is not None and level < len(buckets.counts):
-            io.write_agents(points.data, crowd, buckets[level], slopes)
-
-
-def empty(top: bpy.types.Collection) -> None:
-    """Take all points out of the build `top`."""
-    for points in top.objects:
-        if LEVEL in points:
-            points.data.clear_geometry()
-            points.data.update_tag()
-
-
-def shutter_frame(scene: bpy.types.Scene) -> float:
-    """The frame in whose shutter the current time falls; without motion blur the time itself."""
-    time = scene.frame_current + scene.frame_subframe
-    if not scene.render.use_motion_blur:
-        return time
-    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[scene.render.motion_blur_position]
-    # Blender's engines ask for times that a float32 has rounded
-    return float(np.floor(time + opens + (-1e-4 if opens == 1.0 else 1e-4)))
-
-
-def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Show the scene's current time in its build: a pure function of frame and sub-frame.
-
-    With motion blur every time within a frame's shutter shows that frame's buckets, at the positions of its own time:
-    an agent that changed its LOD, and so its object, while the shutter is open would lose its blur.
-    """
-    top = scene.crowd_lod.build
-    if {item.get(LEVEL) for item in top.objects} < set(range(check_levels(scene))):
-        raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
-    time = scene.frame_current + scene.frame_subframe
-    whole = shutter_frame(scene)
-    camera = None if whole == time else cameras.camera_at(scene, whole)
-    frame, trajectory = frame_of(scene, depsgraph, whole, camera), trajectory_of(scene)
-    crowd = frame.crowd if whole == time else trajectory.at(time)
-    slopes = trajectory.heights if scene.crowd_lod.tilt else None
-    write(top, crowd, frame.buckets, slopes)
+    for kind in (baked.NAME, instances.NAME):  # the one holds the other
+        tree = trees.made(kind)
+        if tree is not None and not tree.users:
+            bpy.data.node_groups.remove(tree)
 
 
 @bpy.app.handlers.persistent
-def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
-    if scene.crowd_lod.build is None:
-        return
-    try:
-        update(scene, depsgraph)
-    except CrowdError as error:
-        # the crowd of another frame would be a wrong picture: show none, and say why
-        empty(scene.crowd_lod.build)
-        print(f"Crowd LOD, frame {scene.frame_current}: {error}", file=sys.stderr)
+def upgrade(*_) -> None:
+    """load_post: where the file holds our node groups in another version, rebuild them, and give the builds that use
+    them their inputs."""
+    if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
+        both = trees.made(baked.NAME)
+        if both is not None:
+            both[trees.VERSION] = 0  # it holds the other, whose sockets are new
+        instances.instances()
+        if both is not None:
+            baked.baked()
+        for scene in bpy.data.scenes:
+            if scene.crowd_lod.build is not None:
+                dress_all(scene)
 
 
-class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
-    """Build the render set-up: instances of each LOD's collections that follow camera and frame"""
-
-    bl_idname = "crowd_lod.build"
-    bl_label = "Build"
-
-    def steps(self, context):
-        scene = context.scene
-        depsgraph = context.evaluated_depsgraph_get()
-        frame = frame_of(scene, depsgraph)
-        if scene.crowd_lod.levels is None:
-            yield from make_levels(scene)
-        build(scene)
-        update(scene, depsgraph)
-        return f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene."
-
-
-class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
-    """Remove the render set-up; LOD meshes and settings stay"""
-
-    bl_idname = "crowd_lod.remove_build"
-    bl_label = "Remove Build"
-
-    def run(self, context):
-        if context.scene.crowd_lod.build is None:
-            raise CrowdError(f"The scene {context.scene.name} has no build to remove.")
-        remove_build(context.scene.crowd_lod)
-        return "The build is removed."
-
-
-CLASSES = (CROWDLOD_OT_build, CROWDLOD_OT_remove_build)
+def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
+    """The point objects of the build `top` by bucket. (In a file from before there were buckets, by LOD.)"""
+    return {item.get(BUCKET) or f"LOD {item[LEVEL]}": item for item in top.objects if LEVEL in item}

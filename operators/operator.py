@@ -1,6 +1,10 @@
 """What every operator does alike."""
 
+import time as clock
+
 from ..crowd_lod.errors import CrowdError
+
+TICK = 0.1  # seconds of work between two drawings of the window
 
 
 class Reporting:
@@ -48,7 +52,11 @@ class Stepwise(Reporting):
         if event.type != "TIMER":
             return {"RUNNING_MODAL"}
         try:
-            progress = next(self._steps)
+            until = clock.monotonic() + TICK
+            while True:  # small steps together: each tick draws the window
+                progress = next(self._steps)
+                if clock.monotonic() >= until:
+                    break
         except StopIteration as end:
             self._end(context)
             self.report({"INFO"}, end.value)

@@ -17,7 +17,7 @@ from ..crowd_lod.frame import Frame, deviations
 from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
-from . import above, build, cameras, lods
+from . import above, build, cameras, follow, lods
 from . import scene as io
 from .deviation import measure_levels
 from .levels import TINTS, make_levels
@@ -69,11 +69,12 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if stage.crowd_lod.levels is None:
             for part in make_levels(stage):
-                yield 0.1 * part
+                yield 0.05 * part
         elif deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
             for part in measure_levels(stage):
-                yield 0.1 * part
-        build.build(stage)
+                yield 0.05 * part
+        for part in build.build(stage):
+            yield 0.05 + 0.05 * part
         built = stage.crowd_lod.build
         tint = _tint_material() if wanted.engine != "WORKBENCH" else None
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
@@ -85,11 +86,12 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
             stage.crowd_lod.build = None  # else it would follow, and the frame's own times be those of a cache
+            stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph)
             ticks = [clock.perf_counter()]
             stage.crowd_lod.build = built
-            build.update(stage, layer.depsgraph)
+            follow.update(stage, layer.depsgraph)
             ticks.append(clock.perf_counter())
             main = folder / f"main_{number:04d}.png"
             drawing.hide_render = True
@@ -138,6 +140,7 @@ def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
+    stage.timeline_markers.clear()  # they would take the camera back in the picture from above
     built, stage.crowd_lod.build = stage.crowd_lod.build, None
     if built is not None and built.name in stage.collection.children:
         stage.collection.children.unlink(built)

@@ -2,10 +2,32 @@
 
 import bpy
 
-from . import build, cli, deviation, levels, machines, overlay, panels, populate, preview, properties, samples
+from . import (
+    build,
+    cli,
+    deviation,
+    follow,
+    levels,
+    machines,
+    overlay,
+    panels,
+    populate,
+    preview,
+    properties,
+    render_setup,
+    samples,
+    threads,
+)
 
-MODULES = (properties, samples, machines, populate, levels, deviation, preview, build, panels)
+MODULES = (properties, samples, machines, populate, levels, deviation, preview, render_setup, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
+HANDLERS = {
+    "frame_change_post": [follow.follow],
+    "load_post": [build.upgrade],
+    "render_pre": [follow.rendering],
+    "render_post": [follow.rendered],
+    "render_cancel": [follow.rendered],
+}
 _commands = []
 
 
@@ -13,7 +35,10 @@ def register():
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
-    bpy.app.handlers.frame_change_post.append(build.follow)
+    for name, functions in HANDLERS.items():
+        for function in functions:
+            getattr(bpy.app.handlers, name).append(function)
+    threads.register()
     overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", cli.from_blender))
 
@@ -22,7 +47,10 @@ def unregister():
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     overlay.unregister()
-    bpy.app.handlers.frame_change_post.remove(build.follow)
+    threads.unregister()
+    for name, functions in HANDLERS.items():
+        for function in functions:
+            getattr(bpy.app.handlers, name).remove(function)
     populate.forget()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):

@@ -37,7 +37,7 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
     scene.crowd_lod.tilt, scene.crowd_lod.forward = True, forward
     populate.store_groups(scene.crowd_lod, populate.measure_groups(scene))
     list(make_levels(scene))
-    builder.build(scene)
+    list(builder.build(scene))
     scene.frame_set(7)
     frame = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     heights, found, checked = populate.trajectory_of(scene).heights, turns(scene), 0

@@ -84,7 +84,7 @@ def empty():
     """Each button in a scene without anything: an error, and the scene is as it was."""
     yield from robot.picture("01_empty")
     found = {}
-    for name in ("populate", "make_levels", "build", "preview", "remove_build"):
+    for name in ("populate", "make_levels", "build", "bake", "preview", "remove_build"):
         before = robot.snapshot()
         status = yield from robot.press(f"crowd_lod.{name}")
         found[name] = {"status": status, "changed": robot.changes(before)}

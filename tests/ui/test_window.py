@@ -68,7 +68,7 @@ def seen(archive, tmp_path_factory):
     return results | {"console": run.stdout, "exit": run.returncode}
 
 
-AT_REST = ("populate", "make_levels", "build", "preview", "remove_build")
+AT_REST = ("populate", "make_levels", "build", "bake", "preview", "remove_build")
 
 
 def test_every_button_fails_well_in_an_empty_scene(seen):
@@ -114,7 +114,7 @@ def test_the_build_holds_the_overlays_agents_and_follows_undo_redo_and_frame(see
     assert build["undone"] == {"build": True, "levels": True, "points": None}
     assert build["frame 90"]["points"] == build["frame 90"]["counts"] != build["points"]
     assert build["removed"] == "FINISHED" and build["points removed"] is None
-    assert set(build["changed"]) == {"collections", "meshes", "objects", "settings"}
+    assert set(build["changed"]) == {"collections", "meshes", "node_groups", "objects", "settings"}
 
 
 def test_the_preview_leaves_its_files_and_nothing_in_the_scene(seen):

@@ -1,0 +1,140 @@
+"""The build follows frame and camera: each frame's agents are written to its points."""
+
+import sys
+
+import bpy
+import numpy as np
+
+from ..crowd_lod import chance
+from ..crowd_lod.agents import Crowd
+from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame
+from ..crowd_lod.poses import pose_of
+from . import cameras
+from . import scene as io
+from .build import BAKED, MADE_FROM, POSES, buckets_of, check_levels, made_from, points_of
+from .populate import frame_of, trajectory_of
+from .threads import on_main_thread
+
+
+def members(frame: Frame) -> dict[str, np.ndarray]:
+    """The agents (m,) intp of each bucket, by its name, in the frame."""
+    return {f"LOD {k}": frame.buckets[k] for k in range(len(frame.buckets.counts))}
+
+
+def columns_of(
+    trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray, counts: np.ndarray, tilt: bool
+) -> dict[str, np.ndarray]:
+    """The point attributes of `agents` (m,) as they stand in `crowd`, by name; see scene.write_points.
+
+    position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
+    group; pose, an index into the poses of all groups, `counts` (G,) of each, as the phases in `held` say; looks, a
+    number in [0, 1) of the agent's own for materials to vary by; and the stable id.
+    """
+    place = np.empty((len(agents), 3), np.float32)
+    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
+        place[:, axis] = column[agents]
+    heading, group = crowd.heading[agents], crowd.group[agents]
+    columns = {
+        "position": place,
+        "heading": heading,
+        "phase": crowd.phase[agents],
+        "group": group.astype(np.int32),
+        "pose": pose_of(held.phase[agents], group, counts),
+        "looks": chance.uniform(trajectory.start.key[agents], chance.LOOKS).astype(np.float32),
+        "id": agents.astype(np.int32),
+    }
+    if tilt and trajectory.heights is not None:
+        pitch, roll = trajectory.heights.tilt(crowd.x[agents], crowd.y[agents], heading)
+        columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
+    return columns
+
+
+def empty(top: bpy.types.Collection) -> None:
+    """Take all points out of the build `top`."""
+    for points in points_of(top).values():
+        points.data.clear_geometry()
+        points.data.update_tag()
+
+
+# The time, on the timeline, of the frame that each scene renders now, by session_uid.
+_rendering: dict[int, float] = {}
+
+
+@bpy.app.handlers.persistent
+def rendering(scene: bpy.types.Scene, *_) -> None:
+    """render_pre."""
+    _rendering[scene.session_uid] = scene.frame_current + scene.frame_subframe
+
+
+@bpy.app.handlers.persistent
+def rendered(scene: bpy.types.Scene, *_) -> None:
+    """render_post, render_cancel."""
+    _rendering.pop(scene.session_uid, None)
+
+
+def shutter_frame(scene: bpy.types.Scene) -> float:
+    """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself. While
+    Blender renders it is the frame rendered: shutters of a frame and longer overlap, and time alone does not tell."""
+    time = scene.frame_current + scene.frame_subframe
+    if not scene.render.use_motion_blur:
+        return time
+    number = _rendering.get(scene.session_uid, np.nan)
+    if abs(time - number) <= scene.render.motion_blur_shutter:
+        return number
+    return float(np.floor(time + opening(scene.render)))
+
+
+def opening(render: bpy.types.RenderSettings) -> float:
+    """The part of a frame by which the shutter opens before it. Blender's engines ask for times that a float32 has
+    rounded: a frame's own time stays its own."""
+    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position] if render.use_motion_blur else 0.0
+    return opens + (-1e-4 if opens == 1.0 else 1e-4)
+
+
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Show the scene's current time in its build: a pure function of frame and sub-frame.
+
+    With motion blur every time within a frame's shutter shows that frame's buckets and poses, at the positions of its
+    own time: an agent that changed its object, or its instance, while the shutter is open would lose its blur.
+    """
+    top, settings = scene.crowd_lod.build, scene.crowd_lod
+    if BAKED in top:
+        return
+    check_levels(scene)
+    trajectory = trajectory_of(scene)
+    points = points_of(top)
+    if {bucket.name for bucket in buckets_of(scene)} - points.keys():
+        raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
+    if top.get(MADE_FROM, made := made_from(scene)) != made:
+        raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
+    time, whole = io.time_of(scene), io.remapped(scene.render, shutter_frame(scene))
+    if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
+        film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
+    else:
+        film = cameras.camera_at(scene, whole)
+    frame = frame_of(scene, depsgraph, whole, film, trajectory)
+    crowd = frame.crowd if whole == time else trajectory.at(time)
+    for name, agents in members(frame).items():
+        counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))
+        io.write_points(points[name].data, columns_of(trajectory, crowd, frame.crowd, agents, counts, settings.tilt))
+
+
+@bpy.app.handlers.persistent
+def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
+    if scene.crowd_lod.build is None:
+        return
+    try:
+        on_main_thread(lambda: _show(scene, depsgraph))
+    except CrowdError as error:
+        print(f"Crowd LOD, frame {scene.frame_current}: {error}", file=sys.stderr)
+
+
+def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    try:
+        update(scene, depsgraph)
+    except CrowdError:
+        empty(scene.crowd_lod.build)  # the crowd of another frame would be a wrong picture
+        raise

@@ -1,0 +1,85 @@
+"""The buttons of the render set-up: Build, Bake, Remove."""
+
+from collections.abc import Callable, Iterator
+
+import bpy
+
+from ..crowd_lod.errors import CrowdError
+from .bake import bake, share
+from .build import build, remove_build
+from .follow import update
+from .levels import make_levels, remove_owned
+from .operator import Reporting, Stepwise
+from .populate import frame_of, groups_of, measure_groups, store_groups, trajectory_of
+
+
+def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Iterator[float]:
+    """`work()`, a build or a bake of `scene`, with all that comes before where it is not done yet: the groups' measures
+    and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
+    settings, layer = scene.crowd_lod, scene.view_layers[0]
+    layer.update()
+    known, made = groups_of(settings), settings.levels is None
+    groups = known or measure_groups(scene)
+    frame_of(scene, layer.depsgraph, trajectory=trajectory_of(scene, groups))  # what is wrong is said before the work begins
+    done = False
+    try:
+        if made:
+            yield from share(make_levels(scene), 0.0, 0.3)
+        elif not known:
+            store_groups(settings, groups)
+        found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+        update(scene, layer.depsgraph)
+        done = True
+        return found
+    finally:
+        if not done and made and settings.levels is not None:
+            levels, settings.levels = settings.levels, None
+            remove_owned(levels)
+        if not done:
+            store_groups(settings, known)
+
+
+class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
+    """Build the render set-up: instances of each LOD's collections that follow camera and frame"""
+
+    bl_idname = "crowd_lod.build"
+    bl_label = "Build"
+
+    def steps(self, context):
+        scene = context.scene
+        if not len(scene.crowd_lod.groups):
+            trajectory_of(scene)  # says to populate first
+        posed = yield from prepared(scene, lambda: build(scene))
+        frame = frame_of(scene, context.evaluated_depsgraph_get())
+        seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
+        poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.apart:.2g} pixels apart"
+        return f"{seen}; {poses}." if posed.apart else f"{seen}."
+
+
+class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
+    """Build, with the points of all the scene's frames in the file: it then renders where Crowd LOD is not installed"""
+
+    bl_idname = "crowd_lod.bake"
+    bl_label = "Bake"
+
+    def steps(self, context):
+        scene = context.scene
+        frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        yield from prepared(scene, lambda: bake(scene, frames))
+        return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+
+
+class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
+    """Remove the render set-up; LOD meshes and settings stay"""
+
+    bl_idname = "crowd_lod.remove_build"
+    bl_label = "Remove Build"
+
+    def run(self, context):
+        if context.scene.crowd_lod.build is None:
+            raise CrowdError(f"The scene {context.scene.name} has no build to remove.")
+        remove_build(context.scene.crowd_lod)
+        return "The build is removed."
+
+
+CLASSES = (CROWDLOD_OT_build, CROWDLOD_OT_bake, CROWDLOD_OT_remove_build)
