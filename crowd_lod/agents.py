@@ -20,7 +20,11 @@ class Group:
     centre, radius: the bounding sphere over the whole action, metres: its centre stands on the agent's vertical axis
     at the height `centre` above the feet, so that it holds for every heading. stride: metres walked in one cycle of
     the action, 0 if the action plays by time. period: seconds in one cycle. vertices, triangles: of each LOD mesh,
-    finest first.
+    finest first; a group with fewer LODs than others repeats its last.
+
+    Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the Hausdorff distance of its surface
+    from the character's; rms: metres, the root mean square of the distances; worst: the frame
+    at which each deviates most; diagonal: metres, of the character's bounding box.
     """
 
     name: str
@@ -30,6 +34,10 @@ class Group:
     period: float
     vertices: tuple[int, ...] = ()
     triangles: tuple[int, ...] = ()
+    deviations: tuple[float, ...] = ()
+    rms: tuple[float, ...] = ()
+    worst: tuple[float, ...] = ()
+    diagonal: float = 0.0
 
 
 @dataclass(frozen=True)

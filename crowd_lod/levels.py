@@ -80,14 +80,14 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     """Distances (G, n - 1) float64 in metres at which each group's LODs 1 ... n - 1 begin, not decreasing.
 
     radius: (G,) metres, of the bounding spheres. deviation: (G, n) metres, of each LOD's surface from the full mesh,
-    which a tolerance needs. With p pixels per unit slope, a length e shows e p / d pixels at the distance d; the nearest
-    part of an agent is up to its radius nearer than its centre. An orthographic camera shows e p pixels at any distance:
-    a LOD then begins at -infinity or never.
+    which a tolerance needs. With p pixels per unit slope, a length e shows e p / d pixels at the distance d, in the middle of the picture (sqrt(1 + s^2) of that at
+    a slope s from it); the nearest part of an agent is up to its radius nearer than its centre. An orthographic camera
+    shows e p pixels at any distance: a LOD then begins at -infinity or never.
     """
     groups, steps = len(radius), len(policy.thresholds)
     own = dict(enumerate(policy.group_thresholds))
     table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(groups, steps)
-    if policy.metric != "PIXELS":
+    if policy.metric != "PIXELS" or not steps:
         return camera.far * table
     if policy.tolerance is None:
         length, pixels, nearest = 2 * radius[:, None], table, 0.0
@@ -95,9 +95,19 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
         raise CrowdError("A LOD tolerance needs the measured LOD meshes: make them, or set thresholds in pixels.")
     else:
         length, pixels, nearest = deviation[:, 1:], policy.tolerance, radius[:, None]
-    shown = camera.pixels_per_unit * length
-    begin = np.where(shown <= pixels, -np.inf, np.inf) if camera.kind == "ORTHO" else shown / pixels + nearest
+    seen = camera.pixels_per_unit * length
+    begin = np.where(seen <= pixels, -np.inf, np.inf) if camera.kind == "ORTHO" else seen / pixels + nearest
     return np.maximum.accumulate(begin, axis=1)
+
+
+def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
+    """Pixels that a deviation in metres shows at most on an agent at the distance in metres, whose bounding sphere has
+    the radius in metres: the inverse of `limits` for a tolerance; infinite where the camera is inside the sphere."""
+    length = camera.pixels_per_unit * np.asarray(deviation, np.float64)
+    if camera.kind == "ORTHO":
+        return length
+    nearest = np.asarray(distance - radius, np.float64)
+    return np.where(nearest > 0, length / np.where(nearest > 0, nearest, 1.0), np.where(length > 0, np.inf, 0.0))
 
 
 def assign(

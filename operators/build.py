@@ -1,15 +1,16 @@
 """The render set-up: points per LOD bucket, instanced by geometry nodes, that follow the frame."""
 
 import sys
+from itertools import product
 
 import bpy
 import numpy as np
 
 from ..crowd_lod.agents import Crowd
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame
 from ..crowd_lod.maps import HeightMap
-from ..crowd_lod.sorting import Buckets
-from . import cameras
+from . import cameras, lights
 from . import scene as io
 from .levels import OWNED, TINTS, make_levels, remove_owned
 from .nodes.instances import instances
@@ -17,6 +18,9 @@ from .operator import Reporting, Stepwise
 from .populate import frame_of, policy_of, trajectory_of
 
 LEVEL = "crowd_lod_level"  # custom property of a point object: its LOD
+ROLE = "crowd_lod_role"  # custom property of a point object: the field of Frame whose buckets it shows
+ROLES = ("buckets", "shadow", "mirrored")
+NOBODY = np.empty(0, np.intp)
 
 
 def check_levels(scene: bpy.types.Scene) -> int:
@@ -35,24 +39,31 @@ def check_levels(scene: bpy.types.Scene) -> int:
 
 
 def build(scene: bpy.types.Scene) -> None:
-    """Put one point object a LOD into a new collection of the scene, in place of those of an earlier build."""
+    """Put one point object a LOD into a new collection of the scene, in place of those of an earlier build; in collections
+    within, more of them for agents that only cast shadows or are mirrored, which the camera itself does not see."""
     settings = scene.crowd_lod
     count = check_levels(scene)
     levels = settings.levels.children
     remove_build(settings)
     top = bpy.data.collections.new("Crowd LOD Build")
     top[OWNED] = True
-    for k in range(count):
-        mesh = bpy.data.meshes.new(f"Crowd LOD {k} points")
+    homes = {"buckets": top}
+    for role in ("shadow", "mirrored"):
+        homes[role] = bpy.data.collections.new(f"Crowd LOD {role}")
+        top.children.link(homes[role])
+    for role, k in product(ROLES, range(count)):
+        mesh = bpy.data.meshes.new(f"Crowd LOD {k} {'points' if role == 'buckets' else role}")
         points = bpy.data.objects.new(mesh.name, mesh)
         mesh[OWNED] = points[OWNED] = True
-        points[LEVEL] = k
+        points[LEVEL], points[ROLE] = k, role
+        # hidden from camera rays alone: what a surface scatters towards a lamp, Cycles counts as the lamp's light, too
+        points.visible_camera = role == "buckets"
         points.color = (*TINTS[k], 1.0)  # instances are drawn in the object colour of their instancer
         modifier = points.modifiers.new("Crowd LOD", "NODES")
         modifier.node_group = instances()
         io.set_node_input(modifier, "Characters", levels[k])
         io.set_node_input(modifier, "Turn", float(io.rotation(settings.forward)))
-        top.objects.link(points)
+        homes[role].objects.link(points)
     scene.collection.children.link(top)
     settings.build = top
 
@@ -64,18 +75,19 @@ def remove_build(settings) -> None:
         remove_owned(top)
 
 
-def write(top: bpy.types.Collection, crowd: Crowd, buckets: Buckets, slopes: HeightMap | None = None) -> None:
-    """Write each bucket's agents, as they stand in `crowd`, to its point object in the build `top`; with `slopes` they
-    lean with them."""
-    for points in top.objects:
+def write(top: bpy.types.Collection, crowd: Crowd, frame: Frame, slopes: HeightMap | None = None) -> None:
+    """Write the agents of each of the frame's buckets, as they stand in `crowd`, to its point object in the build `top`;
+    with `slopes` they lean with them."""
+    for points in top.all_objects:
         level = points.get(LEVEL)
-        if level is not None and level < len(buckets.counts):
-            io.write_agents(points.data, crowd, buckets[level], slopes)
+        if level is not None and level < len(frame.buckets.counts):
+            buckets = getattr(frame, points.get(ROLE, "buckets"))
+            io.write_agents(points.data, crowd, buckets[level] if buckets is not None else NOBODY, slopes)
 
 
 def empty(top: bpy.types.Collection) -> None:
     """Take all points out of the build `top`."""
-    for points in top.objects:
+    for points in top.all_objects:
         if LEVEL in points:
             points.data.clear_geometry()
             points.data.update_tag()
@@ -103,10 +115,11 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     time = scene.frame_current + scene.frame_subframe
     whole = shutter_frame(scene)
     camera = None if whole == time else cameras.camera_at(scene, whole)
-    frame, trajectory = frame_of(scene, depsgraph, whole, camera), trajectory_of(scene)
+    around = lights.read_surroundings(scene, depsgraph, whole)
+    frame, trajectory = frame_of(scene, depsgraph, whole, camera, around), trajectory_of(scene)
     crowd = frame.crowd if whole == time else trajectory.at(time)
     slopes = trajectory.heights if scene.crowd_lod.tilt else None
-    write(top, crowd, frame.buckets, slopes)
+    write(top, crowd, frame, slopes)
 
 
 @bpy.app.handlers.persistent

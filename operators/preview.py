@@ -59,7 +59,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     with report.staged(wanted.folder) as folder, io.scratch():
         started = clock.perf_counter()
         cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
-        stage = _stage(scene, wanted)
+        stage = stage_of(scene, wanted)
         layer = stage.view_layers[0]
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
@@ -126,7 +126,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         return plan
 
 
-def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
+def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
