@@ -23,7 +23,8 @@ class Difference:
 
 def between(a: np.ndarray, b: np.ndarray) -> Difference:
     """The difference of two pictures (rows, columns, channels) float32, linear. Equal are equal bits, or both NaN."""
-    off = np.abs(a - b)
+    with np.errstate(invalid="ignore"):
+        off = np.abs(a - b)
     off[(a == b) | (np.isnan(a) & np.isnan(b))] = 0
     off[np.isnan(off)] = np.inf
     most = off.max(axis=2)

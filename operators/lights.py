@@ -155,29 +155,31 @@ def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
     for polygon in polygons:
         corners = points[polygon]
         normal = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]).sum(axis=0)
-        length = np.linalg.norm(normal)
-        if length > 0:
-            normal = normal / length
-            normal = normal if tuple(normal.round(4)) > (0, 0, 0) else -normal
-            sides.setdefault((*normal.round(4), round(float(normal @ corners[0]), 3)), []).append(np.vstack([normal, corners]))
+        if normal.any():
+            normal /= np.linalg.norm(normal)
+            normal *= 1 if tuple(normal.round(4)) > (0, 0, 0) else -1
+            sides.setdefault((*normal.round(4), round(float(normal @ corners[0]), 3)), []).append(corners)
     if len(sides) > MOST_SIDES:
         raise CrowdError(
             f"The mirror {placed[0].name} has {len(sides)} sides that are not in one plane: take it out of the mirrors, or "
             f"give it a flat mesh (at most {MOST_SIDES} planes)."
         )
-    return [_mirror(side[0][0], np.concatenate([part[1:] for part in side])) for side in sides.values()]
+    return [_mirror(np.array(side[:3]), faces) for side, faces in sides.items()]
 
 
-def _mirror(normal: np.ndarray, points: np.ndarray) -> Mirror:
-    """The mirror whose faces have the corners points (k, 3): their rectangle along the longest edge."""
-    edges = np.roll(points, -1, axis=0) - points
-    along = edges[np.linalg.norm(edges, axis=1).argmax()]
-    along = along - normal * (normal @ along)
-    along = along / np.linalg.norm(along)
-    axes = np.array([along, np.cross(normal, along)])
-    flat = (points - points[0]) @ axes.T
-    (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
-    return Mirror(normal, points[0] + np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ axes)
+def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
+    """The mirror of the faces, corners (k, 3) each: the smallest rectangle about them that has an edge's direction."""
+    normal, points = normal / np.linalg.norm(normal), np.concatenate(faces)
+    edges = np.concatenate([np.roll(corners, -1, axis=0) - corners for corners in faces])
+    edges -= np.outer(edges @ normal, normal)
+    length = np.linalg.norm(edges, axis=1)
+    found = []
+    for along in np.unique((edges[length > 0] / length[length > 0, None]).round(3), axis=0):
+        axes = np.array([along / np.linalg.norm(along), np.cross(normal, along / np.linalg.norm(along))])
+        flat = (points - points[0]) @ axes.T
+        (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
+        found.append(((x1 - x0) * (y1 - y0), points[0] + np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ axes))
+    return Mirror(normal, min(found, key=lambda pair: pair[0])[1])
 
 
 def _through(lamps, panes, times: list[float], engine: str) -> tuple[list[Light], list[Mirror]]:
