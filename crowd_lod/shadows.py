@@ -3,13 +3,14 @@
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from .agents import Crowd
 from .behaviour import Trajectory
 from .camera import Camera, planes
-from .culling import ROUNDING, TINY
+from .culling import BLOCK, ROUNDING, TINY
 from .frame import Frame, most_moved
 from .lean import LeftOut
 from .sorting import sort
@@ -169,21 +170,27 @@ def _swept(volume: Volume, points, radius, way, grow, ends=None) -> np.ndarray:
         reach = reach + volume.turn * (size + reach)
         growth = growth + volume.turn * (speed + growth)
     low, high = np.zeros(len(v)), np.full(len(v), np.inf)
-    slack = ROUNDING * (4 * size + np.linalg.norm(volume.origin) + reach) + TINY
-    steady = ROUNDING * (4 * speed + growth)
+    reach = reach + ROUNDING * (4 * size + np.linalg.norm(volume.origin) + reach) + TINY
+    growth = growth + ROUNDING * (4 * speed + growth)
     conditions = [
-        (v @ normal - offset - reach - slack - ROUNDING * abs(offset), way @ normal - growth - steady)
+        (v @ normal - (offset + ROUNDING * abs(offset)) - reach, way @ normal - growth)
         for normal, offset in zip(volume.normals, volume.offsets, strict=True)
     ]
     if ends is not None:
-        conditions.append((ends[0] - slack, ends[1] - steady))
+        conditions.append((ends[0] - ROUNDING * size, ends[1] - ROUNDING * speed))
     with np.errstate(divide="ignore", invalid="ignore"):
         for at, rate in conditions:
-            rate = np.broadcast_to(rate, at.shape)
-            turns = -at / rate
-            low = np.where((rate < 0) & (at > 0), np.maximum(low, turns), low)
-            high = np.where(rate > 0, np.minimum(high, turns), high)
-            high = np.where((rate == 0) & (at > 0), -1.0, high)
+            if np.ndim(rate):
+                turn = -at / rate
+                low = np.where(rate < 0, np.maximum(low, turn), low)
+                high = np.where(rate > 0, np.minimum(high, turn), high)
+                high[(rate == 0) & (at > 0)] = -1
+            elif rate < 0:
+                low = np.maximum(low, at / -rate)
+            elif rate > 0:
+                high = np.minimum(high, at / -rate)
+            else:
+                high[at > 0] = -1
     return low <= high * (1 + ROUNDING)
 
 
@@ -219,14 +226,16 @@ def surround(
         views = [view(eye) for eye in eyes]
         mirrors = [mirrored(eye, mirror) for eye in eyes for mirror in around.mirrors]
         mirrors = [volume for volume in mirrors if volume is not None]
-        for volume in mirrors:
-            reflects[culled] |= within(volume, points, r)
-        box = None if around.box is None else _joined(around.box, crowd, centre, size)
-        for volume in (*views, *mirrors):
-            volume = volume if box is None else bounded(volume, box)
-            for light in around.lights:
-                rest = np.flatnonzero(~shades[culled])
-                shades[culled[rest]] |= shaded(volume, light, points[rest], r[rest])
+        lit = [*views, *mirrors]
+        if around.box is not None:
+            box = _joined(around.box, crowd, centre, size)
+            lit = [bounded(volume, box) for volume in lit]
+        for begin in range(0, len(culled), BLOCK):
+            block = slice(begin, begin + BLOCK)
+            for volume in mirrors:
+                reflects[culled[block]] |= within(volume, points[block], r[block])
+            for volume, light in product(lit, around.lights):
+                shades[culled[block]] |= shaded(volume, light, points[block], r[block])
     count = len(frame.buckets.counts)
     levels = np.full(len(frame.crowd), min(around.level, count - 1), np.uint8)
     return replace(

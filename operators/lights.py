@@ -76,11 +76,14 @@ def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...]
 def _matrix(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
     """The world matrix (4, 4) float64 as `depsgraph` has evaluated it."""
     item, inside = placed
+    own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
+    if not inside:
+        return own
     matrix = np.eye(4)
     for instancer in inside:
         matrix = matrix @ np.array(instancer.evaluated_get(depsgraph).matrix_world, np.float64)
         matrix[:3, 3] -= matrix[:3, :3] @ np.array(instancer.instance_collection.instance_offset)
-    return matrix @ np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)
+    return matrix @ own
 
 
 def _within(collection: bpy.types.Collection | None, item: bpy.types.Object) -> bool:
@@ -222,11 +225,17 @@ def _box(scene: bpy.types.Scene, things: list[Placed], depsgraph) -> np.ndarray 
         node.type == "OUTPUT_WORLD" and node.inputs["Volume"].is_linked for node in world.node_tree.nodes
     ):
         return None
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    ends, matrices = [], []
     for item, inside in things:
         if item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers):
             return None
         if item.type in SOLID:
-            corners = _corners(item.evaluated_get(depsgraph), _matrix((item, inside), depsgraph))
-            low, high = np.minimum(low, corners.min(axis=0)), np.maximum(high, corners.max(axis=0))
-    return np.array([low, high])
+            least, *_, most, _ = item.evaluated_get(depsgraph).bound_box
+            ends.append((tuple(least), tuple(most)))
+            matrices.append(_matrix((item, inside), depsgraph))
+    if not ends:
+        return np.array([np.full(3, np.inf), np.full(3, -np.inf)])
+    ends, matrices = np.array(ends, np.float64), np.array(matrices)
+    middle = np.einsum("nij,nj->ni", matrices[:, :3, :3], ends.mean(axis=1)) + matrices[:, :3, 3]
+    half = np.einsum("nij,nj->ni", np.abs(matrices[:, :3, :3]), (ends[:, 1] - ends[:, 0]) / 2)
+    return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
