@@ -8,8 +8,10 @@ for before, and whoever else is in the crowd. This is SplitMix64 (Steele, Lea, F
 import numpy as np
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
-# Streams of draws from one key, far apart: what follows on a label, what follows a timer, and how long the timer runs.
+# Streams of draws from one key, far apart: what follows on a label, what follows a timer, how long the timer runs, and
+# from an agent's first key its looks.
 STATE, THEN, TIME = np.uint64(0), np.uint64(0x14057B7EF767814F), np.uint64(0x5851F42D4C957F2D)
+LOOKS = np.uint64(0x2545F4914F6CDD1D)
 
 
 def keys(seed: int, count: int) -> np.ndarray:

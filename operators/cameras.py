@@ -8,7 +8,7 @@ import numpy as np
 from ..crowd_lod import stereo
 from ..crowd_lod.camera import Camera, crop, lens_blur, opened, referential, window
 from ..crowd_lod.errors import CrowdError
-from .scene import scratch
+from .scene import remapped, scratch
 
 
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
@@ -26,6 +26,16 @@ def active_camera(scene: bpy.types.Scene) -> bpy.types.Object:
     return scene.camera
 
 
+def bound_camera(scene: bpy.types.Scene, time: float) -> bpy.types.Object:
+    """The camera that films `time`: that of the last marker with a camera up to it, of the first such marker before
+    them all, or the active one. Blender makes it the active one when it comes to the frame (BKE_scene_camera_switch_find)."""
+    markers = [m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render]
+    if not markers:
+        return active_camera(scene)
+    past = [m for m in markers if m.frame <= int(time)]
+    return (max(past, key=lambda m: m.frame) if past else min(markers, key=lambda m: m.frame)).camera
+
+
 def read_camera(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Camera:
     """The scene's active camera as `depsgraph` has evaluated it; of a stereo picture the first eye's."""
     return read_cameras(scene, depsgraph)[0]
@@ -34,14 +44,14 @@ def read_camera(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Camer
 def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
     """The cameras that film the scene's picture, as `depsgraph` has evaluated them: the active one, or the eyes of a
     stereo or multi-view picture. With the setting cull_to_border, only the render border is filmed."""
-    return cameras_from(scene, scene, depsgraph)
+    return cameras_from(scene, active_camera(scene), depsgraph)
 
 
 def cameras_from(
-    scene: bpy.types.Scene, stage: bpy.types.Scene, depsgraph: bpy.types.Depsgraph
+    scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph
 ) -> tuple[Camera, ...]:
-    """The eyes of `scene`, as the depsgraph of `stage`, which shares its cameras, has evaluated them."""
-    render, camera = scene.render, active_camera(scene)
+    """The eyes of `scene` when `camera` films it, as `depsgraph`, of any scene with these cameras, has evaluated them."""
+    render = scene.render
     views = [view for view in render.views if view.use] if render.use_multiview else []
     if not views:
         found = [camera_from(camera, render, depsgraph)]
@@ -158,38 +168,42 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
 
 
 def camera_at(scene: bpy.types.Scene, time: float) -> tuple[Camera, ...]:
-    """The scene's cameras, as `read_cameras`, as they will be at `time`, in frames; the scene stays at its own time."""
-    return cameras_at(scene, [time])[0]
+    """The scene's cameras, as `read_cameras`, as they will be at `time` (see scene.time_of); the scene stays at its own
+    time."""
+    return cameras_at(scene, [time], bound_camera(scene, time))[0]
 
 
-def cameras_at(scene: bpy.types.Scene, times: Sequence[float]) -> list[tuple[Camera, ...]]:
-    """`camera_at` for several times."""
+def cameras_at(
+    scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object
+) -> list[tuple[Camera, ...]]:
+    """`camera_at` for several times, all filmed by `camera`."""
     with scratch():
-        stage = bpy.data.scenes.new("Crowd LOD camera")
-        active = active_camera(scene)
-        for item in {active, *(_view_camera(scene, active, view.camera_suffix) for view in scene.render.views)}:
+        stage = bpy.data.scenes.new("Crowd LOD camera")  # its times are not remapped
+        for item in {camera, *(_view_camera(scene, camera, view.camera_suffix) for view in scene.render.views)}:
             stage.collection.objects.link(item)
         found = []
         for time in times:
             stage.frame_set(int(time // 1), subframe=time % 1)
-            found.append(cameras_from(scene, stage, stage.view_layers[0].depsgraph))
+            found.append(cameras_from(scene, camera, stage.view_layers[0].depsgraph))
         return found
 
 
 def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
-    """With motion blur, when the shutter of the frame `time` opens, is half open and closes, in frames; else nothing."""
+    """With motion blur, when the shutter of the frame at `time` opens, is half open and closes; else nothing."""
     render = scene.render
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return []
     opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position]
-    return [time + render.motion_blur_shutter * (part - opens) for part in (0.0, 0.5, 1.0)]
+    length = remapped(render, render.motion_blur_shutter)
+    return [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
 
 
 def read_shutter(scene: bpy.types.Scene, time: float) -> list[tuple[float, tuple[Camera, ...]]]:
-    """With motion blur, what camera.opened makes of the cameras while the shutter of the frame `time` is open: at its
-    beginning, middle and end, as Cycles samples them; else nothing."""
+    """With motion blur, what camera.opened makes of the cameras while the shutter of the frame at `time` is open: at its
+    beginning, middle and end, as Cycles samples them; else nothing. A marker that switches the camera while it is open
+    does not count: a frame is filmed by one."""
     times = shutter_times(scene, time)
     if not times:
         return []
-    eyes = [opened(each) for each in zip(*cameras_at(scene, times), strict=True)]
+    eyes = [opened(each) for each in zip(*cameras_at(scene, times, bound_camera(scene, time)), strict=True)]
     return list(zip(times, zip(*eyes, strict=True), strict=True))

@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import sys
+import time as clock
 from pathlib import Path
 
 import bpy
@@ -15,7 +16,7 @@ from ..crowd_lod import __version__, extremes
 from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.shot import parse_frames
-from . import report
+from . import bake, build, report
 from . import scene as io
 from .preview import Preview, preview
 from .verify import Verify, to_text, verify
@@ -78,6 +79,20 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--engine", choices=("workbench", "cycles", "eevee"), help="(default: the scene's, workbench)")
     command.add_argument("--color", choices=("lod", "material"), help="tint by LOD, or true materials")
     command.set_defaults(run=_preview)
+
+    command = _command(
+        commands,
+        program,
+        "build",
+        "write the scene with its render set-up as a .blend file",
+        "build plaza --bake --frames 1:120 --out plaza_built.blend",
+    )
+    _scene(command, program)
+    command.add_argument("--bake", action="store_true", help="put all frames into the file: it renders without Crowd LOD")
+    command.add_argument("--frames", metavar="A:B|LIST", help="the frames to bake (default: those that the scene renders)")
+    command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.set_defaults(run=_build)
 
     command = _command(
         commands,
@@ -248,21 +263,61 @@ def _report_cull(args, command: list[str]) -> dict:
     return {"lenses": rows, "summary": report.lenses_text(rows)}
 
 
+def _build(args, command: list[str]) -> dict:
+    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    path = _blend(args.out or Path(f"{stem}_built.blend"))
+    if args.frames is not None and not args.bake:
+        raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
+    frames = None if args.frames is None else parse_frames(args.frames)
+    scene = open_scene(args.scene)
+    if args.seed is not None:
+        scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
+    if args.bake and frames is None:
+        frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+    _finish(bake.prepared(scene, frames), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+    points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
+    _save(path, compress=True)  # poses share most of what they hold
+    size = path.stat().st_size
+    started = clock.perf_counter()
+    with io.quiet():
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    seconds = clock.perf_counter() - started
+    what = f"{len(frames)} frames baked, {sum(points.values()):,} points" if args.bake else f"built, {sum(points.values()):,} points now"
+    return {
+        "out": str(path),
+        "frames": frames,
+        "points": points,
+        "bytes": size,
+        "load_seconds": round(seconds, 3),
+        "summary": f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.\n{path}",
+    }
+
+
 def _sample(args, command: list[str]) -> dict:
-    path = (args.out or Path(f"{args.name}.blend")).absolute()
+    path = _blend(args.out or Path(f"{args.name}.blend"))
+    open_scene(args.name)
+    _save(path)
+    return {"out": str(path), "summary": str(path)}
+
+
+def _blend(path: Path) -> Path:
+    """The path, absolute; CrowdError if it is no .blend file's."""
     if path.suffix != ".blend":
         raise CrowdError(f"The file {path.name} must end in .blend.")
-    open_scene(args.name)
+    return path.absolute()
+
+
+def _save(path: Path, compress: bool = False) -> None:
+    """Write what is open beside `path`, and rename it."""
     beside = path.with_name(f".{path.name}.part")
     try:
         with io.quiet():
-            bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True)
+            bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True, compress=compress)
         beside.replace(path)
     except (RuntimeError, OSError) as error:
         with contextlib.suppress(OSError):
             beside.unlink()
         raise CrowdError(f"The file {path} cannot be written: {_first_line(error)}") from None
-    return {"out": str(path), "summary": str(path)}
 
 
 def _finish(steps, what: str, quiet: bool):

@@ -19,11 +19,11 @@ MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
 Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
 
 
-def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, time: float) -> Surroundings:
-    """What the crowd of `scene` shadows and is mirrored by at `time`, in frames, which `depsgraph` has evaluated.
+def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None, time: float) -> Surroundings:
+    """What the crowd of `scene` shadows and is mirrored by at `time` (see scene.time_of), which `depsgraph` has evaluated.
 
-    With motion blur lights and mirrors hold for the whole shutter of the frame `time`, whatever the time of `depsgraph`;
-    what shadows may fall on is then not bounded.
+    With motion blur lights and mirrors hold for the whole shutter of the frame at `time`, whatever the time of `depsgraph`.
+    What shadows may fall on is then not bounded, nor without a depsgraph.
     """
     settings, engine = scene.crowd_lod, scene.render.engine
     if not settings.shadows:
@@ -36,8 +36,8 @@ def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, ti
     lamps = [placed for placed in things if _casts(placed[0], glowing)]
     panes = [placed for placed in things if _within(settings.mirrors, placed[0]) and placed[0].type == "MESH"]
     times = shutter_times(scene, time)
-    if times:
-        lights, mirrors = _through(lamps, panes, times, engine)
+    if times or depsgraph is None:
+        lights, mirrors = _through(lamps, panes, times or [time], engine)
         box = None
     else:
         lights, mirrors = _read(lamps, panes, depsgraph, engine)

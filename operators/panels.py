@@ -6,6 +6,7 @@ import bpy
 
 from ..crowd_lod.meshes import missing_library
 from . import overlay
+from .build import BAKED
 
 # Name and icon of each LOD's colour in operators.levels.TINTS.
 COLOURS = (
@@ -218,7 +219,11 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
     bl_label = "Build"
 
     def body(self, context, layout, settings):
-        layout.operator("crowd_lod.build", icon="GEOMETRY_NODES")
+        row = layout.row(align=True)
+        row.operator("crowd_lod.build", icon="GEOMETRY_NODES")
+        row.operator("crowd_lod.bake", icon="FREEZE")
+        if settings.build is not None and BAKED in settings.build:
+            layout.label(text="Baked: frames {2:g} to {3:g}".format(*settings.build[BAKED]), icon="FREEZE")
         row = layout.row()
         row.enabled = settings.build is not None
         row.operator("crowd_lod.remove_build", icon="TRASH")

@@ -66,8 +66,9 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if stage.crowd_lod.levels is None:
             for part in make_levels(stage):
-                yield 0.1 * part
-        build.build(stage)
+                yield 0.05 * part
+        for part in build.build(stage):
+            yield 0.05 + 0.05 * part
         built = stage.crowd_lod.build
         tint = _tint_material() if wanted.engine != "WORKBENCH" else None
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
@@ -79,6 +80,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
             stage.crowd_lod.build = None  # else it would follow, and the frame's own times be those of a cache
+            stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
             stage.render.engine, drawing.hide_render = ENGINES[wanted.engine], True
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph, around=lights.read_surroundings(stage, layer.depsgraph, number))
@@ -129,6 +131,7 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
+    stage.timeline_markers.clear()  # they would take the camera back in the picture from above
     built, stage.crowd_lod.build = stage.crowd_lod.build, None
     if built is not None and built.name in stage.collection.children:
         stage.collection.children.unlink(built)

@@ -2,9 +2,9 @@
 
 import bpy
 
-from . import build, cli, levels, machines, overlay, panels, populate, preview, properties, samples
+from . import bake, build, cli, levels, machines, overlay, panels, populate, preview, properties, samples, threads
 
-MODULES = (properties, samples, machines, populate, levels, preview, build, panels)
+MODULES = (properties, samples, machines, populate, levels, preview, build, bake, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 _commands = []
 
@@ -14,6 +14,8 @@ def register():
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
     bpy.app.handlers.frame_change_post.append(build.follow)
+    bpy.app.handlers.load_post.append(build.upgrade)
+    threads.register()
     overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", cli.from_blender))
 
@@ -22,6 +24,8 @@ def unregister():
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     overlay.unregister()
+    threads.unregister()
+    bpy.app.handlers.load_post.remove(build.upgrade)
     bpy.app.handlers.frame_change_post.remove(build.follow)
     populate.forget()
     del bpy.types.Scene.crowd_lod

@@ -10,22 +10,38 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..crowd_lod.agents import Crowd
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.maps import HeightMap
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 
 
+# The values last read of each image: a cache, never the truth.
+_values: dict[int, np.ndarray] = {}
+MOST_IMAGES = 8
+
+
 def read_values(image: bpy.types.Image) -> np.ndarray:
-    """The image's own values as (rows, columns, channels) float32, bottom row first; CrowdError if it has no pixels."""
+    """The image's own values as (rows, columns, channels) float32, bottom row first, read-only: the same array as before
+    if they are the same. CrowdError if it has no pixels."""
     width, height = image.size
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
         raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
-    values = np.empty(width * height * image.channels, np.float32)
-    image.pixels.foreach_get(values)
-    return values.reshape(height, width, image.channels)
+    values = np.empty((height, width, image.channels), np.float32)
+    image.pixels.foreach_get(values.ravel())
+    before = _values.pop(image.session_uid, None)
+    if before is not None and np.array_equal(before, values):
+        values = before
+    values.flags.writeable = False
+    while len(_values) >= MOST_IMAGES:
+        _values.pop(next(iter(_values)))
+    _values[image.session_uid] = values
+    return values
+
+
+def forget() -> None:
+    """Drop the cache."""
+    _values.clear()
 
 
 def read_pixels(image: bpy.types.Image) -> np.ndarray:
@@ -106,27 +122,32 @@ def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -
     mesh.update(calc_edges=True)
 
 
-def write_agents(mesh: bpy.types.Mesh, crowd: Crowd, agents: np.ndarray, slopes: HeightMap | None = None) -> None:
-    """Make `mesh` one loose vertex for each of `agents` (m,), world space, with the attributes heading and phase
-    (FLOAT), group and the stable id (INT); with `slopes` also pitch and roll (FLOAT), see HeightMap.tilt."""
+KINDS = {(np.dtype(np.float32), 1): "FLOAT", (np.dtype(np.int32), 1): "INT", (np.dtype(np.float32), 2): "FLOAT_VECTOR"}
+
+
+def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
+    """Make `mesh` one loose vertex for each row of `columns` (m,) or (m, 3), float32 or int32, with the point attributes
+    that they name; "position" (m, 3) is the vertices' own, in the mesh's space."""
     mesh.clear_geometry()
-    mesh.vertices.add(len(agents))
-    points = np.empty((len(agents), 3), np.float32)
-    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
-        points[:, axis] = column[agents]
-    mesh.vertices.foreach_set("co", points.ravel())
-    columns = {
-        "heading": ("FLOAT", crowd.heading[agents]),
-        "phase": ("FLOAT", crowd.phase[agents]),
-        "group": ("INT", crowd.group[agents].astype(np.int32)),
-        "id": ("INT", agents.astype(np.int32)),
-    }
-    if slopes is not None:
-        pitch, roll = slopes.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents])
-        columns |= {"pitch": ("FLOAT", pitch), "roll": ("FLOAT", roll)}
-    for name, (kind, values) in columns.items():
-        mesh.attributes.new(name, kind, "POINT").data.foreach_set("value", values)
+    mesh.vertices.add(len(columns["position"]))
+    for name, values in columns.items():
+        if name == "position":
+            attribute, field = mesh.attributes["position"], "vector"
+        else:
+            attribute = mesh.attributes.new(name, KINDS[values.dtype, values.ndim], "POINT")
+            field = "vector" if values.ndim == 2 else "value"
+        attribute.data.foreach_set(field, np.ascontiguousarray(values).ravel())
     mesh.update_tag()
+
+
+def remapped(render: bpy.types.RenderSettings, frames: float) -> float:
+    """`frames` of the timeline in the frames of the animation, which "Time Stretching" makes others."""
+    return frames * render.frame_map_old / render.frame_map_new
+
+
+def time_of(scene: bpy.types.Scene) -> float:
+    """The scene's current time with its sub-frame, in frames of the animation: what keyframes are evaluated at."""
+    return remapped(scene.render, scene.frame_current + scene.frame_subframe)
 
 
 def set_node_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:

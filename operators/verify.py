@@ -60,12 +60,14 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if stage.crowd_lod.levels is None:
             for part in make_levels(stage):
-                yield 0.1 * part
-        build.build(stage)
+                yield 0.05 * part
+        for part in build.build(stage):
+            yield 0.05 + 0.05 * part
         top, stage.crowd_lod.build = stage.crowd_lod.build, None  # it holds what is written here, not what the frame asks
         twins, outline = _twins(stage, top), _outline(stage, top)
         rows, sheet = [], []
         for number in wanted.frames:
+            outline.camera = stage.camera = cameras.bound_camera(scene, io.remapped(stage.render, number))
             stage.frame_set(number)
             row, pictures = yield from _frame(stage, layer.depsgraph, top, twins, outline, number, wanted, folder, len(rows))
             rows.append(row)
@@ -120,9 +122,9 @@ def _twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Colle
     """Copies of the build's point objects that no ray of a direct picture meets. Cycles rounds a mesh differently where it
     is instanced once and where it is more often; with its twin every mesh in the picture is."""
     twins = bpy.data.collections.new("Crowd LOD twins")
-    for item in top.objects:
-        twin = item.copy()
-        twin.data = item.data.copy()
+    for points in build.points_of(top).values():
+        twin = points.copy()
+        twin.data = points.data.copy()
         twins.objects.link(twin)
         for ray in RAYS:
             setattr(twin, f"visible_{ray}", False)
@@ -131,14 +133,14 @@ def _twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Colle
 
 
 def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
-    """A scene of nothing but the build and the camera, whose pictures' alpha is the crowd's silhouette."""
+    """A scene of nothing but the build and the cameras, whose pictures' alpha is the crowd's silhouette."""
     outline = stage.copy()
     for child in outline.collection.children:
         outline.collection.children.unlink(child)
     for item in outline.collection.objects:
         outline.collection.objects.unlink(item)
-    outline.collection.children.link(top)
-    outline.collection.objects.link(stage.camera)
+    for item in (*build.points_of(top).values(), *(item for item in stage.objects if item.type == "CAMERA")):
+        outline.collection.objects.link(item)
     outline.render.film_transparent, outline.world = True, None
     outline.cycles.samples, outline.cycles.max_bounces = SILHOUETTE_SAMPLES, 0
     return outline
@@ -146,14 +148,14 @@ def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Sce
 
 def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, folder: Path, done: int):
     """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
-    around = lights.read_surroundings(stage, depsgraph, number)
+    around, trajectory = lights.read_surroundings(stage, depsgraph, io.time_of(stage)), trajectory_of(stage)
     planned = frame_of(stage, depsgraph, around=around)
     frames = _variants(planned, frame_of(stage, depsgraph, around=replace(around, level=0)))
     outline.frame_set(number)
     total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
     at = done * total / len(wanted.frames)
-    slopes = trajectory_of(stage).heights if stage.crowd_lod.tilt else None
-    build.write(twins, planned.crowd, replace(frames["b"], buckets=_everyone_in(frames["b"])), slopes)
+    tilt = stage.crowd_lod.tilt
+    build.write(twins, trajectory, _together(frames["b"]), planned.crowd, tilt)
     worlds = stage.world, _dark(stage.world)
     row = {
         "frame": number,
@@ -168,7 +170,7 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
         ending = "_bounces" if bounces else ""
         shot = {}
         for name, frame in frames.items():
-            build.write(top, planned.crowd, frame, slopes)
+            build.write(top, trajectory, frame, planned.crowd, tilt)
             shot[name] = _render(stage, folder / f"frame_{number:04d}_{name}{ending}.png")
             if not bounces and name in ("a", "c"):
                 masks[name] = _render(outline, folder / "outline.png")[..., 3]
@@ -208,12 +210,13 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
     }
 
 
-def _everyone_in(frame: Frame):
-    """One bucket of the finest LOD with all agents of the frame, whoever sees them."""
+def _together(frame: Frame) -> Frame:
+    """The frame with all its agents in one bucket of the finest LOD, whoever sees them."""
     held = np.zeros(len(frame.crowd), bool)
     for buckets in (frame.buckets, frame.shadow, frame.mirrored):
         held[buckets.order] = True
-    return sort(held, np.zeros(len(held), np.uint8), len(frame.buckets.counts))
+    buckets = sort(held, np.zeros(len(held), np.uint8), len(frame.buckets.counts))
+    return replace(frame, buckets=buckets, shadow=None, mirrored=None)
 
 
 def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:

@@ -2,28 +2,21 @@
 
 import bpy
 
+from .trees import attribute, current, spread
+
 NAME = "Crowd LOD Instances"
-VERSION = 2
+VERSION = 3
 
 
 def instances() -> bpy.types.GeometryNodeTree:
-    """The group of this version: points with heading, pitch, roll (radians) and group (index) in, collection instances
+    """The group of this version: points with heading, pitch, roll (radians) and pose (index) in, collection instances
     out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn). Points without pitch and roll stand upright.
 
-    Inputs: Geometry, Characters (a collection with one child a character group, in natural order of names), Turn
-    (radians about z that turn a character to +x). A group of another version is rebuilt in place, so that files saved
-    with it follow.
+    Inputs: Geometry, Characters (a collection with one child a pose, in natural order of names), Turn (radians about z
+    that turn a character to +x). A group of another version is rebuilt in place, so that files saved with it follow;
+    its modifiers then need their inputs again.
     """
-    tree = bpy.data.node_groups.get(NAME)
-    if tree is not None and tree.bl_idname == "GeometryNodeTree" and tree.get("version") == VERSION:
-        return tree
-    if tree is None or tree.bl_idname != "GeometryNodeTree":
-        tree = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
-    tree.nodes.clear()
-    tree.interface.clear()
-    _wire(tree)
-    tree["version"] = VERSION
-    return tree
+    return current(NAME, VERSION, _wire)
 
 
 def _wire(tree: bpy.types.GeometryNodeTree) -> None:
@@ -38,8 +31,8 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     characters.inputs["Separate Children"].default_value = True
     tree.links.new(entry.outputs["Characters"], characters.inputs["Collection"])
 
-    heading, pitch, roll = (_attribute(tree, name, "FLOAT") for name in ("heading", "pitch", "roll"))
-    group = _attribute(tree, "group", "INT")
+    heading, pitch, roll = (attribute(tree, name, "FLOAT") for name in ("heading", "pitch", "roll"))
+    pose = attribute(tree, "pose", "INT")
     down = tree.nodes.new("ShaderNodeMath")
     down.operation = "MULTIPLY"
     down.inputs[1].default_value = -1.0
@@ -56,14 +49,12 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     place.inputs["Pick Instance"].default_value = True
     tree.links.new(entry.outputs["Geometry"], place.inputs["Points"])
     tree.links.new(characters.outputs[0], place.inputs["Instance"])
-    tree.links.new(group, place.inputs["Instance Index"])
+    tree.links.new(pose, place.inputs["Instance Index"])
     tree.links.new(whole.outputs["Rotation"], place.inputs["Rotation"])
     tree.links.new(place.outputs["Instances"], leave.inputs["Geometry"])
 
     upper = entry, characters, down, stance.node, turn.node, whole, place, leave
-    for row, nodes in enumerate((upper, (group.node, heading.node, pitch.node, roll.node))):
-        for column, node in enumerate(nodes):
-            node.location = (180 * column, -200 * row)
+    spread(upper, (pose.node, heading.node, pitch.node, roll.node))
 
 
 def _rotation(tree, **angles: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
@@ -73,10 +64,3 @@ def _rotation(tree, **angles: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
         tree.links.new(socket, euler.inputs[axis])
     tree.links.new(euler.outputs["Vector"], rotation.inputs["Euler"])
     return rotation.outputs["Rotation"]
-
-
-def _attribute(tree, name: str, kind: str) -> bpy.types.NodeSocket:
-    node = tree.nodes.new("GeometryNodeInputNamedAttribute")
-    node.data_type = kind
-    node.inputs["Name"].default_value = name
-    return next(s for s in node.outputs if s.enabled and s.name == "Attribute")

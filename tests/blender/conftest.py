@@ -41,3 +41,19 @@ def scene():
     settings.count, settings.size = 300, (40, 40)
     settings.thresholds[:2] = (0.2, 0.5)
     return scene
+
+
+@pytest.fixture
+def built(scene):
+    """The small crowd, built, under a camera that moves and turns."""
+    from crowd_lod_extension.operators.build import build
+    from crowd_lod_extension.operators.levels import make_levels
+
+    for frame, x, turn in ((1, -5, -0.3), (40, 12, 0.6)):
+        scene.camera.location.x, scene.camera.rotation_euler.z = x, turn
+        scene.camera.keyframe_insert("location", frame=frame)
+        scene.camera.keyframe_insert("rotation_euler", frame=frame)
+    list(make_levels(scene))
+    list(build(scene))
+    scene.frame_set(1)
+    return scene

@@ -102,7 +102,7 @@ def test_preview_leaves_the_open_scene_as_it_was(scene, tmp_path):
     from crowd_lod_extension.operators.preview import Preview, preview
 
     list(make_levels(scene))
-    build(scene)
+    list(build(scene))
     scene.frame_set(7)
     state = lambda: (  # noqa: E731
         set(bpy.data.user_map()), scene.frame_current, scene.render.engine, scene.render.filepath, scene.camera,

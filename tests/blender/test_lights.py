@@ -115,7 +115,7 @@ def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the
     tower = add(lit.collection, "Tower", [(box(-1, -1, 1, 1, 0, 12), material("Stone", (1, 1, 1)))])
     tower.location.x = 40
     list(make_levels(lit))
-    builder.build(lit)
+    list(builder.build(lit))
     lit.frame_set(5)
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (41, 50, 12)], atol=1e-5)
     tower.hide_render = True
@@ -166,12 +166,12 @@ def test_with_an_open_shutter_a_light_holds_itself_at_all_its_times(lit):
 def unseen(scene):
     """(positions as bytes, number) of the points of the build's objects that the camera does not see."""
     found = {}
-    for item in scene.crowd_lod.build.all_objects:
-        if item.get(builder.ROLE, "buckets") != "buckets":
-            assert not item.visible_camera and item.visible_shadow
+    for name, item in builder.points_of(scene.crowd_lod.build).items():
+        assert item.visible_camera == name.startswith("LOD") and item.visible_shadow
+        if not item.visible_camera:
             values = np.empty((len(item.data.vertices), 3), np.float32)
             item.data.vertices.foreach_get("co", values.ravel())
-            found[item[builder.ROLE], item[builder.LEVEL]] = values.tobytes()
+            found[name] = values.tobytes()
     return found
 
 
@@ -183,7 +183,7 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
         sun.keyframe_insert("rotation_euler", frame=frame)
     lit.render.use_motion_blur = blur
     list(make_levels(lit))
-    builder.build(lit)
+    list(builder.build(lit))
     first = {}
     for time in (30.0, 2.0, 11.25, 11.0, 10.75, 11.25, 2.0, 10.75, 30.0):
         lit.frame_set(int(time), subframe=time % 1)
@@ -192,11 +192,11 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
     lit.frame_set(11)
     found = unseen(lit)
     frame = frame_of(lit, bpy.context.evaluated_depsgraph_get(), around=read(lit))
-    assert len(found["shadow", 2]) // 12 == len(frame.shadow.order) > 0 and frame.shadow.counts[:2].sum() == 0
-    assert not found["shadow", 0] and not found["mirrored", 2]
+    assert len(found["Shadow 2"]) // 12 == len(frame.shadow.order) > 0 and frame.shadow.counts[:2].sum() == 0
+    assert not found["Shadow 0"] and not found["Mirror 2"]
     lit.crowd_lod.unseen_level = 0
     lit.frame_set(11)
-    assert unseen(lit)["shadow", 0] == found["shadow", 2] and not unseen(lit)["shadow", 2]
+    assert unseen(lit)["Shadow 0"] == found["Shadow 2"] and not unseen(lit)["Shadow 2"]
     lit.crowd_lod.shadows = False
     lit.frame_set(11)
     assert not any(unseen(lit).values())

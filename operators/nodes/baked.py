@@ -1,0 +1,90 @@
+"""The node group that shows, of the points of many frames, those of the scene's frame, and instances them."""
+
+import bpy
+
+from . import instances
+from .trees import attribute, current, spread
+
+NAME = "Crowd LOD Baked"
+VERSION = 1
+
+
+def baked() -> bpy.types.GeometryNodeTree:
+    """The group of this version, which needs no handler: points of many frames, with the attribute frame (INT), in;
+    collection instances of those whose frame's shutter is open out.
+
+    The inputs of instances.instances, and Rate (frames of the timeline per frame of the animation) and Opens (part of a
+    frame by which the shutter opens before it). Points may have velocities in metres per frame, move_before and
+    move_after, and turn_before and turn_after (roll, pitch, heading) in radians per frame: they hold until the frame,
+    and from it on.
+    """
+    return current(NAME, VERSION, _wire)
+
+
+def _wire(tree: bpy.types.GeometryNodeTree) -> None:
+    for name, kind in (("Geometry", "Geometry"), ("Characters", "Collection"), ("Turn", "Float"), ("Rate", "Float"), ("Opens", "Float")):
+        tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    entry, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    clock = tree.nodes.new("GeometryNodeInputSceneTime")
+    time = _math(tree, "MULTIPLY", clock.outputs["Frame"], entry.outputs["Rate"])
+    frame = _math(tree, "FLOOR", _math(tree, "ADD", time, entry.outputs["Opens"]))
+    away = _math(tree, "SUBTRACT", time, frame)  # frames; below 0 before the frame
+
+    other = _math(tree, "ABSOLUTE", _math(tree, "SUBTRACT", attribute(tree, "frame", "INT"), frame))
+    now = tree.nodes.new("GeometryNodeSeparateGeometry")
+    tree.links.new(entry.outputs["Geometry"], now.inputs["Geometry"])
+    tree.links.new(_math(tree, "LESS_THAN", other, 0.5), now.inputs["Selection"])
+
+    before = _math(tree, "LESS_THAN", away, 0.0)
+    moved = tree.nodes.new("GeometryNodeSetPosition")
+    tree.links.new(now.outputs["Selection"], moved.inputs["Geometry"])
+    tree.links.new(_velocity(tree, "move", before, away), moved.inputs["Offset"])
+    turned = tree.nodes.new("ShaderNodeSeparateXYZ")
+    tree.links.new(_velocity(tree, "turn", before, away), turned.inputs["Vector"])
+    geometry = moved.outputs["Geometry"]
+    stores = []
+    for axis, name in (("X", "roll"), ("Y", "pitch"), ("Z", "heading")):
+        store = tree.nodes.new("GeometryNodeStoreNamedAttribute")
+        store.data_type, store.domain = "FLOAT", "POINT"
+        store.inputs["Name"].default_value = name
+        tree.links.new(geometry, store.inputs["Geometry"])
+        tree.links.new(_math(tree, "ADD", attribute(tree, name, "FLOAT"), turned.outputs[axis]), store.inputs["Value"])
+        geometry = store.outputs["Geometry"]
+        stores.append(store)
+
+    place = tree.nodes.new("GeometryNodeGroup")
+    place.node_tree = instances.instances()
+    tree.links.new(geometry, place.inputs["Geometry"])
+    for name in ("Characters", "Turn"):
+        tree.links.new(entry.outputs[name], place.inputs[name])
+    tree.links.new(place.outputs["Geometry"], leave.inputs["Geometry"])
+
+    upper = entry, now, moved, *stores, place, leave
+    spread(upper, [node for node in tree.nodes if node not in upper])
+
+
+def _math(tree, operation: str, *values) -> bpy.types.NodeSocket:
+    """The result of a math node on sockets and numbers."""
+    node = tree.nodes.new("ShaderNodeMath")
+    node.operation = operation
+    for socket, value in zip(node.inputs, values, strict=False):
+        if isinstance(value, float):
+            socket.default_value = value
+        else:
+            tree.links.new(value, socket)
+    return node.outputs["Value"]
+
+
+def _velocity(tree, name: str, before: bpy.types.NodeSocket, away: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+    """The way since the frame, by the velocity that then holds."""
+    either = tree.nodes.new("GeometryNodeSwitch")
+    either.input_type = "VECTOR"
+    tree.links.new(before, either.inputs["Switch"])
+    tree.links.new(attribute(tree, f"{name}_after", "FLOAT_VECTOR"), either.inputs["False"])
+    tree.links.new(attribute(tree, f"{name}_before", "FLOAT_VECTOR"), either.inputs["True"])
+    way = tree.nodes.new("ShaderNodeVectorMath")
+    way.operation = "SCALE"
+    tree.links.new(either.outputs["Output"], way.inputs["Vector"])
+    tree.links.new(away, way.inputs["Scale"])
+    return way.outputs["Vector"]

@@ -1,0 +1,164 @@
+"""Posed LODs: of each LOD of each character group one collection a pose, which the build's agents instance."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..crowd_lod.levels import limits
+from ..crowd_lod.poses import MOST, longest_step, path_pixels, pose_counts
+from . import scene as io
+from .cameras import camera_at
+from .levels import OWNED
+from .populate import action_range, characters_of, groups_of, policy_of
+
+MOST_CAMERAS = 9  # times of the shot whose cameras say how large a LOD is seen
+MEASURING = 0.3  # part of the time
+
+
+@dataclass(frozen=True)
+class Posed:
+    """Poses that stand in no scene yet. counts: (G, n), poses of each group and LOD. apart: pixels that a vertex moves
+    at most from one pose to the next where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its
+    collections, a pose each, group after group; sorted by name they keep this order. names: what each new block is to
+    be called, as soon as those of an earlier build have gone."""
+
+    counts: np.ndarray
+    apart: float
+    collections: list[list[bpy.types.Collection]]
+    names: dict[bpy.types.ID, str]
+
+
+def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
+    """Evaluate the LODs of `scene` at even phases of their actions; yields the progress, 0 to 1, and returns the Posed.
+
+    A pose holds copies of the LOD's objects without modifiers, parents and animation, where the originals stand at that
+    phase; an object that does not deform has one mesh in all poses. Closed early, it leaves nothing behind.
+    """
+    characters, levels = characters_of(scene), scene.crowd_lod.levels.children
+    count = policy_of(scene.crowd_lod).count
+    paths, names = [], {}
+    done = False
+    try:
+        for g, (_, objects, _) in enumerate(characters):
+            share = MEASURING / len(characters)
+            paths.append((yield from _path(objects, levels[0].children[g], g * share, share)))
+        pixels = _pixels(scene, np.array(paths))
+        counts = pose_counts(pixels, policy_of(scene.crowd_lod).tolerance)
+        posed = Posed(counts, float((pixels / counts)[:, 1:].max(initial=0.0)), [[] for _ in range(count)], names)
+        for g, (name, objects, _) in enumerate(characters):
+            finest = int(posed.counts[g].max())
+            homes = [level.children[g] for level in levels[:count]]
+            meshes: dict[bpy.types.Object, bpy.types.Mesh] = {}  # of each object its first pose's
+            with _stage(homes) as (stage, actors):
+                for step in range(finest):
+                    depsgraph = _act(stage, objects, step / finest)
+                    for k, home in enumerate(homes):
+                        j, between = divmod(step * int(posed.counts[g, k]), finest)
+                        if between:
+                            continue
+                        index = int(posed.counts[:g, k].sum()) + j
+                        pose = bpy.data.collections.new("Crowd LOD pose")
+                        names[pose] = f"{index:05d} {name} LOD {k}"
+                        pose.instance_offset = home.instance_offset
+                        for item in home.objects:
+                            pose.objects.link(_still(item, actors[item].evaluated_get(depsgraph), depsgraph, meshes, names, j))
+                        posed.collections[k].append(pose)
+                    yield MEASURING + (1 - MEASURING) * (g + (step + 1) / finest) / len(characters)
+        done = True
+    finally:
+        if not done:
+            bpy.data.batch_remove(list(names))
+    for block in names:
+        block[OWNED] = True
+    return posed
+
+
+def _path(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: float, share: float) -> Iterator[float]:
+    """What path_pixels calls the path of the group of `objects`, whose LOD is `home`; yields the progress from `begin`
+    on, `share` in all."""
+    first, last = action_range(objects)
+    if first == last:
+        return 0.0
+    longest, before = 0.0, None
+    with _stage([home]) as (stage, actors):
+        for step in range(MOST):
+            depsgraph = _act(stage, objects, step / MOST)
+            points = np.concatenate([io.world_points(actor.evaluated_get(depsgraph)) for actor in actors.values()])
+            longest = longest if before is None else max(longest, longest_step(before, points))
+            before = points
+            yield begin + share * (step + 1) / MOST
+    return MOST * longest
+
+
+def _pixels(scene: bpy.types.Scene, paths: np.ndarray) -> np.ndarray:
+    """path_pixels (G, n), the most that a camera of the shot shows."""
+    groups, policy = groups_of(scene.crowd_lod), policy_of(scene.crowd_lod)
+    radius = np.array([group.radius for group in groups])
+    frames = np.unique(np.linspace(scene.frame_start, scene.frame_end, MOST_CAMERAS).round())
+    eyes = [eye for frame in frames for eye in camera_at(scene, io.remapped(scene.render, frame))]
+    return np.max([path_pixels(paths, limits(policy, eye, radius), radius, eye) for eye in eyes], axis=0)
+
+
+@contextmanager
+def _stage(homes: list[bpy.types.Collection]):
+    """(a scene that is gone afterwards, the stand-in there of each object in `homes`), modifiers set as for a render."""
+    stage = bpy.data.scenes.new("Crowd LOD poses")
+    actors = {}
+    try:
+        for item in (item for home in homes for item in home.objects):
+            actors[item] = item.copy()
+            stage.collection.objects.link(actors[item])
+            for modifier in actors[item].modifiers:
+                modifier.show_viewport = modifier.show_render
+                if hasattr(modifier, "render_levels"):
+                    modifier.levels = modifier.render_levels
+        yield stage, actors
+    finally:
+        bpy.data.batch_remove([stage, *actors.values()])
+
+
+def _act(stage: bpy.types.Scene, objects: list[bpy.types.Object], phase: float) -> bpy.types.Depsgraph:
+    """Take the stage to `phase` of the action of `objects`."""
+    first, last = action_range(objects)
+    frame = first + (last - first) * phase
+    stage.frame_set(int(frame // 1), subframe=frame % 1)
+    return stage.view_layers[0].depsgraph
+
+
+def _still(item: bpy.types.Object, evaluated: bpy.types.Object, depsgraph, meshes: dict, names: dict, j: int) -> bpy.types.Object:
+    """A copy of the LOD object `item` as `evaluated`, that keeps slots, visibility and custom properties."""
+    mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
+    matrix = evaluated.matrix_world.copy()
+    still = item.copy()
+    names[still] = f"{item.name} pose {j:02d}"
+    still.animation_data_clear()
+    still.modifiers.clear()
+    still.constraints.clear()
+    still.parent = None
+    still.matrix_world = matrix
+    skew = still.matrix_basis.inverted_safe() @ matrix  # what location, rotation and scale cannot say
+    if max(abs(a - b) for row, one in zip(skew, Matrix.Identity(4), strict=True) for a, b in zip(row, one, strict=True)) > 1e-5:
+        mesh.transform(skew)
+    first = meshes.setdefault(item, mesh)
+    if first is not mesh and _same(first, mesh):
+        bpy.data.meshes.remove(mesh)
+        mesh = first
+    still.data = mesh
+    if mesh not in names:
+        names[mesh] = names[still]
+        still.vertex_groups.clear()  # done with, and half of the memory
+    return still
+
+
+def _same(one: bpy.types.Mesh, other: bpy.types.Mesh) -> bool:
+    """Whether two poses of one object are alike."""
+    if len(one.vertices) != len(other.vertices) or len(one.loops) != len(other.loops):
+        return False
+    places = [np.empty(3 * len(mesh.vertices), np.float32) for mesh in (one, other)]
+    for mesh, values in zip((one, other), places, strict=True):
+        mesh.vertices.foreach_get("co", values)
+    return np.array_equal(*places)

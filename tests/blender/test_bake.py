@@ -1,0 +1,132 @@
+"""A baked file shows the same pictures in a Blender that knows nothing of Crowd LOD."""
+
+import json
+import subprocess
+import sys
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators import cli
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.bake import bake
+
+FRAMES = (27, 12, 20)
+FARM = """
+import sys, bpy
+bpy.ops.wm.open_mainfile(filepath=sys.argv[1])
+assert not hasattr(bpy.types.Scene, "crowd_lod") and not bpy.app.handlers.frame_change_post
+scene = bpy.context.scene
+for name in sys.argv[3:]:
+    scene.frame_set(int(name))
+    scene.render.filepath = sys.argv[2] + name
+    bpy.ops.render.render(write_still=True)
+"""
+
+
+def farm(file, folder):
+    """Render FRAMES of the file in a process of its own, without the extension."""
+    command = [sys.executable, "-c", FARM, file, f"{folder}/farm_", *map(str, FRAMES)]
+    subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL)
+
+
+def pictures(folder, name):
+    return [io.load_pixels(folder / f"{name}_{number}.png").astype(int) for number in FRAMES]
+
+
+@pytest.mark.parametrize(
+    "engine, blur, stretch",
+    [("CYCLES", None, 100), ("CYCLES", "CENTER", 100), ("CYCLES", "END", 150), ("BLENDER_WORKBENCH", None, 70)],
+)
+def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, blur, stretch):
+    render = built.render
+    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    built.collection.objects.link(sun)
+    render.film_transparent, render.image_settings.color_mode = True, "RGBA"
+    render.engine, built.cycles.samples, built.cycles.use_denoising = engine, 2, False
+    built.display.render_aa = "OFF"
+    render.use_motion_blur, render.frame_map_new = blur is not None, stretch
+    if blur:
+        render.motion_blur_position, render.motion_blur_shutter = blur, 1.5
+    built.crowd_lod.first_frame = 5
+    for number in FRAMES:
+        built.frame_set(number)
+        render.filepath = str(tmp_path / f"live_{number}")
+        bpy.ops.render.render(write_still=True)
+    list(bake(built, range(11, 29)))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "baked.blend"))
+    farm(tmp_path / "baked.blend", tmp_path)
+    for live, baked in zip(pictures(tmp_path, "live"), pictures(tmp_path, "farm"), strict=True):
+        differs = np.abs(live - baked).max(axis=2)
+        assert (differs > 8).mean() < 0.002  # an edge's pixel, where a float32 rounds the other way
+    live = pictures(tmp_path, "live")
+    assert all((np.abs(live[0] - other).max(axis=2) > 8).mean() > 0.02 for other in live[1:])
+
+
+def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
+    shown = lambda: sum(each.is_instance for each in bpy.context.evaluated_depsgraph_get().object_instances)  # noqa: E731
+    built.frame_set(12)
+    live = shown()
+    before = [len(item.data.vertices) for item in built.crowd_lod.build.objects]
+    list(bake(built, [12, 20]))
+    for number, count in ((12, live), (11, 0), (13, 0), (21, 0)):
+        built.frame_set(number)
+        assert shown() == count
+    list(builder.build(built))
+    built.frame_set(13)
+    assert shown() > 0
+    built.frame_set(12)
+    assert [len(item.data.vertices) for item in built.crowd_lod.build.objects] == before and shown() == live
+
+
+def test_a_bake_that_is_stopped_leaves_the_live_build(built):
+    built.frame_set(12)
+    before = set(bpy.data.user_map())
+    for steps in (20, 200, 262):
+        baking = bake(built, range(1, 20))
+        for _ in range(steps):
+            next(baking)
+        baking.close()
+        assert set(bpy.data.user_map()) == before and builder.BAKED not in built.crowd_lod.build
+
+
+def test_remove_takes_a_bake_away(scene):
+    from crowd_lod_extension.operators.levels import make_levels
+
+    list(make_levels(scene))
+    before = set(bpy.data.user_map())
+    list(bake(scene, [3, 4]))
+    assert set(bpy.data.user_map()) > before
+    builder.remove_build(scene.crowd_lod)
+    assert set(bpy.data.user_map()) == before
+
+
+def test_the_command_bakes_a_file_and_says_its_size(scene, tmp_path, capfd):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    untouched = (tmp_path / "crowd.blend").read_bytes()
+    out = tmp_path / "out.blend"
+    words = ["build", str(tmp_path / "crowd.blend"), "--out", str(out), "--json", "--quiet"]
+    capfd.readouterr()
+    assert cli._run([*words, "--bake", "--frames", "9:11"], "crowd-lod") == 0
+    result = json.loads(capfd.readouterr().out)
+    assert result["frames"] == [9, 10, 11] and result["bytes"] == out.stat().st_size and result["load_seconds"] > 0
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    top = bpy.context.scene.crowd_lod.build
+    assert list(top[builder.BAKED])[2:] == [9, 11]
+    assert result["points"] == {name: len(item.data.vertices) for name, item in builder.points_of(top).items()}
+    assert cli._run(words, "crowd-lod") == 0
+    assert json.loads(capfd.readouterr().out.splitlines()[-1])["frames"] is None
+    bpy.ops.wm.open_mainfile(filepath=str(out))
+    assert builder.BAKED not in bpy.context.scene.crowd_lod.build
+    assert (tmp_path / "crowd.blend").read_bytes() == untouched
+    assert cli._run([*words, "--frames", "9:11"], "crowd-lod") == 1
+    assert "add --bake" in capfd.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["crowd.blend", "out.blend"]
+
+
+def test_a_bake_needs_what_a_build_needs(scene):
+    with pytest.raises(CrowdError, match="Make LOD Meshes"):
+        list(bake(scene, [1]))
+    assert scene.crowd_lod.build is None

@@ -1,0 +1,175 @@
+"""A second build changes nothing but what must; a removed one leaves nothing; files of older versions follow."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.nodes import trees
+from crowd_lod_extension.operators.nodes.instances import NAME, VERSION
+
+
+def visible():
+    """World positions of all instances, sorted."""
+    found = [tuple(each.matrix_world.translation) for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance]
+    return np.array(sorted(found))
+
+
+def counts():
+    return {name: len(getattr(bpy.data, name)) for name in ("objects", "meshes", "collections", "node_groups", "materials", "scenes")}
+
+
+def points(top):
+    return {name: [vertex.co[:] for vertex in item.data.vertices] for name, item in builder.points_of(top).items()}
+
+
+def test_remove_brings_the_file_back(scene):
+    list(make_levels(scene))
+    before = set(bpy.data.user_map())
+    for _ in range(2):
+        list(builder.build(scene))
+        list(builder.build(scene))
+        builder.remove_build(scene.crowd_lod)
+        assert set(bpy.data.user_map()) == before and scene.crowd_lod.build is None
+
+
+def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
+    top = built.crowd_lod.build
+    first = builder.points_of(top)["LOD 1"]
+    first.name, first.color = "my points", (0.1, 0.2, 0.3, 1)
+    later = first.modifiers.new("mine", "NODES")
+    later.node_group = bpy.data.node_groups.new("my tree", "GeometryNodeTree")
+    first.data.materials.append(bpy.data.materials.new("my material"))
+    elsewhere = bpy.data.collections.new("elsewhere")
+    built.collection.children.link(elsewhere)
+    elsewhere.objects.link(first)
+    lamp = bpy.data.objects.new("lamp", None)
+    top.objects.link(lamp)
+    top.name, top.hide_select = "my build", True
+    layer = built.view_layers[0].layer_collection.children[top.name]
+    layer.children[0].exclude, layer.holdout = False, True
+    names = {block.name for kind in ("objects", "meshes", "collections", "node_groups") for block in getattr(bpy.data, kind)}
+    items, shown, before, looks = builder.points_of(top), points(top), counts(), visible()
+    ours = first.modifiers[0]
+    list(builder.build(built))
+    built.frame_set(1)
+    assert built.crowd_lod.build == top and builder.points_of(top) == items
+    assert names == {block.name for kind in ("objects", "meshes", "collections", "node_groups") for block in getattr(bpy.data, kind)}
+    assert points(top) == shown and counts() == before
+    assert [modifier.name for modifier in first.modifiers] == ["Crowd LOD", "mine"] and first.modifiers[0].name == ours.name
+    assert later.node_group.name == "my tree" and first.data.materials[0].name == "my material"
+    assert set(first.users_collection) == {top, elsewhere} and lamp.users_collection == (top,)
+    assert first.name == "my points" and tuple(first.color)[:3] == pytest.approx((0.1, 0.2, 0.3))
+    assert top.hide_select and layer.holdout and not layer.children[0].exclude
+    later.show_viewport = False
+    assert visible().shape == looks.shape or visible().shape[0] > looks.shape[0]
+    builder.remove_build(built.crowd_lod)
+    assert built in lamp.users_scene and "my tree" in bpy.data.node_groups
+
+
+def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
+    whole = counts()
+    for levels, number in ((2, 2), (4, 4), (3, 3)):
+        built.crowd_lod.level_count = levels
+        list(make_levels(built))
+        list(builder.build(built))
+        built.frame_set(2)
+        assert list(builder.points_of(built.crowd_lod.build)) == [f"LOD {k}" for k in range(number)]
+        assert len(visible())
+    assert counts() == whole
+
+
+def stale(tree):
+    """Make it the tree of version 2, which instanced the child of index `group`, with other sockets."""
+    tree.name = NAME
+    del tree[trees.KIND]
+    tree[trees.VERSION] = 2
+    tree.nodes.clear()
+    tree.interface.clear()
+    for name, kind in (("Spare", "Int"), ("Characters", "Collection"), ("Geometry", "Geometry")):
+        tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    entry, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    tree.links.new(entry.outputs["Geometry"], leave.inputs[0])
+
+
+def test_a_stale_tree_is_rebuilt_in_place_when_its_file_is_opened(built, tmp_path):
+    built.frame_set(8)
+    shown = visible()
+    tree = trees.made(NAME)
+    stale(tree)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
+    assert not len(visible())
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
+    scene = bpy.context.scene
+    tree = bpy.data.node_groups[NAME]
+    assert tree[trees.VERSION] == VERSION and len(bpy.data.node_groups) == 1
+    np.testing.assert_allclose(visible(), shown)
+    scene.frame_set(20)
+    assert len(visible()) and not np.array_equal(visible(), shown)
+
+
+def test_a_build_from_before_the_poses_opens_and_shows_each_groups_lod(built, tmp_path):
+    """As version 2 made it: no poses, no buckets, the LOD's own collections."""
+    built.frame_set(8)
+    shown = visible()
+    top = built.crowd_lod.build
+    library = next(child for child in top.children if builder.LIBRARY in child)
+    for item in builder.points_of(top).values():
+        del item[builder.BUCKET], item[builder.POSES]
+        item.data.attributes.remove(item.data.attributes["pose"])
+    del top[builder.MADE_FROM]
+    bpy.data.batch_remove([*library.children_recursive, *library.all_objects, library])
+    stale(trees.made(NAME))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
+    scene = bpy.context.scene
+    scene.frame_set(9)
+    scene.frame_set(8)
+    np.testing.assert_allclose(visible()[:, :2], shown[:, :2], atol=1e-5)
+    names = {each.object.name for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance}
+    assert names == {f"{name} LOD {k}" for name in ("adult", "child") for k in range(3)}
+    list(builder.build(scene))
+    scene.frame_set(8)
+    np.testing.assert_allclose(visible()[:, :2], shown[:, :2], atol=1e-5)
+    names = {each.object.name for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance}
+    assert len(names) > 50 and all(" pose " in name for name in names)
+
+
+def test_a_stale_bake_is_rebuilt_with_its_inputs(built, tmp_path):
+    list(bake(built, [8, 9]))
+    built.frame_set(9)
+    shown = visible()
+    stale(trees.made(NAME))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
+    np.testing.assert_allclose(visible(), shown)
+    bpy.context.scene.frame_set(10)
+    assert not len(visible())
+
+
+def test_a_tree_of_the_users_by_our_name_is_let_alone(scene):
+    theirs = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
+    theirs.nodes.new("NodeGroupInput")
+    list(make_levels(scene))
+    list(builder.build(scene))
+    assert len(theirs.nodes) == 1 and trees.made(NAME) != theirs
+    builder.remove_build(scene.crowd_lod)
+    assert list(bpy.data.node_groups) == [theirs]
+
+
+def test_two_scenes_have_builds_of_their_own(built):
+    other = built.copy()
+    other.crowd_lod.build = other.crowd_lod.levels = None
+    other.collection.children.unlink(built.crowd_lod.build)
+    list(make_levels(other))
+    list(builder.build(other))
+    tops = built.crowd_lod.build, other.crowd_lod.build
+    assert tops[0] != tops[1] and not set(tops[0].all_objects) & set(tops[1].all_objects)
+    other.frame_set(5)
+    assert sum(len(item.data.vertices) for item in builder.points_of(tops[1]).values())
+    builder.remove_build(other.crowd_lod)
+    built.frame_set(5)
+    assert len(visible()) and io.time_of(built) == 5

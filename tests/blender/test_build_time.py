@@ -1,0 +1,193 @@
+"""The build at any time: markers, time stretching, other threads, sub-frames."""
+
+import threading
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators import cameras, threads
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.populate import trajectory_of
+from crowd_lod_extension.operators.preview import Preview, preview
+
+
+def columns(scene, *names):
+    """The points of all buckets, as bytes."""
+    found = {}
+    for bucket, item in builder.points_of(scene.crowd_lod.build).items():
+        for name in names or ("position", "id", "pose", "heading"):
+            attribute = item.data.attributes[name]
+            width = 3 if name == "position" else 1
+            values = np.empty(width * len(item.data.vertices), np.int32 if name in ("id", "pose") else np.float32)
+            attribute.data.foreach_get("vector" if width == 3 else "value", values)
+            found[bucket, name] = values.tobytes()
+    return found
+
+
+def finished(steps):
+    """What the generator returns at its end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+@pytest.fixture
+def cut(built):
+    """From frame 11 on another camera films, which looks the other way; until then the first marker's."""
+    other = bpy.data.objects.new("Other camera", built.camera.data.copy())
+    built.collection.objects.link(other)
+    other.location, other.rotation_euler = (0, 25, 2), (1.5, 0, np.pi)
+    for frame, camera in ((5, built.camera), (11, other)):
+        built.timeline_markers.new(camera.name, frame=frame).camera = camera
+    return built
+
+
+@pytest.mark.parametrize("stretch", [100, 200, 70])
+def test_the_camera_of_a_time_is_the_one_that_blender_switches_to(cut, stretch):
+    cut.render.frame_map_new = stretch
+    cut.timeline_markers.new("no camera", frame=7)
+    seen = set()
+    for time in (1, 20, 4, 10.75, 11, 5, 10.25, 12, 22.5, 21, 7, -3, 0):
+        cut.frame_set(int(time // 1), subframe=time % 1)
+        assert cameras.bound_camera(cut, io.time_of(cut)) == cut.camera, time
+        seen.add(cut.camera)
+    assert len(seen) == 2
+
+
+def test_a_cut_shows_each_frames_own_camera_in_any_order(cut):
+    first = {}
+    for time in (11, 10, 3, 20, 10, 11, 20, 3):
+        cut.frame_set(time)
+        assert first.setdefault(time, columns(cut)) == columns(cut)
+    assert first[10] != first[11]
+    cut.render.use_motion_blur = True
+    cut.render.motion_blur_shutter = 0.9
+    for number in (11, 10):
+        ids = []
+        for time in (number - 0.375, number, number + 0.375):
+            cut.frame_set(int(time // 1), subframe=time % 1)
+            ids.append(columns(cut, "id"))
+        assert ids[0] == ids[1] == ids[2]
+    cut.frame_set(11)
+    at_cut = columns(cut, "id")
+    cut.timeline_markers.clear()
+    cut.frame_set(11)
+    assert columns(cut, "id") == at_cut  # the camera before the cut had no say in it
+
+
+def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
+    live = {}
+    for number in (10, 11):
+        cut.frame_set(number)
+        live[number] = columns(cut, "id")
+    list(bake(cut, [10, 11]))
+    for number in (10, 11):
+        for bucket, item in builder.points_of(cut.crowd_lod.build).items():
+            values = {name: np.empty(len(item.data.vertices), np.int32) for name in ("frame", "id")}
+            for name, column in values.items():
+                item.data.attributes[name].data.foreach_get("value", column)
+            assert values["id"][values["frame"] == number].tobytes() == live[number][bucket, "id"]
+
+
+def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(cut, tmp_path):
+    plan = finished(preview(cut, Preview([10, 11], tmp_path / "cut", 96), []))
+    seen = []
+    for number in (10, 11):
+        cut.frame_set(number)
+        seen.append(sum(len(item.data.vertices) for item in builder.points_of(cut.crowd_lod.build).values()))
+    assert [row["visible"] for row in plan["frames"]] == seen and seen[0] != seen[1]
+    main, above = ([io.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)] for view in ("main", "above"))
+    assert (np.abs(above[0] - main[0]).max(axis=2) > 30).mean() > 0.3
+    assert np.median(np.abs(above[0] - above[1])) <= 2  # the ground stays where it is, seen from above
+
+
+def test_time_stretching_slows_crowd_and_camera_alike(built):
+    plain = {}
+    for time in (10.0, 10.5, 15.0):
+        built.frame_set(int(time), subframe=time % 1)
+        plain[time] = columns(built)
+    built.render.frame_map_new = 200
+    for time in (15.0, 10.0, 10.5):
+        built.frame_set(int(2 * time))
+        assert columns(built) == plain[time]
+
+
+@pytest.mark.parametrize("stretch", [100, 200])
+def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stretch):
+    built.render.use_motion_blur, built.render.frame_map_new = True, stretch
+    built.render.motion_blur_shutter = 0.5
+    built.frame_set(20)
+    times = [time for time, _ in cameras.read_shutter(built, io.time_of(built))]
+    for part, time in zip((-0.25, 0, 0.25), times, strict=True):
+        built.frame_set(int((20 + part) // 1), subframe=part % 1)
+        assert time == pytest.approx(io.time_of(built), abs=1e-6)
+
+
+def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, monkeypatch):
+    """As a render in a window asks: it waits while the main thread, here this loop, works."""
+    built.render.use_motion_blur = True
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    built.frame_set(12)
+    wanted = columns(built)
+    where = []
+    real = builder.update
+    monkeypatch.setattr(builder, "update", lambda *inputs: (where.append(threading.current_thread()), real(*inputs)))
+    builder.empty(built.crowd_lod.build)
+    render = threading.Thread(target=builder.follow, args=(built, depsgraph))
+    render.start()
+    while render.is_alive():
+        threads._work()
+    assert where == [threading.main_thread()] and columns(built) == wanted
+
+
+def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_its_patience(monkeypatch):
+    said = []
+
+    def ask(work):
+        try:
+            threads.on_main_thread(work)
+        except CrowdError as error:
+            said.append(str(error))
+
+    def fails():
+        raise CrowdError("no crowd here")
+
+    asking = threading.Thread(target=ask, args=(fails,))
+    asking.start()
+    while asking.is_alive():
+        threads._work()
+    monkeypatch.setattr(threads, "PATIENCE", 0.01)
+    late = threading.Thread(target=ask, args=(lambda: said.append("done too late"),))
+    late.start()
+    late.join()
+    threads._work()
+    assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
+
+
+def test_a_repainted_map_or_an_edited_number_is_never_missed(built):
+    settings = built.crowd_lod
+    pixels = np.full((8, 8, 3), 128, np.uint8)
+    settings.map_image = io.write_image("ground", pixels)
+    settings.machine = bpy.data.texts.new("east")
+    table = '{"version": 1, "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": false}}, '
+    table += '"states": {"go": {"on": {"*": {"move": [1.5, 0]}}}}}'
+    settings.machine.from_string(table)
+    first = trajectory_of(built)
+    assert trajectory_of(built) is first
+    pixels[:, :4] = 32
+    values = np.ones((8, 8, 4), np.float32)
+    values[..., :3] = pixels / np.float32(255)
+    settings.map_image.pixels.foreach_set(values.ravel())  # without a word to Blender
+    walled = trajectory_of(built)
+    assert walled is not first and (walled.start.x > settings.centre[0] - 1e-6).all() and first.start.x.min() < -5
+    settings.machine.from_string(table.replace("1.5", "2.5"))
+    assert trajectory_of(built).machine.velocity.max() == 2.5
+    settings.seed += 1
+    assert not np.array_equal(trajectory_of(built).start.x, walled.start.x)
+    settings.height_image = io.write_image("hills", pixels)
+    assert trajectory_of(built).at(1).z.max() > 0.4

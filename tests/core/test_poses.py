@@ -1,0 +1,61 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.camera import Camera, window
+from crowd_lod_extension.crowd_lod.poses import LEAST, MOST, MOST_ASKED, longest_step, path_pixels, pose_counts, pose_of
+
+CAMERA = Camera(
+    kind="PERSP",
+    origin=np.zeros(3),
+    X=np.array([1.0, 0, 0]),
+    Y=np.array([0, 0, 1.0]),
+    Z=np.array([0, 1.0, 0]),
+    window=window(1.0, "AUTO", (1000, 1000), (1, 1), (0, 0)),
+    near=0.1,
+    far=1000,
+    pixels=(1000, 1000),
+)
+
+
+@pytest.mark.parametrize("tolerance", [0.25, 1.0, 3.0])
+def test_the_step_between_poses_shows_less_than_the_tolerance_where_the_lod_begins(tolerance):
+    path, begin, radius = np.array([2.0, 6.0, 0.3]), np.array([[40.0, 300.0]] * 3), np.full(3, 1.0)
+    counts = pose_counts(path_pixels(path, begin, radius, CAMERA), tolerance)
+    assert counts.shape == (3, 3) and set(counts.ravel()) <= {8, 16, 32, 64, 128, 256}
+    for g in range(3):
+        for k, distance in ((1, 39.0), (2, 299.0)):
+            pixels = path[g] / counts[g, k] * 1000 / distance  # the lens's slope is 1: 1000 pixels per unit
+            assert pixels <= tolerance or counts[g, k] == MOST_ASKED
+            assert 2 * pixels > tolerance or counts[g, k] == LEAST  # and no more poses than that takes
+    assert (np.diff(counts, axis=1) <= 0).all() and len(set(counts.ravel())) > 1
+
+
+def test_one_pose_where_nothing_moves_and_the_most_where_it_is_not_known():
+    pixels = path_pixels(np.array([0.0, np.inf]), np.array([[5.0], [5.0]]), np.ones(2), CAMERA)
+    assert pose_counts(pixels).tolist() == [[1, 1], [MOST, MOST]]
+
+
+def test_an_orthographic_camera_shows_a_step_as_large_at_any_distance():
+    flat = replace(CAMERA, kind="ORTHO", window=window(100.0, "AUTO", (1000, 1000), (1, 1), (0, 0)))
+    counts = pose_counts(path_pixels(np.array([2.0]), np.array([[-np.inf, np.inf]]), np.ones(1), flat))
+    assert counts.tolist() == [[32, 32, 32]]  # 2 m are 20 pixels
+
+
+def test_the_pose_is_the_nearest_of_the_agents_own_group():
+    random = np.random.default_rng(5)
+    counts = np.array([8, 1, 64])
+    phase, group = random.random(2000).astype(np.float32), random.integers(0, 3, 2000)
+    poses = pose_of(phase, group, counts)
+    own = poses - np.array([0, 8, 9])[group]
+    assert ((own >= 0) & (own < counts[group])).all()
+    away = np.abs(own / counts[group] - phase)
+    assert (np.minimum(away, 1 - away) <= 0.5 / counts[group] + 1e-6).all()
+    assert poses.dtype == np.int32
+    assert pose_of(np.array([np.nextafter(np.float32(1), np.float32(0))]), np.array([0]), counts).tolist() == [0]
+
+
+def test_the_longest_step_is_that_of_the_vertex_which_moves_most():
+    one = np.zeros((3, 3))
+    other = np.array([[0, 0, 1.0], [3, 4, 0], [0, 2, 0]])
+    assert longest_step(one, other) == 5 and longest_step(one, other[:2]) == np.inf and longest_step(one[:0], one[:0]) == 0
