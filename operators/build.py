@@ -246,9 +246,12 @@ def columns_of(
 
 
 def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, crowd: Crowd, tilt: bool) -> None:
-    """Write the agents of the frame's buckets, as they stand in `crowd`, to the point objects of the build `top`."""
+    """Write the agents of the frame's buckets, as they stand in `crowd`, to the point objects of the build `top`. An
+    older build, or a user, may have none for the unseen."""
     points = points_of(top)
     for name, agents in members(frame).items():
+        if name not in points:
+            continue
         counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))
         io.write_points(points[name].data, columns_of(trajectory, crowd, frame.crowd, agents, counts, tilt))
 
@@ -292,7 +295,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     check_levels(scene)
     trajectory = trajectory_of(scene)
     points = points_of(top)
-    if {bucket.name for bucket in buckets_of(scene)} - points.keys():
+    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points.keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
     if top.get(MADE_FROM, made := _made_from(scene)) != made:
         raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
