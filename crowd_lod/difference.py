@@ -1,8 +1,14 @@
-"""How far two pictures differ."""
+"""How far two pictures differ, and how far the silhouettes of a frame's LODs may."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+
+from .agents import Group
+from .culling import radar
+from .frame import Frame
+from .levels import shown
 
 TOUCHED, SOLID = 1e-6, 0.5  # coverage of a pixel
 FARTHEST = 64  # pixels that a silhouette's shift is followed
@@ -57,3 +63,21 @@ def _beyond(one: np.ndarray, other: np.ndarray) -> float:
         if not len(rows):
             return float(distance[k])
     return float(FARTHEST)
+
+
+def predicted(frame: Frame, groups: Sequence[Group]) -> float | None:
+    """Pixels by which the silhouettes of the frame's visible agents, drawn by LOD, may lie off those of LOD 0, from the
+    groups' measured deviations: the most of levels.shown at the nearest that a LOD's surface may be, times sqrt(1 + s^2) at
+    the slope s of the picture's corner: a point at p that moves by e to the depth z' moves by (e.XY - s e.Z) / z'. None
+    where a deviation is not measured, no distance bounds it, or a lens bends the picture."""
+    agents, camera = frame.buckets.order, frame.camera
+    group, level = frame.crowd.group[agents], frame.levels[agents]
+    if camera.kind == "PANO" or not all(len(groups[g].deviations) > level[group == g].max() for g in np.unique(group)):
+        return None
+    centre, radius = (np.array([getattr(each, name) for each in groups]) for name in ("centre", "radius"))
+    _, distance = radar(frame.crowd, camera, centre, radius)
+    off = np.array([groups[g].deviations[k] for g, k in zip(group.tolist(), level.tolist(), strict=True)])
+    pixels = float(shown(off, distance[agents], camera, radius[group] + off).max(initial=0.0))
+    w = camera.window
+    slope = 0.0 if camera.kind == "ORTHO" else np.hypot(max(abs(w.left), abs(w.right)), max(abs(w.bottom), abs(w.top)))
+    return pixels * float(np.sqrt(1 + slope**2)) if np.isfinite(pixels) else None

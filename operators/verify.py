@@ -8,12 +8,8 @@ import bpy
 import numpy as np
 
 from ..crowd_lod import difference, report
-from ..crowd_lod.camera import Camera
-from ..crowd_lod.culling import radar
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
-from ..crowd_lod.levels import shown
-from ..crowd_lod.shadows import Surroundings
 from ..crowd_lod.sorting import sort
 from . import build, cameras, lights
 from . import scene as io
@@ -188,7 +184,7 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
     (folder / "outline.png").unlink()
 
     shift = difference.shift(masks["a"], masks["c"])
-    predicted = _predicted(stage, planned, cameras.read_cameras(stage, depsgraph), around)
+    predicted = difference.predicted(planned, trajectory.groups)
     row |= {"silhouette_shift": shift, "predicted_shift": predicted}
     row["culling_ok"] = row["b_pixels"] == 0
     row["lod_ok"] = predicted is None or shift <= predicted + 1
@@ -245,25 +241,6 @@ def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     off = np.rint(255 * (AMPLIFIED * np.abs(a - b)).clip(0, 1)).astype(np.uint8)
     off[..., 3] = 255
     return off
-
-
-def _predicted(stage: bpy.types.Scene, frame: Frame, eyes: tuple[Camera, ...], around: Surroundings) -> float | None:
-    """Pixels by which a silhouette may shift, from the measured deviation of the LODs; None where that is not measured,
-    where no distance bounds it, or where a lens bends the picture."""
-    groups, camera = trajectory_of(stage).groups, eyes[0]
-    seen = frame.buckets.order
-    measured = all(len(group.deviations) > frame.levels[seen].max(initial=0) for group in groups)
-    if camera.kind == "PANO" or not measured or not len(seen):
-        return None
-    centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "radius"))
-    _, distance = radar(frame.crowd, eyes[:1], centre, radius)
-    table = np.array([[*group.deviations, *[0.0] * 8][:8] for group in groups])
-    group, level = frame.crowd.group[seen], frame.levels[seen]
-    off = shown(table[group, level], distance[seen], camera, radius[group])
-    w = camera.window
-    slope = 0.0 if camera.kind == "ORTHO" else max(abs(w.left), abs(w.right)) ** 2 + max(abs(w.bottom), abs(w.top)) ** 2
-    most = float(off.max()) * np.sqrt(1 + slope)
-    return most if np.isfinite(most) else None
 
 
 def _result(rows: list[dict], wanted: Verify, command: list[str]) -> dict:
