@@ -148,6 +148,7 @@ def _light(placed: Placed, matrix: np.ndarray, depsgraph, engine: str) -> Light:
         return Light(origin, axis, size, reach=reach)
     # a cone stretched sideways by its object's scale is held by the round one of its wider side
     slope = np.tan(min(lamp.spot_size / 2, np.pi / 2 - 1e-6)) * max(1.0, float(scale[:2].max() / max(scale[2], 1e-12)))
+    slope *= np.sqrt(2) if lamp.use_square else 1.0
     return Light(origin, axis, size, float(np.arctan(slope)), reach)
 
 

@@ -24,7 +24,7 @@ PICTURES = {
     "bare": "culled, without shadows and reflections from outside the picture",
     "c": "culled, with LODs",
 }
-AMPLIFIED = 16  # times, in the pictures of differences
+AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
 SILHOUETTE_SAMPLES = 16  # a pixel
 MOST_IN_SHEET = 8  # frames on the contact sheet
 RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
@@ -182,7 +182,6 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
         sheet += pictures
     stage.world = worlds[0]
     (folder / "outline.png").unlink()
-
     shift = difference.shift(masks["a"], masks["c"])
     predicted = difference.predicted(planned, trajectory.groups)
     row |= {"silhouette_shift": shift, "predicted_shift": predicted}
@@ -237,10 +236,12 @@ def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
 
 
 def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The difference of two pictures as (rows, columns, 4) uint8; none is black."""
-    off = np.rint(255 * (AMPLIFIED * np.abs(a - b)).clip(0, 1)).astype(np.uint8)
-    off[..., 3] = 255
-    return off
+    """The difference of two pictures as (rows, columns, 4) uint8: black is none, however small."""
+    off = np.abs(a - b)
+    shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
+    shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
+    shown[..., 3] = 255
+    return shown
 
 
 def _result(rows: list[dict], wanted: Verify, command: list[str]) -> dict:
