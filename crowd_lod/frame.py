@@ -25,7 +25,8 @@ class Frame:
     triangles: to be drawn for the visible agents; full_vertices, full_triangles: without culling and LOD.
     milliseconds: of each stage, in the order of the pipeline. camera: the first where there are several. dropped: agents
     left out because they stand at NaN or infinity. left_out: what the scene did not need, in the order of the pipeline;
-    like the milliseconds it tells how this plan was made, and all else is the same without it.
+    like the milliseconds it tells how this plan was made, and all else is the same without it. shadow, mirrored: agents that
+    are not visible but cast shadows into the picture, or are seen in mirrors; None if not looked for (shadows.py).
     """
 
     time: float
@@ -42,6 +43,8 @@ class Frame:
     milliseconds: dict[str, float]
     dropped: int = 0
     left_out: tuple[LeftOut, ...] = ()
+    shadow: Buckets | None = None
+    mirrored: Buckets | None = None
 
 
 def plan(
@@ -69,7 +72,7 @@ def plan(
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(time)
     ticks.append(clock.perf_counter())
-    grown = radius + _most_moved(trajectory, [sample for sample, _ in shutter])
+    grown = radius + most_moved(trajectory, [sample for sample, _ in shutter])
     asked = None
     if STATIC in leave and STILL in left:
         crowds = [crowd, *(trajectory.at(sample) for sample, _ in shutter)]
@@ -157,7 +160,7 @@ def _one_level(begin: np.ndarray, box: Bounds, bias: Bias | None) -> int | None:
     return int(finest[0]) if (np.append(finest, coarsest) == finest[0]).all() else None
 
 
-def _most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
+def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
     """Metres that an agent may walk between two of the `times`, in frames: the whole gap's, not half of it, so that one
     which jumps to the other side of a wrapping map is covered before and after."""
     gap = max(np.diff(times), default=0.0)

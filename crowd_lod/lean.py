@@ -33,6 +33,12 @@ ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is te
 ONE_LEVEL = LeftOut("levels", "All agents lie in the range of one level of detail: distances are not measured.")
 ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: they are not sorted.")
 
+# Of the agents that the camera does not see (shadows.py).
+NO_SHADOWS = LeftOut("surroundings", "No light of the scene casts shadows: none are looked for that fall into the picture.")
+NO_MIRRORS = LeftOut("surroundings", "No mirrors are chosen: no agents are looked for that they show.")
+NOT_WANTED = LeftOut("surroundings", "Shadows and Reflections is off: whoever the camera does not see is left out.")
+WORKBENCH = LeftOut("surroundings", "Workbench draws neither the lights' shadows nor reflections: whoever the camera does not see is left out.")
+
 # In the order of the pipeline.
 ITEMS = (
     STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_ACTION, NO_HEIGHTS,

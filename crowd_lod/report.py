@@ -52,6 +52,7 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
     """A row of frames.csv; `more` adds milliseconds of stages outside the core, by name."""
     shown = int(frame.visible.sum())
     counts = {f"lod{k}": int(n) for k, n in enumerate(frame.buckets.counts)}
+    unseen = {name: len(b.order) for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored)) if b is not None}
     stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
     return {
         "frame": number,
@@ -59,6 +60,7 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
         "visible": shown,
         "culled": len(frame.crowd) - shown,
         **counts,
+        **unseen,
         "vertices": frame.vertices,
         "triangles": frame.triangles,
         "full_vertices": frame.full_vertices,

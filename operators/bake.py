@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..crowd_lod.errors import CrowdError
-from . import cameras
+from . import cameras, lights
 from . import scene as io
 from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
 from .follow import columns_of, members, opening
@@ -67,7 +67,8 @@ def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> 
     points = dict.fromkeys(levels, 0)
     for done, number in enumerate(frames):
         time = io.remapped(render, number)
-        frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory)
+        around = lights.read_surroundings(scene, None, time)
+        frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory, around)
         shutter = [(part, trajectory.at(io.remapped(render, number + part))) for part in _shutter(render)]
         for name, agents in members(frame).items():
             poses = counts[:, levels[name]]

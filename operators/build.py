@@ -18,6 +18,8 @@ LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's 
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
+UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
+
 
 @dataclass(frozen=True)
 class Bucket:
@@ -30,8 +32,11 @@ class Bucket:
 
 
 def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
-    """The buckets that a build of `scene` has: what the camera sees, by LOD."""
-    return [Bucket(f"LOD {k}", k) for k in range(policy_of(scene.crowd_lod).count)]
+    """The buckets that a build of `scene` has: by LOD what the camera sees, and those of whom it sees the shadow or the
+    reflection alone. They are hidden from camera rays and from no other: what a surface scatters towards a lamp, Cycles
+    counts as the lamp's light, too."""
+    count = policy_of(scene.crowd_lod).count
+    return [Bucket(f"{name} {k}", k, hidden) for name, hidden in UNSEEN_BY.items() for k in range(count)]
 
 
 def check_levels(scene: bpy.types.Scene) -> int:

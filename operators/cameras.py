@@ -190,15 +190,22 @@ def cameras_at(
         return found
 
 
-def read_shutter(scene: bpy.types.Scene, time: float) -> list[tuple[float, tuple[Camera, ...]]]:
-    """With motion blur, what camera.opened makes of the cameras while the shutter of the frame at `time` is open: at its
-    beginning, middle and end, as Cycles samples them; else nothing. A marker that switches the camera while it is open
-    does not count: a frame is filmed by one."""
+def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
+    """With motion blur, when the shutter of the frame at `time` opens, is half open and closes; else nothing."""
     render = scene.render
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return []
     opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position]
     length = remapped(render, render.motion_blur_shutter)
-    times = [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
+    return [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
+
+
+def read_shutter(scene: bpy.types.Scene, time: float) -> list[tuple[float, tuple[Camera, ...]]]:
+    """With motion blur, what camera.opened makes of the cameras while the shutter of the frame at `time` is open: at its
+    beginning, middle and end, as Cycles samples them; else nothing. A marker that switches the camera while it is open
+    does not count: a frame is filmed by one."""
+    times = shutter_times(scene, time)
+    if not times:
+        return []
     eyes = [opened(each) for each in zip(*cameras_at(scene, times, bound_camera(scene, time)), strict=True)]
     return list(zip(times, zip(*eyes, strict=True), strict=True))

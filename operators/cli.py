@@ -20,6 +20,7 @@ from . import bake, build, report
 from . import scene as io
 from .preview import Preview, preview
 from .render_setup import prepared
+from .verify import Verify, to_text, verify
 
 
 def from_blender(argv: list[str]) -> int:
@@ -55,7 +56,7 @@ def _run(argv: list[str], program: str) -> int:
         print(json.dumps(result, allow_nan=False) if args.json else result["summary"], flush=True)
     except BrokenPipeError:  # whoever reads has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0
+    return 0 if result.get("ok", True) else 1
 
 
 def _parser(program: str) -> argparse.ArgumentParser:
@@ -94,6 +95,22 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.set_defaults(run=_build)
+
+    command = _command(
+        commands,
+        program,
+        "verify",
+        "render frames with and without culling and LODs, and compare them pixel by pixel",
+        "verify plaza --frames 1,60 --out plaza_verify",
+    )
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
+    command.add_argument("--out", type=Path, metavar="DIR", help="the folder for pictures, verify.csv and verify.json")
+    command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="of the pictures (default: 320)")
+    command.add_argument("--samples", type=int, default=4, metavar="N", help="of each pixel (default: 4)")
+    command.add_argument("--bounces", type=int, default=0, metavar="N", help="once more with the sky and N bounces (default: 0)")
+    command.set_defaults(run=_verify)
 
     command = _command(
         commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend"
@@ -202,6 +219,21 @@ def _preview(args, command: list[str]) -> dict:
             f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{warning}{folder}"
         ),
     }
+
+
+def _verify(args, command: list[str]) -> dict:
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    wanted = Verify(
+        frames=parse_frames(args.frames or settings.frames, settings.step if args.step is None else args.step),
+        folder=(args.out or Path(f"{stem}_verify")).absolute(),
+        width=_within("width", args.width, 16, 8192),
+        samples=_within("number of samples", args.samples, 1, 4096),
+        bounces=_within("number of bounces", args.bounces, 0, 64),
+    )
+    result = _finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
+    return {**result, "out": str(wanted.folder), "summary": f"{to_text(result)}\n{wanted.folder}"}
 
 
 def _within(what: str, value: int, least: int, most: int) -> int:

@@ -11,16 +11,22 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.poses import pose_of
-from . import cameras
+from . import cameras, lights
 from . import scene as io
-from .build import BAKED, MADE_FROM, POSES, buckets_of, check_levels, made_from, points_of
+from .build import BAKED, MADE_FROM, POSES, UNSEEN_BY, buckets_of, check_levels, made_from, points_of
 from .populate import frame_of, trajectory_of
 from .threads import on_main_thread
 
 
 def members(frame: Frame) -> dict[str, np.ndarray]:
     """The agents (m,) intp of each bucket, by its name, in the frame."""
-    return {f"LOD {k}": frame.buckets[k] for k in range(len(frame.buckets.counts))}
+    kinds = zip(UNSEEN_BY, (frame.buckets, frame.shadow, frame.mirrored), strict=True)
+    nobody = np.empty(0, np.intp)
+    return {
+        f"{name} {k}": nobody if buckets is None else buckets[k]
+        for name, buckets in kinds
+        for k in range(len(frame.buckets.counts))
+    }
 
 
 def columns_of(
@@ -49,6 +55,17 @@ def columns_of(
         pitch, roll = trajectory.heights.tilt(crowd.x[agents], crowd.y[agents], heading)
         columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
     return columns
+
+
+def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, crowd: Crowd, tilt: bool) -> None:
+    """Write the agents of the frame's buckets, as they stand in `crowd`, to the point objects of the build `top`. An
+    older build, or a user, may have none for the unseen."""
+    points = points_of(top)
+    for name, agents in members(frame).items():
+        if name not in points:
+            continue
+        counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))
+        io.write_points(points[name].data, columns_of(trajectory, crowd, frame.crowd, agents, counts, tilt))
 
 
 def empty(top: bpy.types.Collection) -> None:
@@ -105,7 +122,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     check_levels(scene)
     trajectory = trajectory_of(scene)
     points = points_of(top)
-    if {bucket.name for bucket in buckets_of(scene)} - points.keys():
+    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points.keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
     if top.get(MADE_FROM, made := made_from(scene)) != made:
         raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
@@ -114,11 +131,9 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
     else:
         film = cameras.camera_at(scene, whole)
-    frame = frame_of(scene, depsgraph, whole, film, trajectory)
-    crowd = frame.crowd if whole == time else trajectory.at(time)
-    for name, agents in members(frame).items():
-        counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))
-        io.write_points(points[name].data, columns_of(trajectory, crowd, frame.crowd, agents, counts, settings.tilt))
+    around = lights.read_surroundings(scene, depsgraph, whole)
+    frame = frame_of(scene, depsgraph, whole, film, trajectory, around)
+    write(top, trajectory, frame, frame.crowd if whole == time else trajectory.at(time), settings.tilt)
 
 
 @bpy.app.handlers.persistent

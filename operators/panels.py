@@ -160,6 +160,10 @@ class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
         if context.scene.render.use_border:
             layout.prop(settings, "cull_to_border")
         layout.prop(settings, "drop_lost")
+        layout.prop(settings, "shadows")
+        if settings.shadows:
+            layout.prop(settings, "mirrors")
+            layout.prop(settings, "unseen_level")
 
 
 class CROWDLOD_PT_levels(_Step, bpy.types.Panel):

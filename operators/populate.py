@@ -15,6 +15,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
 from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from ..crowd_lod.shadows import Surroundings, surround
 from . import scene as io
 from .cameras import read_cameras, read_shutter
 from .operator import Reporting
@@ -288,16 +289,18 @@ def frame_of(
     time: float | None = None,
     camera: Camera | Sequence[Camera] | None = None,
     trajectory: Trajectory | None = None,
+    around: Surroundings | None = None,
 ) -> Frame:
     """The plan of the crowd at `time` (the scene's own if None; see scene.time_of) from `camera`, one or the eyes (the
     active ones as `depsgraph` has them); with motion blur, of all that its shutter sees. trajectory: the scene's, where
-    it is at hand."""
+    it is at hand. around: with it, agents that the camera does not see and that still matter are looked for."""
     if time is None:
         time = io.time_of(scene)
     trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
     shutter, bias = read_shutter(scene, time), bias_of(settings, trajectory.world.area)
-    return plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
+    frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
+    return frame if around is None else surround(frame, trajectory, eyes, shutter, around)
 
 
 def forget() -> None:

@@ -17,7 +17,7 @@ from ..crowd_lod.frame import Frame, deviations
 from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
-from . import above, build, cameras, follow, lods
+from . import above, build, cameras, follow, lights, lods
 from . import scene as io
 from .deviation import measure_levels
 from .levels import TINTS, make_levels
@@ -62,7 +62,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     with report.staged(wanted.folder) as folder, io.scratch():
         started = clock.perf_counter()
         cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
-        stage = _stage(scene, wanted)
+        stage = stage_of(scene, wanted)
         layer = stage.view_layers[0]
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
@@ -87,18 +87,17 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         for done, number in enumerate(wanted.frames):
             stage.crowd_lod.build = None  # else it would follow, and the frame's own times be those of a cache
             stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
+            stage.render.engine, drawing.hide_render = ENGINES[wanted.engine], True
             stage.frame_set(number)
-            frame = frame_of(stage, layer.depsgraph)
+            frame = frame_of(stage, layer.depsgraph, around=lights.read_surroundings(stage, layer.depsgraph, number))
             ticks = [clock.perf_counter()]
             stage.crowd_lod.build = built
             follow.update(stage, layer.depsgraph)
             ticks.append(clock.perf_counter())
             main = folder / f"main_{number:04d}.png"
-            drawing.hide_render = True
             stage.render.stamp_note_text = _caption(frame)
             layer.material_override = tint if wanted.colour == "LOD" else None
             _shade(stage, "OBJECT" if wanted.colour == "LOD" else "TEXTURE", "STUDIO")
-            stage.render.engine = ENGINES[wanted.engine]
             _render(stage, main)
             ticks.append(clock.perf_counter())
 
@@ -136,7 +135,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         return plan
 
 
-def _stage(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
+def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
@@ -285,23 +284,26 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], c
             "engine": wanted.engine,
             "colour": wanted.colour,
         },
-        "left_out": _left_out(stage, wanted.frames[-1]),
+        "left_out": _left_out(stage, wanted),
         "frames": rows,
     }
 
 
-def _left_out(stage: bpy.types.Scene, number: int) -> list[dict]:
-    """What the scene did not need, why, and the milliseconds that this saves in the frame `number`."""
+def _left_out(stage: bpy.types.Scene, wanted: Preview) -> list[dict]:
+    """What the scene did not need, why, and the milliseconds that this saves in the last frame, where they are measured."""
+    number, stage.render.engine = wanted.frames[-1], ENGINES[wanted.engine]
     trajectory, settings = trajectory_of(stage), stage.crowd_lod
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings, trajectory.world.area)
     time = max(float(number), trajectory.first_frame + 2.0)
     found = savings(trajectory, eyes, policy_of(settings), time, (), bias)
-    return [
+    measured = [
         {"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3), "ms_spread": round(found.spread[item], 3)}
         for item, ms in found.items.items()
     ]
+    unseen = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, number).left_out
+    return measured + [{"stage": item.stage, "reason": item.reason, "ms_saved": None, "ms_spread": None} for item in unseen]
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):

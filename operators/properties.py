@@ -178,6 +178,22 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         ],
     )
     margin: FloatProperty(name="Margin", default=1.0, min=0, unit="LENGTH")
+    shadows: BoolProperty(
+        name="Shadows and Reflections",
+        default=True,
+        description="Keep characters outside the picture whose shadows fall into it, or whom mirrors show; the camera itself "
+        "does not see them",
+    )
+    mirrors: PointerProperty(
+        type=bpy.types.Collection, name="Mirrors", description="Collection of flat objects that mirror the crowd"
+    )
+    unseen_level: IntProperty(
+        name="Their LOD",
+        default=MOST_LEVELS - 1,
+        min=0,
+        max=MOST_LEVELS - 1,
+        description="Level of detail of characters kept for their shadow or reflection alone, or the coarsest there is",
+    )
     colour: EnumProperty(
         name="Color",
         items=[

@@ -194,6 +194,18 @@ def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray
     return points @ matrix[:3, :3].T + matrix[:3, 3], triangles
 
 
+def world_polygons(evaluated: bpy.types.Object, matrix: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(points (n, 3) float64 in the world, each face's vertex indices) of an evaluated object with this matrix (4, 4)."""
+    mesh = evaluated.to_mesh()
+    try:
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        mesh.vertices.foreach_get("co", points.ravel())
+        polygons = [np.array(polygon.vertices) for polygon in mesh.polygons]
+    finally:
+        evaluated.to_mesh_clear()
+    return points @ matrix[:3, :3].T + matrix[:3, 3], polygons
+
+
 def look_at(camera: bpy.types.Object, origin, X, Y, Z) -> None:
     """Place `camera` at `origin` (3,) with the referential X, Y, Z."""
     matrix = np.eye(4)

@@ -13,7 +13,7 @@ from mathutils import Vector
 def points(scene):
     """Of each LOD its points' attributes and positions, as bytes."""
     found = {}
-    for item in scene.crowd_lod.build.objects:
+    for item in (item for item in scene.crowd_lod.build.objects if item.visible_camera):
         mesh = item.data
         columns = {}
         for name, kind, width in (("position", np.float32, 3), ("heading", np.float32, 1), ("id", np.int32, 1)):

@@ -30,7 +30,7 @@ def test_an_instance_stands_as_its_character_does_at_its_phase(built):
     """The oracle is the rig itself, at the agent's own phase: half a pose's time from what is shown, at most."""
     built.frame_set(9)
     crowd = frame_of(built, bpy.context.evaluated_depsgraph_get()).crowd
-    points = {item[builder.LEVEL]: item for item in built.crowd_lod.build.objects}
+    points = [builder.points_of(built.crowd_lod.build)[f"LOD {k}"] for k in range(3)]
     ids = np.empty(len(points[0].data.vertices), np.int32)
     points[0].data.attributes["id"].data.foreach_get("value", ids)
     found = [(agent, where) for agent, level, where in shown(built) if level == 0]
@@ -119,7 +119,7 @@ def test_a_group_that_stands_still_has_one_pose(scene):
         rig.animation_data_clear()
     list(make_levels(scene))
     list(builder.build(scene))
-    assert [list(item[builder.POSES]) for item in scene.crowd_lod.build.objects] == [[1, 1]] * 3
+    assert [list(item[builder.POSES]) for item in scene.crowd_lod.build.objects] == [[1, 1]] * 9
     meshes = {item.data for c in scene.crowd_lod.build.children_recursive for item in c.objects}
     assert len(meshes) == 6
 

@@ -1,0 +1,261 @@
+"""What the camera does not see still matters: agents whose shadow falls into the picture, or whom a flat mirror shows."""
+
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from .agents import Crowd
+from .behaviour import Trajectory
+from .camera import Camera, planes
+from .culling import BLOCK, ROUNDING, TINY
+from .frame import Frame, most_moved
+from .lean import LeftOut
+from .sorting import sort
+
+
+@dataclass(frozen=True)
+class Light:
+    """A light that casts shadows, world space.
+
+    origin: (3,) metres, or None for a sun. direction: (3,) unit, the way its light goes (a sun), its axis (others). size:
+    metres, the radius of a sphere about the origin that holds all of a lamp. angle: radians: half of a sun's disc; half of
+    the cone about the axis that a spot lights, pi for one that lights all around. reach: metres from its origin that a
+    light ends at.
+    """
+
+    origin: np.ndarray | None
+    direction: np.ndarray
+    size: float = 0.0
+    angle: float = np.pi
+    reach: float = np.inf
+
+
+@dataclass(frozen=True)
+class Mirror:
+    """A flat mirror, both sides of it. normal: (3,) unit. corners: (4, 3) metres, a rectangle that holds it."""
+
+    normal: np.ndarray
+    corners: np.ndarray
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What else the scene holds, at one time or while one shutter is open. box: (2, 3) metres, least and most, of all that
+    shadows may fall on besides the crowd; None if that is not known. level: the LOD of agents that the camera itself does
+    not see, or the coarsest there is. left_out: what is not looked at, and why."""
+
+    lights: tuple[Light, ...] = ()
+    mirrors: tuple[Mirror, ...] = ()
+    box: np.ndarray | None = None
+    level: int = 255
+    left_out: tuple[LeftOut, ...] = ()
+
+
+@dataclass(frozen=True)
+class Volume:
+    """What a camera sees, itself or in a mirror: the points p with normals . (p - origin) <= offsets, moved outwards by
+    pad metres and turn metres a metre of distance from the origin (see Camera). origin: (3,); normals: (k, 3) unit,
+    outward; offsets: (k,) metres."""
+
+    origin: np.ndarray
+    normals: np.ndarray
+    offsets: np.ndarray
+    pad: float = 0.0
+    turn: float = 0.0
+
+
+def view(camera: Camera) -> Volume:
+    """What the camera sees. Of a panoramic one, a cube that holds its far distance, and a pyramid about its cone."""
+    if camera.kind != "PANO":
+        frustum = planes(camera)
+        return Volume(camera.origin, frustum.normals, frustum.offsets, camera.pad, camera.turn)
+    normals, offsets = _sides(camera)
+    cube = np.concatenate([np.eye(3), -np.eye(3)])
+    offsets = np.append(offsets, np.full(6, camera.far))
+    return Volume(camera.origin, np.concatenate([normals, cube]), offsets, camera.pad, camera.turn)
+
+
+def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Normals (k, 3) and offsets (k,) of the planes at the picture's sides; none where it looks all around."""
+    if camera.kind != "PANO":
+        frustum = planes(camera)
+        return frustum.normals[:4], frustum.offsets[:4]
+    if camera.cone >= np.pi / 2:
+        return np.empty((0, 3)), np.empty(0)
+    rows = np.array([a * np.cos(camera.cone) - camera.Z * np.sin(camera.cone) for x in (camera.X, camera.Y) for a in (x, -x)])
+    return rows / np.linalg.norm(rows, axis=1, keepdims=True), np.zeros(4)
+
+
+def mirrored(camera: Camera, mirror: Mirror) -> Volume | None:
+    """What the camera sees in the mirror: the reflected camera's picture, as far as the mirror's rectangle frames it, in
+    front of it and without an end, since a reflected ray has none. None if the mirror is out of the picture."""
+    middle, normal = mirror.corners.mean(axis=0), mirror.normal
+    height = float(normal @ (camera.origin - middle))
+    if camera.kind == "ORTHO":  # its rays start all over its window: they meet the side that they run against
+        height, normal = (1.0, normal) if camera.Z @ normal < 0 else (-1.0, normal)
+    if height == 0:
+        return None
+    seen, (sides, side_offsets) = view(camera), _sides(camera)
+    away = mirror.corners - camera.origin
+    reach = camera.pad + camera.turn * (np.linalg.norm(away, axis=1) + camera.pad)
+    if (away @ seen.normals.T - seen.offsets - reach[:, None] > 0).all(axis=0).any():
+        return None
+    reflection = np.eye(3) - 2 * np.outer(normal, normal)
+    origin = camera.origin - 2 * float(normal @ (camera.origin - middle)) * normal
+    frame, frame_offsets = _framed(mirror.corners - origin, reflection @ camera.Z if camera.kind == "ORTHO" else None)
+    front = -np.sign(height) * normal
+    return Volume(
+        origin,
+        np.concatenate([sides @ reflection, frame, front[None]]),
+        np.concatenate([side_offsets, frame_offsets, [front @ (middle - origin)]]),
+        camera.pad,
+        camera.turn,
+    )
+
+
+def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Normals and offsets of the planes through the edges of the polygon `corners` (k, 3) and the origin, or along a way."""
+    ends = np.roll(corners, -1, axis=0)
+    normals = np.cross(corners, ends) if along is None else np.cross(ends - corners, along)
+    length = np.linalg.norm(normals, axis=1)
+    kept = length > 1e-12 * np.linalg.norm(corners, axis=1).max() ** 2
+    normals, corners = normals[kept] / length[kept, None], corners[kept]
+    offsets = np.einsum("kd,kd->k", normals, corners)
+    outward = np.where(normals @ ends.mean(axis=0) <= offsets, 1.0, -1.0)
+    return normals * outward[:, None], offsets * outward
+
+
+def within(volume: Volume, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """(n,) bool: spheres at the points (n, 3) with the radius (n,) that touch all the volume's planes' inner sides, as the
+    radar test has it: near its edges it keeps some that lie outside."""
+    still = np.zeros(3)
+    return _swept(volume, points, radius, still, 0.0)
+
+
+def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """(n,) bool: spheres at the points (n, 3) with the radius (n,) whose shadow may fall into the volume.
+
+    A shadow is a sphere that moves away from the light and grows: from the sun, at c + t cos(a) d with the radius r +
+    t sin(a), a half of its disc's angle; from a lamp at L of the size s, at c + t (c - L) with r + t (r + s), t >= 0.
+    Whatever a point of the light does not reach because of the sphere lies in one of them. Its distances from the volume's
+    planes are linear in t, so the t at which it touches all of them are an interval, found by clipping; the shadow is kept
+    iff it is not empty. Kept for nothing is what passes by near an edge of the volume, as in the radar test, and what falls
+    where another shadow or a surface's back lies already.
+    """
+    if light.origin is None:
+        way, grow = np.cos(light.angle) * light.direction, float(np.sin(light.angle))
+        return _swept(volume, points, radius, way, grow)
+    way = points - light.origin
+    grow = radius + light.size
+    distance = np.linalg.norm(way, axis=1)
+    kept = distance - grow <= light.reach
+    if light.angle < np.pi:  # of a sphere beside the cone there is no shadow
+        depth = way @ light.direction
+        across = np.sqrt(np.maximum(distance**2 - depth**2, 0))
+        kept &= across * np.cos(light.angle) - depth * np.sin(light.angle) <= grow + ROUNDING * distance
+    ends = None if np.isinf(light.reach) else (distance - radius - light.reach, distance - grow)
+    return kept & _swept(volume, points, radius, way, grow, ends)
+
+
+def _swept(volume: Volume, points, radius, way, grow, ends=None) -> np.ndarray:
+    """(n,) bool: whether a sphere at points + t way, radius + t grow, touches all planes for some t >= 0. way: (3,) or
+    (n, 3); grow: a number or (n,); ends: one more condition, ends[0] + t ends[1] <= 0."""
+    v = points - volume.origin
+    size, speed = np.linalg.norm(v, axis=1), np.linalg.norm(way, axis=-1)
+    reach, growth = radius + volume.pad, grow
+    if volume.turn:
+        reach = reach + volume.turn * (size + reach)
+        growth = growth + volume.turn * (speed + growth)
+    low, high = np.zeros(len(v)), np.full(len(v), np.inf)
+    reach = reach + ROUNDING * (4 * size + np.linalg.norm(volume.origin) + reach) + TINY
+    growth = growth + ROUNDING * (4 * speed + growth)
+    conditions = [
+        (v @ normal - (offset + ROUNDING * abs(offset)) - reach, way @ normal - growth)
+        for normal, offset in zip(volume.normals, volume.offsets, strict=True)
+    ]
+    if ends is not None:
+        conditions.append((ends[0] - ROUNDING * size, ends[1] - ROUNDING * speed))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for at, rate in conditions:
+            if np.ndim(rate):
+                turn = -at / rate
+                low = np.where(rate < 0, np.maximum(low, turn), low)
+                high = np.where(rate > 0, np.minimum(high, turn), high)
+                high[(rate == 0) & (at > 0)] = -1
+            elif rate < 0:
+                low = np.maximum(low, at / -rate)
+            elif rate > 0:
+                high = np.minimum(high, at / -rate)
+            else:
+                high[at > 0] = -1
+    return low <= high * (1 + ROUNDING)
+
+
+def bounded(volume: Volume, box: np.ndarray) -> Volume:
+    """The part of the volume within the box (2, 3), its least and most corners."""
+    normals = np.concatenate([volume.normals, np.eye(3), -np.eye(3)])
+    offsets = np.concatenate([volume.offsets, box[1] - volume.origin, volume.origin - box[0]])
+    return replace(volume, normals=normals, offsets=offsets)
+
+
+def surround(
+    frame: Frame,
+    trajectory: Trajectory,
+    cameras: Camera | Sequence[Camera],
+    shutter: Sequence[tuple[float, Sequence[Camera]]],
+    around: Surroundings,
+) -> Frame:
+    """`frame`, whose plan had the same cameras and shutter, with the agents that it culled and that still matter: in
+    `shadow` those that only cast a shadow into the picture or into what mirrors show of it, in `mirrored` those that
+    mirrors show. A pure function of its arguments."""
+    begun = clock.perf_counter()
+    cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
+    centre = np.array([group.centre for group in trajectory.groups])
+    radius = np.array([group.radius for group in trajectory.groups])
+    grown = radius + most_moved(trajectory, [time for time, _ in shutter])
+    moments = [(frame.crowd, cameras, radius), *((trajectory.at(time), eyes, grown) for time, eyes in shutter)]
+    culled = np.flatnonzero(~frame.visible)
+    reflects, shades = (np.zeros(len(frame.crowd), bool) for _ in range(2))
+    for crowd, eyes, size in moments if around.lights or around.mirrors else ():
+        points, r = _spheres(crowd, culled, centre, size)
+        found = np.isfinite(points).all(axis=1)
+        points, r, culled = points[found], r[found], culled[found]
+        views = [view(eye) for eye in eyes]
+        mirrors = [mirrored(eye, mirror) for eye in eyes for mirror in around.mirrors]
+        mirrors = [volume for volume in mirrors if volume is not None]
+        lit = [*views, *mirrors]
+        if around.box is not None:
+            box = _joined(around.box, crowd, centre, size)
+            lit = [bounded(volume, box) for volume in lit]
+        for begin in range(0, len(culled), BLOCK):
+            block = slice(begin, begin + BLOCK)
+            for volume in mirrors:
+                reflects[culled[block]] |= within(volume, points[block], r[block])
+            for volume, light in product(lit, around.lights):
+                shades[culled[block]] |= shaded(volume, light, points[block], r[block])
+    count = len(frame.buckets.counts)
+    levels = np.full(len(frame.crowd), min(around.level, count - 1), np.uint8)
+    return replace(
+        frame,
+        shadow=sort(shades & ~reflects, levels, count),
+        mirrored=sort(reflects, levels, count),
+        left_out=(*frame.left_out, *around.left_out),
+        milliseconds=frame.milliseconds | {"surroundings": 1000 * (clock.perf_counter() - begun)},
+    )
+
+
+def _spheres(crowd: Crowd, agents: np.ndarray, centre: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Centres (m, 3) and radii (m,) of the agents' spheres."""
+    group = crowd.group[agents]
+    return np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + centre[group]], axis=1), radius[group]
+
+
+def _joined(box: np.ndarray, crowd: Crowd, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """The box (2, 3) about `box` and the crowd's spheres: shadows fall on agents, too."""
+    columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in (crowd.x, crowd.y, crowd.z)]
+    low, high = np.array(columns).T
+    low, high = low + (0, 0, centre.min()) - radius.max(), high + (0, 0, centre.max()) + radius.max()
+    return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

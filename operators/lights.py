@@ -1,0 +1,242 @@
+"""Blender's lights, mirrors and what shadows may fall on -> the core's (crowd_lod/shadows.py)."""
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.lean import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WORKBENCH
+from ..crowd_lod.shadows import Light, Mirror, Surroundings
+from . import scene as io
+from .cameras import shutter_times
+from .levels import OWNED
+
+SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
+MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
+
+# A thing in a render: the object, and the collection instances it is in, outermost first.
+Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
+
+
+def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None, time: float) -> Surroundings:
+    """What the crowd of `scene` shadows and is mirrored by at `time` (see scene.time_of), which `depsgraph` has evaluated.
+
+    With motion blur lights and mirrors hold for the whole shutter of the frame at `time`, whatever the time of `depsgraph`.
+    What shadows may fall on is then not bounded, nor without a depsgraph.
+    """
+    settings, engine = scene.crowd_lod, scene.render.engine
+    if not settings.shadows:
+        return Surroundings(left_out=(NOT_WANTED,))
+    if engine == "BLENDER_WORKBENCH":
+        return Surroundings(left_out=(WORKBENCH,))
+    # the build's own objects still hold what an earlier frame showed
+    things = [placed for placed in rendered(scene) if not placed[0].get(OWNED)]
+    glowing = {material for material in bpy.data.materials if _glows(material)}
+    lamps = [placed for placed in things if _casts(placed[0], glowing)]
+    panes = [placed for placed in things if _within(settings.mirrors, placed[0]) and placed[0].type == "MESH"]
+    times = shutter_times(scene, time)
+    if times or depsgraph is None:
+        lights, mirrors = _through(lamps, panes, times or [time], engine)
+        box = None
+    else:
+        lights, mirrors = _read(lamps, panes, depsgraph, engine)
+        box = _box(scene, things, depsgraph)
+    left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
+    return Surroundings(tuple(lights), tuple(mirrors), box, settings.unseen_level, left_out)
+
+
+def rendered(scene: bpy.types.Scene) -> Iterator[Placed]:
+    """Every object that a render of `scene` shows, those in instanced collections for each instance, once each."""
+    found = {}
+    for layer in scene.view_layers:
+        if layer.use:
+            found |= dict.fromkeys(_in_layer(layer.layer_collection))
+    for item in found:
+        yield from _with_instances(item, ())
+
+
+def _in_layer(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
+    if layer.collection.hide_render:
+        return
+    if not layer.exclude:
+        yield from (item for item in layer.collection.objects if not item.hide_render)
+    for child in layer.children:
+        yield from _in_layer(child)
+
+
+def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...]) -> Iterator[Placed]:
+    yield item, inside
+    if item.instance_type == "COLLECTION" and item.instance_collection is not None and item not in inside:
+        for part in item.instance_collection.all_objects:
+            if not part.hide_render:
+                yield from _with_instances(part, (*inside, item))
+
+
+def _matrix(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """The world matrix (4, 4) float64 as `depsgraph` has evaluated it."""
+    item, inside = placed
+    own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
+    if not inside:
+        return own
+    matrix = np.eye(4)
+    for instancer in inside:
+        matrix = matrix @ np.array(instancer.evaluated_get(depsgraph).matrix_world, np.float64)
+        matrix[:3, 3] -= matrix[:3, :3] @ np.array(instancer.instance_collection.instance_offset)
+    return matrix @ own
+
+
+def _within(collection: bpy.types.Collection | None, item: bpy.types.Object) -> bool:
+    return collection is not None and collection.all_objects.get(item.name) == item
+
+
+def _casts(item: bpy.types.Object, glowing: set[bpy.types.Material]) -> bool:
+    """Whether `item` is a lamp that is on and casts shadows, or a mesh with a material that glows."""
+    if item.type == "LIGHT":
+        lamp = item.data
+        return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(lamp.node_tree if lamp.use_nodes else None)
+    return item.type in SOLID and any(slot.material in glowing for slot in item.material_slots)
+
+
+def _dark(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether the nodes of a lamp all emit with the strength 0."""
+    emissions = [node for node in tree.nodes if node.type == "EMISSION"] if tree is not None else []
+    return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
+
+
+def _glows(material: bpy.types.Material) -> bool:
+    """Whether a node of the material emits light."""
+    for node in material.node_tree.nodes if material.node_tree is not None else ():
+        if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
+            return True
+        if node.type == "BSDF_PRINCIPLED" and _set(node.inputs["Emission Strength"]) and _set(node.inputs["Emission Color"]):
+            return True
+    return False
+
+
+def _set(socket: bpy.types.NodeSocket) -> bool:
+    """Whether a strength or a colour may differ from 0."""
+    value = socket.default_value
+    return socket.is_linked or (any(value[:3]) if hasattr(value, "__len__") else value != 0)
+
+
+def _read(lamps: list[Placed], panes: list[Placed], depsgraph, engine: str) -> tuple[list[Light], list[Mirror]]:
+    """The lights and mirrors as `depsgraph` has evaluated them."""
+    lights = [_light(placed, _matrix(placed, depsgraph), depsgraph, engine) for placed in lamps]
+    return lights, [mirror for placed in panes for mirror in _mirrors(placed, depsgraph)]
+
+
+def _light(placed: Placed, matrix: np.ndarray, depsgraph, engine: str) -> Light:
+    """The light of a lamp or of an object that glows, with the world matrix (4, 4)."""
+    item = placed[0].evaluated_get(depsgraph)
+    scale = np.linalg.norm(matrix[:3, :3], axis=0)
+    axis, origin = -matrix[:3, 2] / max(scale[2], 1e-12), matrix[:3, 3]
+    if item.type != "LIGHT":
+        corners = _corners(item, matrix)
+        middle = corners.mean(axis=0)
+        return Light(middle, axis, float(np.linalg.norm(corners - middle, axis=1).max()))
+    lamp = item.data
+    if lamp.type == "SUN":
+        return Light(None, axis, angle=min(lamp.angle / 2, np.pi / 2))
+    # Cycles' lights have no end; EEVEE's may be given one
+    reach = float(lamp.cutoff_distance) if engine == io.EEVEE and lamp.use_custom_distance else np.inf
+    if lamp.type == "AREA":
+        sides = np.array([lamp.size, lamp.size_y if lamp.shape in ("RECTANGLE", "ELLIPSE") else lamp.size])
+        return Light(origin, axis, float(np.linalg.norm(sides * scale[:2]) / 2), np.pi / 2, reach)
+    size = lamp.shadow_soft_size * max(1.0, float(scale.max()))
+    if lamp.type == "POINT":
+        return Light(origin, axis, size, reach=reach)
+    # a cone stretched sideways by its object's scale is held by the round one of its wider side
+    slope = np.tan(min(lamp.spot_size / 2, np.pi / 2 - 1e-6)) * max(1.0, float(scale[:2].max() / max(scale[2], 1e-12)))
+    slope *= np.sqrt(2) if lamp.use_square else 1.0
+    return Light(origin, axis, size, float(np.arctan(slope)), reach)
+
+
+def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
+    """The flat sides of a mirror object; CrowdError if it is curved."""
+    points, polygons = io.world_polygons(placed[0].evaluated_get(depsgraph), _matrix(placed, depsgraph))
+    sides: dict[tuple, list[np.ndarray]] = {}
+    for polygon in polygons:
+        corners = points[polygon]
+        normal = np.cross(corners - corners[0], np.roll(corners, -1, axis=0) - corners[0]).sum(axis=0)
+        if normal.any():
+            normal /= np.linalg.norm(normal)
+            normal *= 1 if tuple(normal.round(4)) > (0, 0, 0) else -1
+            sides.setdefault((*normal.round(4), round(float(normal @ corners[0]), 3)), []).append(corners)
+    if len(sides) > MOST_SIDES:
+        raise CrowdError(
+            f"The mirror {placed[0].name} has {len(sides)} sides that are not in one plane: take it out of the mirrors, or "
+            f"give it a flat mesh (at most {MOST_SIDES} planes)."
+        )
+    return [_mirror(np.array(side[:3]), faces) for side, faces in sides.items()]
+
+
+def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
+    """The mirror of the faces, corners (k, 3) each: the smallest rectangle about them that has an edge's direction."""
+    normal, points = normal / np.linalg.norm(normal), np.concatenate(faces)
+    edges = np.concatenate([np.roll(corners, -1, axis=0) - corners for corners in faces])
+    edges -= np.outer(edges @ normal, normal)
+    length = np.linalg.norm(edges, axis=1)
+    found = []
+    for along in np.unique((edges[length > 0] / length[length > 0, None]).round(3), axis=0):
+        axes = np.array([along / np.linalg.norm(along), np.cross(normal, along / np.linalg.norm(along))])
+        flat = (points - points[0]) @ axes.T
+        (x0, y0), (x1, y1) = flat.min(axis=0), flat.max(axis=0)
+        found.append(((x1 - x0) * (y1 - y0), points[0] + np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)]) @ axes))
+    return Mirror(normal, min(found, key=lambda pair: pair[0])[1])
+
+
+def _through(lamps, panes, times: list[float], engine: str) -> tuple[list[Light], list[Mirror]]:
+    """The lights, each so wide that it holds itself at all of `times`, and the mirrors as they are at each."""
+    with io.scratch():
+        stage = bpy.data.scenes.new("Crowd LOD lights")
+        for item in dict.fromkeys(part for thing, inside in (*lamps, *panes) for part in (thing, *inside)):
+            stage.collection.objects.link(item)
+        lights, mirrors = [], []
+        for time in times:
+            stage.frame_set(int(time // 1), subframe=time % 1)
+            found = _read(lamps, panes, stage.view_layers[0].depsgraph, engine)
+            lights.append(found[0])
+            mirrors += found[1]
+    return [_widened(each) for each in zip(*lights, strict=True)], mirrors
+
+
+def _widened(each: tuple[Light, ...]) -> Light:
+    """One light that holds all of `each`, the same at different times."""
+    first = each[0]
+    turn = max(float(np.arccos(np.clip(light.direction @ first.direction, -1, 1))) for light in each)
+    angle = max(light.angle for light in each) + turn
+    if first.origin is None:
+        return Light(None, first.direction, angle=min(angle, np.pi / 2))
+    moved = max(float(np.linalg.norm(light.origin - first.origin)) for light in each)
+    size, reach = max(light.size for light in each), max(light.reach for light in each)
+    return Light(first.origin, first.direction, size + moved, min(angle, np.pi), reach + moved)
+
+
+def _corners(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
+    """The corners (8, 3) in the world of an evaluated object's bounding box."""
+    return np.array(item.bound_box, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def _box(scene: bpy.types.Scene, things: list[Placed], depsgraph) -> np.ndarray | None:
+    """The box (2, 3) about all that shadows may fall on but the crowd; None if not all of it is in the objects' own
+    boxes: instances made by nodes or particles, and a world full of fog."""
+    world = scene.world
+    if world is not None and world.node_tree is not None and any(
+        node.type == "OUTPUT_WORLD" and node.inputs["Volume"].is_linked for node in world.node_tree.nodes
+    ):
+        return None
+    ends, matrices = [], []
+    for item, inside in things:
+        if item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers):
+            return None
+        if item.type in SOLID:
+            least, *_, most, _ = item.evaluated_get(depsgraph).bound_box
+            ends.append((tuple(least), tuple(most)))
+            matrices.append(_matrix((item, inside), depsgraph))
+    if not ends:
+        return np.array([np.full(3, np.inf), np.full(3, -np.inf)])
+    ends, matrices = np.array(ends, np.float64), np.array(matrices)
+    middle = np.einsum("nij,nj->ni", matrices[:, :3, :3], ends.mean(axis=1)) + matrices[:, :3, 3]
+    half = np.einsum("nij,nj->ni", np.abs(matrices[:, :3, :3]), (ends[:, 1] - ends[:, 0]) / 2)
+    return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])

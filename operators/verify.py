@@ -1,0 +1,284 @@
+"""The proof that culling and LOD change nothing they should not: the same frames rendered with and without them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..crowd_lod import difference, report
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame
+from ..crowd_lod.sorting import sort
+from . import build, cameras, follow, lights
+from . import scene as io
+from .levels import make_levels
+from .populate import characters_of, frame_of, measure_groups, store_groups, trajectory_of
+from .preview import Preview, stage_of
+
+# The pictures of a frame. The third is the culled one without those whom the camera does not see itself.
+PICTURES = {
+    "a": "everyone, full detail",
+    "b": "culled, full detail",
+    "bare": "culled, without shadows and reflections from outside the picture",
+    "c": "culled, with LODs",
+}
+AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
+SILHOUETTE_SAMPLES = 16  # a pixel
+MOST_IN_SHEET = 8  # frames on the contact sheet
+RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
+
+
+@dataclass(frozen=True)
+class Verify:
+    """What to verify. frames: increasing. width: of the pictures, pixels. samples: a pixel. bounces: with more than 0 each
+    picture is rendered once more, with the sky's light and so many bounces of light and reflections."""
+
+    frames: list[int]
+    folder: Path
+    width: int = 320
+    samples: int = 4
+    bounces: int = 0
+
+
+def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterator[float]:
+    """Write the proof for `scene` into the wanted folder; yields the progress, 0 to 1, and returns the dict of verify.json.
+
+    All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
+    """
+    with report.staged(wanted.folder) as folder, io.scratch():
+        cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
+        stage = _stage(scene, wanted)
+        layer = stage.view_layers[0]
+        layer.update()
+        store_groups(stage.crowd_lod, measure_groups(stage))
+        frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
+        if stage.crowd_lod.levels is None:
+            for part in make_levels(stage):
+                yield 0.05 * part
+        for part in build.build(stage):
+            yield 0.05 + 0.05 * part
+        top, stage.crowd_lod.build = stage.crowd_lod.build, None  # it holds what is written here, not what the frame asks
+        twins, outline = _twins(stage, top), _outline(stage, top)
+        rows, sheet = [], []
+        for number in wanted.frames:
+            outline.camera = stage.camera = cameras.bound_camera(scene, io.remapped(stage.render, number))
+            stage.frame_set(number)
+            row, pictures = yield from _frame(stage, layer.depsgraph, top, twins, outline, number, wanted, folder, len(rows))
+            rows.append(row)
+            sheet.append(pictures)
+        result = _result(rows, wanted, command)
+        (folder / "verify.json").write_text(report.to_json(result), encoding="utf-8")
+        (folder / "verify.csv").write_text(report.to_csv(rows), encoding="utf-8")
+        chosen = np.unique(np.linspace(0, len(sheet) - 1, min(len(sheet), MOST_IN_SHEET)).round().astype(int))
+        tiles = [picture for i in chosen for picture in sheet[i]]
+        io.save_png(folder / "contact_sheet.png", report.contact_sheet(tiles, columns=len(PICTURES) + 3))
+        yield 1.0
+        return result
+
+
+def _stage(scene: bpy.types.Scene, wanted: Verify) -> bpy.types.Scene:
+    """A copy of the scene in which Cycles' picture depends on what its rays meet and on nothing else: one seed, no samples
+    saved where the picture is smooth, no lamp drawn by its share of the light, no denoiser, pixels that do not overlap."""
+    stage = stage_of(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
+    stage.name = "Crowd LOD verify"
+    render, cycles = stage.render, stage.cycles
+    render.engine, cycles.device = "CYCLES", "CPU"
+    render.use_stamp = render.use_persistent_data = render.use_simplify = False
+    cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
+    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = cycles.use_guiding = False
+    cycles.use_fast_gi, cycles.time_limit, cycles.pixel_filter_type = False, 0, "BOX"
+    render.image_settings.color_mode = "RGBA"
+    for layer in stage.view_layers:
+        layer.samples = 0
+    return stage
+
+
+def _light(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
+    """Light the stage by its lamps alone, or with so many bounces and the sky, too: worlds are (sky, dark sky)."""
+    cycles = stage.cycles
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
+    cycles.transmission_bounces = cycles.volume_bounces = bounces
+    stage.world = worlds[0] if bounces else worlds[1]
+
+
+def _dark(world: bpy.types.World | None) -> bpy.types.World | None:
+    """A copy of the world that the camera sees and that lights nothing: agents out of the picture keep some of the sky's
+    light from every place in it, and no bucket holds them all."""
+    if world is None:
+        return None
+    dark = world.copy()
+    for ray in ("diffuse", "glossy", "transmission", "scatter"):
+        setattr(dark.cycles_visibility, ray, False)
+    return dark
+
+
+def _twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Collection:
+    """Copies of the build's point objects that no ray of a direct picture meets. Cycles rounds a mesh differently where it
+    is instanced once and where it is more often; with its twin every mesh in the picture is."""
+    twins = bpy.data.collections.new("Crowd LOD twins")
+    for points in build.points_of(top).values():
+        twin = points.copy()
+        twin.data = points.data.copy()
+        twins.objects.link(twin)
+        for ray in RAYS:
+            setattr(twin, f"visible_{ray}", False)
+    stage.collection.children.link(twins)
+    return twins
+
+
+def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
+    """A scene of nothing but the build and the cameras, whose pictures' alpha is the crowd's silhouette."""
+    outline = stage.copy()
+    for child in outline.collection.children:
+        outline.collection.children.unlink(child)
+    for item in outline.collection.objects:
+        outline.collection.objects.unlink(item)
+    for item in (*build.points_of(top).values(), *(item for item in stage.objects if item.type == "CAMERA")):
+        outline.collection.objects.link(item)
+    outline.render.film_transparent, outline.world = True, None
+    outline.cycles.samples, outline.cycles.max_bounces = SILHOUETTE_SAMPLES, 0
+    return outline
+
+
+def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, folder: Path, done: int):
+    """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
+    around, trajectory = lights.read_surroundings(stage, depsgraph, io.time_of(stage)), trajectory_of(stage)
+    planned = frame_of(stage, depsgraph, around=around)
+    frames = _variants(planned, frame_of(stage, depsgraph, around=replace(around, level=0)))
+    outline.frame_set(number)
+    total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
+    at = done * total / len(wanted.frames)
+    tilt = stage.crowd_lod.tilt
+    follow.write(twins, trajectory, _together(frames["b"]), planned.crowd, tilt)
+    worlds = stage.world, _dark(stage.world)
+    row = {
+        "frame": number,
+        "agents": len(planned.crowd),
+        "visible": int(planned.visible.sum()),
+        "shadow": len(planned.shadow.order),
+        "mirrored": len(planned.mirrored.order),
+    }
+    sheet, masks = [], {}
+    for bounces in (0, wanted.bounces)[: 1 + (wanted.bounces > 0)]:
+        _light(stage, bounces, worlds)
+        ending = "_bounces" if bounces else ""
+        shot = {}
+        for name, frame in frames.items():
+            follow.write(top, trajectory, frame, planned.crowd, tilt)
+            shot[name] = _render(stage, folder / f"frame_{number:04d}_{name}{ending}.png")
+            if not bounces and name in ("a", "c"):
+                masks[name] = _render(outline, folder / "outline.png")[..., 3]
+            at += 1
+            yield 0.1 + 0.85 * at / total
+        for name in ("b", "bare", "c"):
+            found = difference.between(shot["a"], shot[name])
+            row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
+            picture = _amplified(shot["a"], shot[name])
+            io.save_png(folder / f"frame_{number:04d}_a_{name}{ending}.png", picture)
+        pictures = [io.load_pixels(folder / f"frame_{number:04d}_{name}{ending}.png") for name in frames]
+        pictures += [io.load_pixels(folder / f"frame_{number:04d}_a_{name}{ending}.png") for name in ("b", "bare", "c")]
+        sheet += pictures
+    stage.world = worlds[0]
+    (folder / "outline.png").unlink()
+    shift = difference.shift(masks["a"], masks["c"])
+    predicted = difference.predicted(planned, trajectory.groups)
+    row |= {"silhouette_shift": shift, "predicted_shift": predicted}
+    row["culling_ok"] = row["b_pixels"] == 0
+    row["lod_ok"] = predicted is None or shift <= predicted + 1
+    return row, sheet
+
+
+def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
+    """The frames of PICTURES: of the plan, and of the same with the finest LOD for those that the camera does not see."""
+    count = len(planned.buckets.counts)
+    finest = np.zeros(len(planned.crowd), np.uint8)
+    nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
+    finite = np.isfinite([planned.crowd.x, planned.crowd.y, planned.crowd.z]).all(axis=0)
+    culled = replace(full, buckets=sort(planned.visible, finest, count))
+    return {
+        "a": replace(full, buckets=sort(finite, finest, count), shadow=nobody, mirrored=nobody),
+        "b": culled,
+        "bare": replace(culled, shadow=nobody, mirrored=nobody),
+        "c": planned,
+    }
+
+
+def _together(frame: Frame) -> Frame:
+    """The frame with all its agents in one bucket of the finest LOD, whoever sees them."""
+    held = np.zeros(len(frame.crowd), bool)
+    for buckets in (frame.buckets, frame.shadow, frame.mirrored):
+        held[buckets.order] = True
+    buckets = sort(held, np.zeros(len(held), np.uint8), len(frame.buckets.counts))
+    return replace(frame, buckets=buckets, shadow=None, mirrored=None)
+
+
+def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
+    """Render the picture to the PNG `path`; (rows, columns, 4) float32 of its own linear values, bottom row first."""
+    raw = path.with_suffix(".exr")
+    settings = stage.render.image_settings
+    with io.quiet(), bpy.context.temp_override(scene=stage):
+        bpy.ops.render.render()
+        picture = bpy.data.images["Render Result"]
+        picture.save_render(str(path), scene=stage)
+        settings.file_format, settings.color_depth = "OPEN_EXR", "32"
+        picture.save_render(str(raw), scene=stage)
+        settings.file_format, settings.color_depth = "PNG", "8"
+    if not raw.is_file() or not path.is_file():
+        raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
+    image = bpy.data.images.load(str(raw))
+    try:
+        return io.read_values(image)
+    finally:
+        bpy.data.images.remove(image)
+        raw.unlink()
+
+
+def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The difference of two pictures as (rows, columns, 4) uint8: black is none, however small."""
+    off = np.abs(a - b)
+    shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
+    shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
+    shown[..., 3] = 255
+    return shown
+
+
+def _result(rows: list[dict], wanted: Verify, command: list[str]) -> dict:
+    """The dict of verify.json."""
+    return {
+        "version": 1,
+        "command": command,
+        "ok": all(row["culling_ok"] and row["lod_ok"] for row in rows),
+        "width": wanted.width,
+        "samples": wanted.samples,
+        "bounces": wanted.bounces,
+        "pictures": PICTURES,
+        "amplified": AMPLIFIED,
+        "frames": rows,
+    }
+
+
+def to_text(result: dict) -> str:
+    """The result as lines of text: a sentence a frame, and the verdict."""
+    lines = []
+    for row in result["frames"]:
+        lines.append(
+            f"frame {row['frame']}: {row['visible']:,} of {row['agents']:,} agents visible, {row['shadow']:,} kept for their "
+            f"shadows, {row['mirrored']:,} for mirrors. Culled against everyone: {row['b_pixels']:,} pixels differ"
+            f" ({row['bare_pixels']:,} without those kept). LODs: {row['c_share']:.2%} of the pixels differ visibly, silhouettes "
+            f"shift {row['silhouette_shift']:.1f} pixels"
+            + ("." if row["predicted_shift"] is None else f", {row['predicted_shift']:.2f} predicted.")
+        )
+        if result["bounces"]:
+            lines.append(
+                f"  with sky and {result['bounces']} bounces: {row['b_bounces_share']:.2%} of the pixels differ visibly, mean "
+                f"{row['b_bounces_mean']:.2g} ({row['bare_bounces_share']:.2%}, {row['bare_bounces_mean']:.2g} without those kept)."
+            )
+    lines.append("Culling and LODs change nothing they should not." if result["ok"] else f"NOT the same: {_failed(result['frames'])}.")
+    return "\n".join(lines)
+
+
+def _failed(rows: list[dict]) -> str:
+    wrong = [f"frame {row['frame']}, culling" for row in rows if not row["culling_ok"]]
+    return "; ".join(wrong + [f"frame {row['frame']}, LODs" for row in rows if not row["lod_ok"]])

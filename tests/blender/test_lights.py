@@ -1,0 +1,202 @@
+from math import pi
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod import lean
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.lights import read_surroundings
+from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups
+from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
+from mathutils import Matrix
+
+
+@pytest.fixture
+def lit(scene):
+    """The small crowd on a ground, in Cycles."""
+    scene.render.engine = "CYCLES"
+    add(scene.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
+    return scene
+
+
+def lamp(scene, kind, location=(0, 0, 5), turn=(0, 0, 0), **values):
+    data = bpy.data.lights.new(kind, kind)
+    for name, value in values.items():
+        setattr(data, name, value)
+    item = bpy.data.objects.new(kind, data)
+    item.location, item.rotation_euler = location, turn
+    scene.collection.objects.link(item)
+    return item
+
+
+def read(scene, time=None):
+    scene.view_layers[0].update()
+    return read_surroundings(scene, scene.view_layers[0].depsgraph, scene.frame_current if time is None else time)
+
+
+def test_lights_are_read_with_their_size_cone_and_range(lit):
+    lamp(lit, "SUN", turn=(0, pi / 2, 0), angle=0.1)
+    lamp(lit, "POINT", (1, 2, 3), shadow_soft_size=0.25).scale = (4, 1, 1)
+    spot = lamp(lit, "SPOT", (0, 0, 9), spot_size=pi / 2, shadow_soft_size=0.5)
+    lamp(lit, "AREA", (5, 0, 4), (pi, 0, 0), shape="RECTANGLE", size=3, size_y=4)
+    spot.data.use_custom_distance, spot.data.cutoff_distance = True, 12
+    sun, point, cone, area = read(lit).lights
+    assert sun.origin is None and sun.angle == pytest.approx(0.05)
+    np.testing.assert_allclose(sun.direction, (-1, 0, 0), atol=1e-6)
+    assert (*point.origin, point.size, point.angle) == pytest.approx((1, 2, 3, 1.0, pi))
+    assert cone.angle == pytest.approx(pi / 4) and cone.size == 0.5 and np.isinf(cone.reach)  # Cycles has no range
+    np.testing.assert_allclose(area.direction, (0, 0, 1), atol=1e-6)
+    assert area.size == pytest.approx(2.5) and area.angle == pytest.approx(pi / 2)
+    spot.scale = (2, 1, 1)  # the cone's slope doubles in one direction
+    assert read(lit).lights[2].angle == pytest.approx(np.arctan(2))
+    lit.render.engine = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+    assert read(lit).lights[2].reach == 12
+
+
+def test_what_casts_no_shadow_is_no_light(lit):
+    dark = lamp(lit, "SUN", energy=0)
+    unshadowed = lamp(lit, "POINT", use_shadow=False)
+    hidden = lamp(lit, "AREA")
+    hidden.hide_render = True
+    black = lamp(lit, "SPOT", color=(0, 0, 0))
+    home = bpy.data.collections.new("Home")
+    lit.collection.children.link(home)
+    inside = lamp(lit, "POINT")
+    lit.collection.objects.unlink(inside)
+    home.objects.link(inside)
+    home.hide_render = True
+    assert read(lit).lights == () and lean.NO_SHADOWS in read(lit).left_out
+    home.hide_render, lit.view_layers[0].layer_collection.children["Home"].exclude = False, True
+    assert read(lit).lights == ()
+    lit.view_layers[0].layer_collection.children["Home"].exclude = False
+    dark.data.energy, unshadowed.data.use_shadow, hidden.hide_render, black.data.color = 1, True, False, (1, 0, 0)
+    assert len(read(lit).lights) == 5 and lean.NO_SHADOWS not in read(lit).left_out
+    inside.data.use_nodes = True
+    next(node for node in inside.data.node_tree.nodes if node.type == "EMISSION").inputs["Strength"].default_value = 0
+    assert len(read(lit).lights) == 4
+
+
+def test_objects_that_glow_and_lamps_in_instanced_collections_are_lights(lit):
+    glow = material("Glow", (1, 1, 1))
+    add(lit.collection, "Cube", [(box(4, 4, 6, 6, 0, 2), glow)])
+    assert read(lit).lights == ()
+    next(node for node in glow.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs["Emission Strength"].default_value = 2
+    (cube,) = read(lit).lights
+    assert (*cube.origin, cube.size) == pytest.approx((5, 5, 1, 3**0.5))
+    home = bpy.data.collections.new("Lamps")
+    inside = lamp(lit, "POINT", (1, 0, 0))
+    lit.collection.objects.unlink(inside)
+    home.objects.link(inside)
+    home.instance_offset = (0, 0, -2)
+    for x in (10, 20):
+        instancer = bpy.data.objects.new("Instancer", None)
+        instancer.instance_type, instancer.instance_collection = "COLLECTION", home
+        instancer.matrix_world = Matrix.Translation((x, 0, 0)) @ Matrix.Rotation(pi / 2, 4, "Z")
+        lit.collection.objects.link(instancer)
+    places = sorted(tuple(light.origin.round(5)) for light in read(lit).lights if light.size < 1)
+    np.testing.assert_allclose(places, [(10, 1, 2), (20, 1, 2)], atol=1e-5)
+
+
+def test_what_is_not_looked_at_is_named_with_its_reason(lit):
+    lamp(lit, "SUN")
+    assert read(lit).left_out == (lean.NO_MIRRORS,)
+    lit.crowd_lod.shadows = False
+    assert (read(lit).left_out, read(lit).lights) == ((lean.NOT_WANTED,), ())
+    lit.crowd_lod.shadows, lit.render.engine = True, "BLENDER_WORKBENCH"
+    assert (read(lit).left_out, read(lit).lights) == ((lean.WORKBENCH,), ())
+
+
+def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the_build(lit):
+    store_groups(lit.crowd_lod, measure_groups(lit))
+    lamp(lit, "POINT", (0, 0, 90))
+    np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (30, 50, 0)], atol=1e-5)
+    tower = add(lit.collection, "Tower", [(box(-1, -1, 1, 1, 0, 12), material("Stone", (1, 1, 1)))])
+    tower.location.x = 40
+    list(make_levels(lit))
+    list(builder.build(lit))
+    lit.frame_set(5)
+    np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (41, 50, 12)], atol=1e-5)
+    tower.hide_render = True
+    assert read(lit).box[1, 0] == pytest.approx(30)
+    lit.objects["Ground"].modifiers.new("Anything", "NODES")  # it may make instances anywhere
+    assert read(lit).box is None
+
+
+def test_mirrors_are_the_flat_sides_of_the_marked_objects(lit):
+    home = bpy.data.collections.new("Mirrors")
+    lit.collection.children.link(home)
+    two = ([(0, 0, 0), (2, 0, 0), (2, 0, 3), (0, 0, 3), (5, 0, 0), (5, 0, 3)], [(0, 1, 2, 3), (1, 4, 5, 2)])
+    pane = add(home, "Pane", [(two, material("Glass", (1, 1, 1)))])
+    pane.location, pane.rotation_euler.z = (10, 0, 1), pi / 2
+    lit.crowd_lod.mirrors = home
+    (mirror,) = read(lit).mirrors
+    np.testing.assert_allclose(np.abs(mirror.normal), (1, 0, 0), atol=1e-6)
+    np.testing.assert_allclose([mirror.corners.min(axis=0), mirror.corners.max(axis=0)], [(10, 0, 1), (10, 5, 4)], atol=1e-5)
+    add(home, "Block", [(box(0, 0, 1, 2, 0, 3), material("Steel", (1, 1, 1)))])
+    assert len(read(lit).mirrors) == 7 and lean.NO_MIRRORS not in read(lit).left_out
+    bpy.ops.mesh.primitive_uv_sphere_add()
+    ball = lit.objects[bpy.context.object.name]
+    ball.name = "Ball"
+    home.objects.link(ball)
+    with pytest.raises(CrowdError, match="The mirror Ball has .* flat mesh"):
+        read(lit)
+
+
+def test_with_an_open_shutter_a_light_holds_itself_at_all_its_times(lit):
+    sun, point = lamp(lit, "SUN", angle=0.02), lamp(lit, "POINT", (0, 0, 5), shadow_soft_size=0.5)
+    for frame, turn, x in ((1, 0.0, 0.0), (11, 1.0, 20.0)):
+        sun.rotation_euler.y, point.location.x = turn, x
+        sun.keyframe_insert("rotation_euler", frame=frame)
+        point.keyframe_insert("location", frame=frame)
+    lit.render.use_motion_blur, lit.render.motion_blur_shutter = True, 1.0
+    found = read(lit, 6.0)
+    assert found.box is None
+    wide_sun, wide_point = found.lights
+    lit.render.use_motion_blur = False
+    for time in (5.5, 5.75, 6.25, 6.5):
+        lit.frame_set(int(time), subframe=time % 1)
+        at_sun, at_point = read(lit).lights
+        assert np.arccos(at_sun.direction @ wide_sun.direction) + at_sun.angle <= wide_sun.angle + 1e-6
+        assert np.linalg.norm(at_point.origin - wide_point.origin) + at_point.size <= wide_point.size + 1e-6
+    assert wide_sun.angle < 0.5 and wide_point.size < 4
+
+
+def unseen(scene):
+    """(positions as bytes, number) of the points of the build's objects that the camera does not see."""
+    found = {}
+    for name, item in builder.points_of(scene.crowd_lod.build).items():
+        assert item.visible_camera == name.startswith("LOD") and item.visible_shadow
+        if not item.visible_camera:
+            values = np.empty((len(item.data.vertices), 3), np.float32)
+            item.data.vertices.foreach_get("co", values.ravel())
+            found[name] = values.tobytes()
+    return found
+
+
+@pytest.mark.parametrize("blur", [False, True])
+def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_the_frame(lit, blur):
+    sun = lamp(lit, "SUN", angle=0.05)
+    for frame, turn in ((1, (0, 1.2, 0)), (40, (0, 1.2, 1.5))):
+        sun.rotation_euler = turn
+        sun.keyframe_insert("rotation_euler", frame=frame)
+    lit.render.use_motion_blur = blur
+    list(make_levels(lit))
+    list(builder.build(lit))
+    first = {}
+    for time in (30.0, 2.0, 11.25, 11.0, 10.75, 11.25, 2.0, 10.75, 30.0):
+        lit.frame_set(int(time), subframe=time % 1)
+        now = unseen(lit)
+        assert first.setdefault(time, now) == now, time
+    lit.frame_set(11)
+    found = unseen(lit)
+    frame = frame_of(lit, bpy.context.evaluated_depsgraph_get(), around=read(lit))
+    assert len(found["Shadow 2"]) // 12 == len(frame.shadow.order) > 0 and frame.shadow.counts[:2].sum() == 0
+    assert not found["Shadow 0"] and not found["Mirror 2"]
+    lit.crowd_lod.unseen_level = 0
+    lit.frame_set(11)
+    assert unseen(lit)["Shadow 0"] == found["Shadow 2"] and not unseen(lit)["Shadow 2"]
+    lit.crowd_lod.shadows = False
+    lit.frame_set(11)
+    assert not any(unseen(lit).values())

@@ -1,0 +1,125 @@
+"""The last word on culling: pictures with and without it, compared bit by bit."""
+
+import csv
+import json
+import os
+from math import pi
+
+import bpy
+import pytest
+from crowd_lod_extension.operators import cli
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.verify import Verify, verify
+from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+
+
+def run(*words):
+    return cli._run([str(word) for word in words], "crowd-lod")
+
+
+@pytest.fixture
+def lit(scene):
+    """The small crowd on a ground, a low sun and a lamp beside the picture, a mirror in it."""
+    add(scene.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
+    for kind, place, turn, energy in (("SUN", (0, 0, 9), (0, 1.2, 0.2), 3), ("POINT", (9, -12, 3), (0, 0, 0), 3000)):
+        data = bpy.data.lights.new(kind, kind)
+        data.energy = energy
+        item = bpy.data.objects.new(kind, data)
+        item.location, item.rotation_euler = place, turn
+        scene.collection.objects.link(item)
+    silver = material("Silver", (0.9, 0.9, 0.9), 0.0)
+    next(node for node in silver.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs["Metallic"].default_value = 1
+    home = bpy.data.collections.new("Mirrors")
+    scene.collection.children.link(home)
+    pane = add(home, "Pane", [(tile(-4, 0, 4, 5), silver)])
+    pane.location, pane.rotation_euler = (4, -3, 0), (pi / 2, 0, -0.5)
+    scene.crowd_lod.mirrors = home
+    return scene
+
+
+def rendered(scene, folder, **wanted):
+    """What verify finds of one small frame, run to its end."""
+    steps = verify(scene, Verify([7], folder, 96, 2, **wanted), ["test"])
+    while True:
+        try:
+            progress = next(steps)
+            assert 0 <= progress <= 1
+        except StopIteration as end:
+            return end.value
+
+
+def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their_bucket(lit, tmp_path, capfd):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "lit.blend"))
+    out = tmp_path / "out"
+    capfd.readouterr()  # Blender says that it has saved
+    assert run("verify", tmp_path / "lit.blend", "--frames", "1,30", "--width", 96, "--samples", 2, "--out", out, "--json", "--quiet") == 0
+    said = json.loads(capfd.readouterr().out)
+    result = json.loads((out / "verify.json").read_text())
+    assert said["frames"] == result["frames"] and result["ok"] and [row["frame"] for row in result["frames"]] == [1, 30]
+    for row in result["frames"]:
+        assert row["b_pixels"] == 0 and row["b_largest"] == 0
+        assert row["bare_pixels"] > 10 and row["shadow"] > 10  # a shadow falls in from outside
+        assert 0 < row["c_share"] < 0.5 and row["visible"] < 250 and row["predicted_shift"] is None
+    rows = list(csv.DictReader((out / "verify.csv").open()))
+    assert [int(row["b_pixels"]) for row in rows] == [0, 0]
+    names = ("a", "b", "bare", "c", "a_b", "a_bare", "a_c")
+    pictures = {f"frame_{n:04d}_{name}.png" for n in (1, 30) for name in names}
+    assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png"}
+    assert not io.load_pixels(out / "frame_0001_a_b.png")[..., :3].any()
+    assert io.load_pixels(out / "frame_0001_a_bare.png")[..., :3].any()
+
+
+def test_without_the_option_pixels_differ_and_with_a_margin_that_drops_agents_the_exit_code_is_1(lit, tmp_path, capfd):
+    lit.crowd_lod.shadows = False
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "off.blend"))
+    words = ("--frames", "7", "--width", 96, "--samples", 2, "--quiet", "--out")
+    assert run("verify", tmp_path / "off.blend", *words, tmp_path / "off") == 1
+    assert "NOT the same: frame 7, culling" in capfd.readouterr().out
+    assert json.loads((tmp_path / "off" / "verify.json").read_text())["frames"][0]["shadow"] == 0
+
+
+def test_a_fixed_margin_of_nothing_is_found_out(lit, tmp_path):
+    lit.crowd_lod.margin_kind, lit.crowd_lod.margin, lit.crowd_lod.unseen_level = "FIXED", 0, 0
+    for lamp in ("SUN", "POINT"):
+        lit.objects[lamp].data.use_shadow = False
+    lit.camera.data.lens = 80
+    assert not rendered(lit, tmp_path / "out")["ok"]
+
+
+def test_reflections_come_back_with_their_bucket(lit, tmp_path):
+    row = rendered(lit, tmp_path / "out", bounces=1)["frames"][0]
+    assert row["mirrored"] > 10 and row["b_pixels"] == 0
+    assert 0 < row["b_bounces_mean"] < row["bare_bounces_mean"] / 2
+
+
+def test_one_agent_alone_is_rounded_as_among_many(lit, tmp_path):
+    lit.crowd_lod.count, lit.crowd_lod.size = 4, (6, 30)
+    row = rendered(lit, tmp_path / "out")["frames"][0]
+    assert 0 < row["visible"] <= 4 and row["b_pixels"] == 0
+
+
+def test_ended_early_it_leaves_file_and_folder_as_they_were(lit, tmp_path):
+    def blocks():
+        return {kind: len(getattr(bpy.data, kind)) for kind in ("objects", "meshes", "scenes", "collections", "worlds", "node_groups", "images")}
+
+    before = blocks()
+    steps = verify(lit, Verify([1, 2], tmp_path / "out", 32, 1), ["test"])
+    while next(steps) < 0.4:
+        pass
+    assert blocks() != before
+    steps.close()
+    assert blocks() == before and os.listdir(tmp_path) == []
+
+
+def test_what_is_wrong_is_one_sentence(tmp_path, capfd):
+    for words, sentence in (
+        (("nothing.blend",), "There is no file nothing.blend"),
+        (("chapter", "--frames", "5:1"), "frames"),
+        (("chapter", "--samples", "0"), "The number of samples is 0"),
+        (("chapter", "--bounces", "-1"), "The number of bounces is -1"),
+        (("chapter", "--width", "1"), "The width is 1"),
+    ):
+        assert run("verify", *words, "--quiet", "--out", tmp_path / "out") == 1
+        said = capfd.readouterr()
+        assert sentence in said.err and said.err.count("\n") == 1 and not said.out
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,211 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
+from crowd_lod_extension.crowd_lod.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.culling import radar
+from crowd_lod_extension.crowd_lod.exact import gap, scatter
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy
+from crowd_lod_extension.crowd_lod.shadows import (
+    Light,
+    Mirror,
+    Surroundings,
+    bounded,
+    mirrored,
+    shaded,
+    surround,
+    view,
+    within,
+)
+
+from .crowds import crowd_at
+from .test_culling import ONE, straight
+from .test_frame import shot
+
+SUNS = [Light(None, np.array(way) / np.linalg.norm(way), angle=angle) for way in ((1, 0, -1), (-0.2, 1, -0.3)) for angle in (0, 0.2)]
+LAMPS = [
+    Light(np.array([20.0, 40, 15]), np.array([0, 0, -1.0]), 0.5),
+    Light(np.array([-60.0, 30, 10]), np.array([1.0, 0, 0]), 1.0, np.pi / 2),
+    Light(np.array([-30.0, 50, 30]), np.array([0.6, 0, -0.8]), 0.0, 0.5),
+    Light(np.array([0.0, -20, 5]), np.array([0, 0, -1.0]), 0.2, reach=50.0),
+]
+
+
+def emitter(light, random, n):
+    """Points of the light: (n, 3), and for a sun ways (n, 3) of its rays."""
+    if light.origin is not None:
+        way = random.normal(size=(n, 3))
+        way *= (light.size * random.random((n, 1)) ** (1 / 3)) / np.linalg.norm(way, axis=1, keepdims=True)
+        return light.origin + way
+    turn = light.angle * np.sqrt(random.random(n))
+    aside = np.cross(light.direction, random.normal(size=(n, 3)))
+    aside /= np.linalg.norm(aside, axis=1, keepdims=True)
+    return np.cos(turn)[:, None] * light.direction + np.sin(turn)[:, None] * aside
+
+
+def hidden_from(light, points, random, centres, radius):
+    """(n,) bool: spheres at centres (n, 3) that stand between some of the points (m, 3) and a random place of the light.
+    By distance of a centre from the ray's segment: another way than sweeping spheres."""
+    found = np.zeros(len(centres), bool)
+    for point, place in zip(points, emitter(light, random, len(points)), strict=True):
+        if light.origin is None:
+            way, length = -place, np.inf
+        else:
+            way, length = place - point, np.linalg.norm(place - point)
+            way = way / length
+            if length > light.reach + light.size or (-way) @ light.direction < np.cos(light.angle):
+                continue
+        along = np.clip((centres - point) @ way, 0, length)
+        found |= np.linalg.norm(centres - point - along[:, None] * way, axis=1) <= radius
+    return found
+
+
+def seen_points(camera, random, n, box):
+    """Points (n, 3) that the camera sees, within the box (2, 3)."""
+    points = random.uniform(*box, (400 * n, 3))
+    return points[radar(crowd_at(points), camera, ONE, ONE)[0]][:n]
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO", "PANO"])
+@pytest.mark.parametrize("light", SUNS + LAMPS, ids=lambda light: "sun" if light.origin is None else "lamp")
+def test_no_shadow_that_falls_into_the_picture_is_missed(light, kind):
+    random = np.random.default_rng(5)
+    camera = straight(kind=kind)
+    if kind == "PANO":
+        camera = replace(camera, cone=0.8)
+    box = np.array([(-100, -30, -1), (100, 150, 20.0)])
+    centres = random.uniform((-100, -30, 0), (100, 150, 20), (1000, 3))
+    radius = random.uniform(0.5, 5, 1000)
+    kept = shaded(bounded(view(camera), box), light, centres, radius)
+    found = hidden_from(light, seen_points(camera, random, 1500, box), random, centres, radius)
+    assert found.sum() >= 5 and not (found & ~kept).any() and not kept.all()
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+@pytest.mark.parametrize("light", SUNS[::2] + LAMPS[:1], ids=lambda light: "sun" if light.origin is None else "lamp")
+def test_what_is_kept_for_nothing_passes_by_near_an_edge(light, kind):
+    """By the true distance of the picture's body from spheres all along the shadow."""
+    random = np.random.default_rng(6)
+    camera = straight(kind=kind)
+    centres = random.uniform((-100, -30, 0), (100, 150, 20), (400, 3))
+    radius = random.uniform(0.5, 5, 400)
+    kept = shaded(view(camera), light, centres, radius)
+    along = np.concatenate([[0], np.geomspace(0.01, 300, 600)])
+    way, grow = (light.direction, 0.0) if light.origin is None else (centres - light.origin, (radius + light.size)[:, None])
+    places = centres[:, None] + along[:, None] * (way[:, None] if light.origin is not None else way)
+    away = gap(camera, places.reshape(-1, 3)).reshape(400, -1) - radius[:, None] - along * grow
+    true = (away <= 0).any(axis=1)
+    assert not (true & ~kept).any() and true.sum() >= 10
+    beside = kept & ~true
+    assert beside.sum() <= 0.25 * true.sum()
+    assert ((away / (radius[:, None] + along * grow))[beside].min(axis=1, initial=np.inf) < 0.8).all()
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_without_a_way_to_go_it_is_the_radar_test(lens):
+    random = np.random.default_rng(8)
+    for _ in range(8):
+        camera = random_camera(random, lens)
+        radius = 10.0 ** random.uniform(-3, 1.5, 200)
+        points = scatter(camera, radius, random)
+        visible = np.concatenate([radar(crowd_at(p[None]), camera, ONE, np.array([r]))[0] for p, r in zip(points, radius, strict=True)])
+        assert not (visible & ~within(view(camera), points, radius)).any()
+
+
+def test_a_sphere_on_the_edge_of_its_shadows_way_is_kept_and_one_beyond_is_not():
+    camera = straight()  # sees |x| <= y, |z| <= y, 1 <= y <= 100
+    sun = Light(None, np.array([1.0, 0, 0]), angle=0.0)
+    at = np.array([(-300, 50, 51), (-300, 50, 51.41), (300, 50, 0), (-300, 101, 0), (-300, 101.01, 0)], float)
+    assert shaded(view(camera), sun, at, np.ones(5)).tolist() == [True, True, False, True, False]
+    # at sqrt(2) a sphere of the radius 1 leaves a plane of 45 degrees
+    assert shaded(view(camera), sun, np.array([(-300, 50, 51.42)]), np.ones(1)).tolist() == [False]
+
+
+def test_a_half_sky_of_light_keeps_everyone_in_front_of_what_is_seen():
+    camera = straight()
+    wide = Light(None, np.array([0, 0, -1.0]), angle=np.pi / 2)
+    assert shaded(view(camera), wide, np.array([(0.0, -50, 5), (500, 0, 3)]), np.ones(2)).all()
+
+
+def test_a_mirror_shows_what_its_reflection_shows():
+    random = np.random.default_rng(4)
+    rectangle = np.array([(-4, 30, 0), (6, 30, 0), (6, 30, 5), (-4, 30, 5)], float)
+    for normal in ((0, 1.0, 0), (0, -1.0, 0)):
+        mirror = Mirror(np.array(normal), rectangle)
+        for camera in (straight(), straight(kind="ORTHO"), straight(kind="PANO")):
+            points = random.uniform((-60, -80, -10), (60, 40, 20), (20_000, 3))
+            kept = within(mirrored(camera, mirror), points, np.zeros(20_000))
+            # by hand: the ray from the eye to the point's image meets the rectangle, and the point stands before it
+            image = points * (1, -1, 1) + (0, 60, 0)
+            if camera.kind == "ORTHO":
+                hit = image
+                shown = (np.abs(image[:, ::2]) <= 5).all(axis=1)
+            else:
+                hit = image * (30 / image[:, 1:2])
+                shown = (np.abs(image[:, ::2]) <= image[:, 1:2]).all(axis=1) if camera.kind == "PERSP" else True
+            shown &= (points[:, 1] <= 30) & (hit[:, 0] >= -4) & (hit[:, 0] <= 6) & (hit[:, 2] >= 0) & (hit[:, 2] <= 5)
+            assert (kept == shown).all() and 100 < shown.sum() < 10_000
+
+
+def test_a_mirror_that_the_camera_does_not_see_shows_nothing():
+    behind = np.array([(-4, -30, 0), (6, -30, 0), (6, -30, 5), (-4, -30, 5)], float)
+    beyond = behind + (0, 200, 0)
+    for rectangle in (behind, beyond):
+        assert mirrored(straight(), Mirror(np.array([0, 1.0, 0]), rectangle)) is None
+    on_edge = np.array([(0, 10, 0), (0, 20, 0), (0, 20, 5), (0, 10, 5)], float)
+    assert mirrored(straight(), Mirror(np.array([1.0, 0, 0]), on_edge)) is None
+
+
+def around(**more):
+    light = Light(None, np.array([0.6, 0, -0.8]), angle=0.01)
+    return Surroundings(lights=(light,), box=np.array([(-60, -60, -1), (60, 160, 0.0)]), **more)
+
+
+def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was_asked_before():
+    trajectory, camera, policy = shot(), straight(), LevelPolicy((0.3, 0.6))
+    glass = Mirror(np.array([0, 1.0, 0]), np.array([(-9, 60, 0), (9, 60, 0), (9, 60, 5), (-9, 60, 5)], float))
+    both = around(mirrors=(glass,))
+    made = {time: surround(plan(trajectory, camera, policy, time), trajectory, camera, (), both) for time in (33.5, 80, 5, 33.5)}
+    for frame in made.values():
+        seen = [set(b.order.tolist()) for b in (frame.buckets, frame.shadow, frame.mirrored)]
+        assert all(seen) and len(set.union(*seen)) == sum(map(len, seen))
+        assert frame.shadow.counts.tolist()[:2] == frame.mirrored.counts.tolist()[:2] == [0, 0]
+    again = shot()
+    fresh = surround(plan(again, camera, policy, 33.5), again, camera, (), both)
+    assert (fresh.shadow.order == made[33.5].shadow.order).all()
+    finest = surround(plan(again, camera, policy, 33.5), again, camera, (), replace(both, level=0))
+    assert (finest.shadow[0] == fresh.shadow[2]).all() and len(finest.shadow[0])
+
+
+def test_a_box_of_what_is_there_ends_the_shadows_of_a_low_sun():
+    trajectory, policy = shot(), LevelPolicy((0.3, 0.6))
+    camera = Camera("PERSP", np.array([0, -5, 2.0]), *np.eye(3)[[0, 2, 1]], Window(-0.3, 0.3, -0.2, 0.2), 0.1, 60, (100, 100))
+    frame = plan(trajectory, camera, policy, 1)
+    low = Light(None, np.array([0.999, 0, -0.0447]), angle=0.005)
+    scene = Surroundings(lights=(low,), box=np.array([(-60, -60, -1), (60, 160, 0.0)]))
+    with_box = surround(frame, trajectory, camera, (), scene).shadow.order
+    without = surround(frame, trajectory, camera, (), replace(scene, box=None)).shadow.order
+    assert 0 < len(with_box) <= len(without) and set(with_box) <= set(without)
+
+
+def test_an_open_shutter_keeps_whoevers_shadow_passes_through():
+    trajectory, policy, camera = shot(), LevelPolicy((0.3, 0.6)), straight()
+    trajectory.seconds_per_frame = 8.0
+    samples = [(time, (camera,)) for time in (39.5, 40.0, 40.5)]
+    blurred = surround(plan(trajectory, camera, policy, 40, samples), trajectory, camera, samples, around())
+    held = np.concatenate([blurred.buckets.order, blurred.shadow.order])
+    for time in np.linspace(39.5, 40.5, 9):
+        frame = surround(plan(trajectory, camera, policy, float(time)), trajectory, camera, (), around())
+        assert not set(frame.shadow.order) - set(held)
+
+
+def test_lost_agents_cast_no_shadow():
+    trajectory, camera = shot(), straight()
+    x = trajectory.start.x.copy()
+    x[[5, 8]] = np.nan, np.inf
+    lost = replace(trajectory, start=replace(trajectory.start, x=x), _kept={})
+    frame = plan(lost, camera, LevelPolicy((), drop_lost=True), 1)
+    found = surround(frame, lost, camera, (), around()).shadow.order
+    assert len(found) and not {5, 8} & set(found)
