@@ -22,6 +22,7 @@ from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
+from .within import within
 
 # A step may cross this many cells; one that would cross more is refused, it would seem to hang.
 MOST_CELLS = 65_536
@@ -58,7 +59,20 @@ def step(
     CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
     """
     check_speeds(machine, world, seconds)
-    return advance(crowd, machine, world, cycles, seconds, leave=leave)[0]
+    moved, rest = within(crowd, machine, world, cycles, seconds, leave)
+    if not len(rest):
+        return moved
+    columns = {name: column[rest] for name, column in vars(crowd).items()}
+    other = advance(Crowd(**columns), machine, world, cycles, seconds, leave=leave)[0]
+    for name in vars(crowd):
+        column = getattr(moved, name)
+        if getattr(other, name) is columns[name]:
+            continue
+        if column is getattr(crowd, name):
+            column = column.copy()
+            object.__setattr__(moved, name, column)
+        column[rest] = getattr(other, name)
+    return moved
 
 
 def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:

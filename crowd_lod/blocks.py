@@ -22,7 +22,7 @@ from .maps import Area, HeightMap
 # Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked first, about.
 LEAF, FAN, FIRST = 16, 8, 1024
 # A crowd of fewer agents is tested faster agent by agent.
-FEWEST = 20_000
+FEWEST = 40_000
 # Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
 # rounds at each of the at most MOST_CELLS borders a step. What it leaves open costs time, not truth.
 SLACK = 1e-8

@@ -137,7 +137,8 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     """(buckets, find_levels, how many are dropped, what was left out): every agent is tested. views: (time, the eyes'
     cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
     leave, items = trajectory.leave, set()
-    (time, cameras, radius), *shutter = views
+    made = trajectory.blocks(views[0][0])  # for their order
+    (_, cameras, radius), *shutter = views
     centre = np.array([g.centre for g in trajectory.groups])
     about = (centre, radius, policy.margin, policy.metric == "RADIAL", trajectory.left_out)
     box = bounds(crowd, cameras, *about) if leave else Bounds()
@@ -160,7 +161,6 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
         levels = np.full(len(crowd), level, np.uint8)
         items.add(ONE_LEVEL)
     ticks.append(clock.perf_counter())
-    made = trajectory.blocks(time)
     if made is None:
         buckets = sort(visible, levels, policy.count, ONE_BUCKET in leave)
     else:
@@ -177,7 +177,6 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     since, blocks = trajectory.blocks(views[0][0])
     centre = np.array([g.centre for g in trajectory.groups])
     radius, radial = views[0][2], policy.metric == "RADIAL"
-    ticks[-1] = clock.perf_counter()  # the blocks are the trajectory's: one making serves many frames
     gone = 0 if blocks.finite else _lost(crowd, policy)
     looks = [
         [Look(camera, *trajectory.moved(at, since), float((grown - radius).max())) for camera in eyes]
