@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from . import blocks, chance
+from . import blocks, chance, curve
 from .agents import Crowd, Group
 from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
@@ -307,7 +307,7 @@ class Trajectory:
     def blocks(self, time: float) -> tuple[int, blocks.Blocks] | None:
         """(the frame they were made at, the crowd's blocks) for `time`, in frames, after `at` was asked for it; of a small
         crowd None. They are made anew at certain frames, so they are the same whichever frame came before."""
-        if len(self.start) < blocks.FEWEST:
+        if len(self.start) < curve.FEWEST:
             return None
         frame = int(max(time - self.first_frame, 0.0))
         frame = min(frame, 1) if STILL in self.left_out else frame - frame % self.every
@@ -318,8 +318,8 @@ class Trajectory:
                 crowd = replace(crowd, z=self.heights.at(crowd.x, crowd.y))
             longest = self.seconds_per_frame * np.array([-SHUTTER, self.every + SHUTTER])
             wraps = self._pace.between(longest) if self.machine.edge == "wrap" else None
-            order = blocks.order_of(crowd, self.world.area)
-            found = blocks.blocks_of(crowd, order, self.groups, self.world.area, wraps)
+            order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
+            found = blocks.blocks_of(crowd, order, self.groups, self.world.area, wraps, self.heights is None)
             made = self.first_frame + frame
             self._blocks = made, found
         return made, found

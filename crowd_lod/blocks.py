@@ -21,8 +21,6 @@ from .maps import Area, HeightMap
 
 # Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked first, about.
 LEAF, FAN, FIRST = 16, 8, 1024
-# A crowd of fewer agents is tested faster agent by agent.
-FEWEST = 40_000
 # Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
 # rounds at each of the at most MOST_CELLS borders a step. What it leaves open costs time, not truth.
 SLACK = 1e-8
@@ -38,17 +36,20 @@ class Blocks:
     """The crowd's blocks at one time.
 
     order: (n,) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
-    order[groups[g]:groups[g + 1]]. tiers: of each, the largest blocks first, (agents a block, boxes (8, b) float64, first
+    order[groups[g]:groups[g + 1]]. spheres: (2, G) float64, each group's centre and radius, metres. tiers: of each, the largest blocks first, (agents a block, boxes (8, b) float64, first
     group and last group (2, b) uint8); the boxes' rows are centre x, y, z, half width along x, y, z, and the least and the
     greatest radius of their spheres, metres. The last blocks repeat the last agent, to be full. extent: the largest
-    coordinate, metres. finite: no agent stands at NaN or infinity.
+    coordinate, metres. finite: no agent stands at NaN or infinity. floor: the height of all agents' feet for as long as the
+    blocks hold; None if they differ.
     """
 
     order: np.ndarray
     groups: np.ndarray
+    spheres: np.ndarray
     tiers: list[tuple[int, np.ndarray, np.ndarray]]
     extent: float
     finite: bool
+    floor: float | None
 
 
 @dataclass(frozen=True)
@@ -82,38 +83,12 @@ def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
     return Pace(np.append(low, -climb), np.append(high, climb))
 
 
-def order_of(crowd: Crowd, area: Area) -> np.ndarray:
-    """(n,) int32: the agents group by group, along the curve over the part of `area` that they cover."""
-    bits = int(np.clip(np.ceil(np.log2(max(1, len(crowd) / LEAF)) / 2) + 1, 1, 12))
-    code = np.zeros(len(crowd), np.uint32)
-    sides = (crowd.x, area.x_min, area.x_max), (crowd.y, area.y_min, area.y_max)
-    for shift, (place, low, high) in enumerate(sides):
-        place = np.clip(place, low, high)
-        low, high = np.fmin.reduce(place), np.fmax.reduce(place)
-        scale = (1 << bits) / ((high - low) or 1.0)
-        with np.errstate(invalid="ignore"):
-            cell = np.nan_to_num((place - low) * scale).astype(np.uint32)
-        code |= _spread(bits)[np.minimum(cell, (1 << bits) - 1)] << np.uint32(shift)
-    # radix sorts, the last digit first: NumPy has them for 16 bits and fewer
-    order = np.argsort(code.astype(np.uint16), kind="stable").astype(np.int32)
-    for digit in ((code >> np.uint32(16)).astype(np.uint8), crowd.group):
-        if digit.any():
-            order = order[np.argsort(digit[order], kind="stable")]
-    return order
-
-
-def _spread(bits: int) -> np.ndarray:
-    """(2 ** bits,) uint32: the numbers with a zero between each two of their bits."""
-    number = np.arange(1 << bits, dtype=np.uint32)
-    return sum(((number >> np.uint32(b)) & np.uint32(1)) << np.uint32(2 * b) for b in range(bits))
-
-
 def blocks_of(
-    crowd: Crowd, order: np.ndarray, groups: Sequence[Group], area: Area, wraps: tuple | None = None
+    crowd: Crowd, order: np.ndarray, groups: Sequence[Group], area: Area, wraps: tuple | None = None, flat: bool = False
 ) -> Blocks:
     """The blocks of `crowd`, its agents in `order`. They hold as well for agents beyond `area` once these are taken onto
     it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the area come
-    back at its other side."""
+    back at its other side. flat: no agent's height changes."""
     count = len(order)
     size = LEAF
     while count > size * FIRST:
@@ -128,6 +103,7 @@ def blocks_of(
         for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
             place = column[rows]
             low[axis], high[axis] = place.min(axis=0), place.max(axis=0)
+        floor = float(low[2, 0]) if flat and low[2].min() == high[2].max() else None
         _stay(low, high, area, wraps)
         low[2] += _over(centre, np.minimum)[*group]
         high[2] += _over(centre, np.maximum)[*group]
@@ -143,7 +119,7 @@ def blocks_of(
             radii = np.array([radii[0].reshape(part[1:]).min(axis=1), radii[1].reshape(part[1:]).max(axis=1)])
             group = np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
     sizes = np.bincount(crowd.group, minlength=len(groups))
-    return Blocks(order, np.append(0, np.cumsum(sizes)), tiers, extent, bool(np.isfinite(extent)))
+    return Blocks(order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
 
 
 def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None) -> None:
@@ -179,6 +155,7 @@ class _Test:
     def __init__(self, look: Look, extent: float, margin: float | None, radial: bool):
         camera = self.camera = look.camera
         self.radial = radial or camera.kind == "PANO"
+        self.linear = not (self.radial or camera.turn)
         self.moved, self.wider = (look.least + look.most) / 2, (look.most - look.least) / 2
         normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
         if camera.kind != "PANO":
@@ -201,6 +178,9 @@ class _Test:
         self.add = axes @ (self.moved - camera.origin) + sign * (np.abs(axes) @ self.wider)
         self.add[:-2] -= np.tile(offsets, 2) + self.reach
         self.add[-2:] += (-self.slack, self.slack)
+        # of single spheres, which have not moved on: rows of `single` (f, 5) times (x, y, z, radius, 1)
+        fixed = np.append(-offsets - self.reach, 0.0) - axes[self.count : -1] @ camera.origin
+        self.single = np.column_stack([axes[self.count : -1], part[self.count : -1, 0], fixed])
 
     def __call__(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(outside, inside, nearest, farthest), each (b,), of `boxes` (8, b): whether all their spheres are, as far as is
@@ -225,6 +205,13 @@ class _Test:
         inside = values[k : 2 * k].max(axis=0) <= turned[0] - self.slack
         return outside, inside, nearest, farthest
 
+    def alone(self, spheres: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(outside, inside, distance), each (m,), of `spheres` (5, m): whether each is, as far as is known; its distance to
+        within the slack. For cameras whose reach and distance are linear."""
+        *sides, distance = values = self.single @ spheres
+        worst = values[: len(sides)].max(axis=0)
+        return worst > self.slack, worst <= -self.slack, distance
+
     def _of_range(self, boxes, close, away, least, most) -> tuple[np.ndarray, np.ndarray]:
         """(outside, inside), each (b,), of a panoramic camera's clip range and cone; of these a sphere about the box."""
         camera = self.camera
@@ -243,6 +230,7 @@ class _Test:
 
 def decide(
     blocks: Blocks,
+    crowd: Crowd,
     looks: Sequence[Sequence[Look]],
     limits: np.ndarray | None,
     margin: float | None = None,
@@ -250,7 +238,7 @@ def decide(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(levels, places): what the blocks decide, and which agents they leave open.
 
-    looks: of each time at which agents may be seen, those of the eyes; LODs follow from the first time's. limits:
+    crowd: as it stands at the first of the looks' times. looks: of each time at which agents may be seen, those of the eyes; LODs follow from the first time's. limits:
     (G, n - 1) metres where LODs begin, None if they depend on more than distance. margin, radial: as for `radar`.
     levels: (n,) uint8, in the blocks' order: LODs of agents in decided blocks, CULLED where these are not seen.
     places: (m,) intp, rising: where in the order the agents stand that are left open.
@@ -276,7 +264,39 @@ def decide(
             open_ = np.concatenate(undecided)
     count = len(blocks.order)
     places = (open_[:, None] * LEAF + np.arange(LEAF)).ravel()
-    return levels[:count], places[: np.searchsorted(places, count)]
+    places = places[: np.searchsorted(places, count)]
+    if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
+        places = _alone(blocks, crowd, tests[0], limits, levels, places)
+    return levels[:count], places
+
+
+def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Decide in `levels` what agents at `places` are clearly in or out; the places (m,) of those that only exact tests tell."""
+    left, slack = [places[:0]], max(test.slack for test in tests)
+    centre, radius = blocks.spheres
+    uniform = (limits == limits[0]).all()
+    for start in range(0, len(places), COLUMNS):
+        some = places[start : start + COLUMNS]
+        agents = blocks.order[some].astype(np.intp)
+        group = crowd.group[agents] if len(centre) > 1 else 0
+        spheres = np.empty((5, len(some)))
+        spheres[0], spheres[1] = crowd.x[agents], crowd.y[agents]
+        spheres[2] = (crowd.z[agents] if blocks.floor is None else blocks.floor) + centre[group]
+        spheres[3], spheres[4] = radius[group], 1.0
+        outside, inside, distance = tests[0].alone(spheres)
+        for test in tests[1:]:
+            out, within, other = test.alone(spheres)
+            outside, inside, distance = outside & out, inside | within, np.minimum(distance, other)
+        shown = np.flatnonzero(inside)
+        distance, level, unsure = distance[shown], np.zeros(len(shown), np.uint8), np.zeros(len(shown), bool)
+        for begin in limits.T:
+            beyond = distance - (begin[0] if uniform else begin[group[shown]])
+            level += beyond >= 0
+            unsure |= np.abs(beyond) <= slack
+        levels[some[shown]] = level
+        inside[shown[unsure]] = False
+        left.append(some[~(outside | inside)])
+    return np.concatenate(left)
 
 
 def _steps(limits: np.ndarray) -> tuple:

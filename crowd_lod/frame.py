@@ -182,7 +182,7 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
         [Look(camera, *trajectory.moved(at, since), float((grown - radius).max())) for camera in eyes]
         for at, eyes, grown in views
     ]
-    levels, places = decide(blocks, looks, begin if bias is None else None, policy.margin, radial)
+    levels, places = decide(blocks, crowd, looks, begin if bias is None else None, policy.margin, radial)
     agents = blocks.order[places]
     leave = trajectory.left_out | {IN_ORDER}
     visible, distance = radar(crowd, views[0][1], centre, radius, policy.margin, radial, leave, agents=agents)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import blocks
+from . import curve
 from .agents import Crowd, runs
 from .machine import StateMachine
 from .maps import LabelMap
@@ -62,7 +62,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
         # of agents of mixed groups the product would be looked up for each, which costs more than it saves
         FLAT: (groups == 1 or in_order) and not relief and len(crowd) > 0 and bool((crowd.z == crowd.z[0]).all()),
     }
-    holds[BLOCKS] = len(crowd) >= blocks.FEWEST
+    holds[BLOCKS] = len(crowd) >= curve.FEWEST
     if holds[STILL]:  # then there are no steps to make shorter
         holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_ACTION), False)
     return frozenset(item for item, true in holds.items() if true)
