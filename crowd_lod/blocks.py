@@ -51,6 +51,11 @@ class Blocks:
     finite: bool
     floor: float | None
 
+    def count(self, levels: np.ndarray, count: int) -> np.ndarray:
+        """Agents of each LOD and group (count, G) intp; levels: (n,) uint8 in the blocks' order."""
+        parts = [levels[a:b] for a, b in zip(self.groups[:-1], self.groups[1:], strict=True)]
+        return np.array([[np.count_nonzero(part == level) for part in parts] for level in range(count)])
+
 
 @dataclass(frozen=True)
 class Pace:

@@ -109,12 +109,12 @@ def plan(
     begin = limits(policy, cameras[0], radius, deviation)
     views = [(time, cameras, radius), *((sample, eyes, grown) for sample, eyes in shutter)]
     way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
-    buckets, find_levels, dropped, items = way(trajectory, crowd, views, policy, begin, bias, ticks)
+    buckets, find_levels, counted, dropped, items = way(trajectory, crowd, views, policy, begin, bias, ticks)
     left |= items
     if ONE_BUCKET in leave and np.count_nonzero(buckets.counts) <= 1:
         left.add(ONE_BUCKET)
-    vertices, full_vertices = cost(crowd, buckets, [g.vertices for g in groups])
-    triangles, full_triangles = cost(crowd, buckets, [g.triangles for g in groups])
+    vertices, full_vertices = cost(crowd, buckets, [g.vertices for g in groups], counted)
+    triangles, full_triangles = cost(crowd, buckets, [g.triangles for g in groups], counted)
     frame = Frame(
         time=time,
         crowd=crowd,
@@ -134,7 +134,7 @@ def plan(
 
 
 def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
-    """(buckets, find_levels, how many are dropped, what was left out): every agent is tested. views: (time, the eyes'
+    """(buckets, find_levels, what `cost` counts, how many are dropped, what was left out): every agent is tested. views: (time, the eyes'
     cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
     leave, items = trajectory.leave, set()
     made = trajectory.blocks(views[0][0])  # for their order
@@ -169,7 +169,7 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     ticks.append(clock.perf_counter())
     if every is not None:
         items.add(ALL_INSIDE if every else ALL_OUTSIDE)
-    return buckets, lambda: levels, gone, items
+    return buckets, lambda: levels, None, gone, items
 
 
 def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
@@ -204,7 +204,8 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     items = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
     items[ONE_LEVEL] = bias is None and np.count_nonzero(buckets.counts) <= 1
     decided = trajectory.leave if not len(places) else NOTHING
-    return buckets, find_levels, gone, {item for item, holds in items.items() if holds and item in decided}
+    counted = blocks.count(levels, policy.count), np.diff(blocks.groups)
+    return buckets, find_levels, counted, gone, {item for item, holds in items.items() if holds and item in decided}
 
 
 def _lost(crowd: Crowd, policy: LevelPolicy) -> int:
@@ -242,13 +243,18 @@ def _most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
     return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame
 
 
-def cost(crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]]) -> tuple[int, int]:
-    """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over buckets, over all agents."""
+def cost(
+    crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]], counted: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[int, int]:
+    """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over buckets, over all agents.
+
+    counted: agents of each LOD and group (n, G), and of each group (G,), if they are known."""
     if not all(len(each) >= len(buckets.counts) for each in sizes):
         return 0, 0
-    full = np.bincount(crowd.group, minlength=len(sizes))
-    drawn = 0
-    for level in range(len(buckets.counts)):
-        present = np.bincount(crowd.group[buckets[level]], minlength=len(sizes))
-        drawn += sum(int(n) * each[level] for n, each in zip(present, sizes, strict=True))
-    return drawn, sum(int(n) * each[0] for n, each in zip(full, sizes, strict=True))
+    if counted is None:
+        each = [crowd.group[buckets[level]] for level in range(len(buckets.counts))]
+        present, full = (np.array([np.bincount(g, minlength=len(sizes)) for g in some]) for some in (each, [crowd.group]))
+    else:
+        present, full = counted
+    drawn = [int(present[level, g]) * size[level] for g, size in enumerate(sizes) for level in range(len(present))]
+    return sum(drawn), sum(int(n) * size[0] for n, size in zip(np.ravel(full), sizes, strict=True))
