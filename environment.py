@@ -46,6 +46,8 @@ def main(arguments: list) -> None:
     if command == "test":
         os.chdir(ROOT)
         run(PYTHON, "-m", "pytest", *rest)
+    elif command == "bench":
+        run(PYTHON, ROOT / "benchmarks" / "bench.py", *rest)
     elif command == "package":
         run(PYTHON, ROOT / "package.py", *rest)
     else:

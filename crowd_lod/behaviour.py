@@ -30,6 +30,8 @@ MOST_CELLS = 65_536
 # sent to and fro by the table; it stands until the step ends. (In a dead end random turns need several.)
 PROGRESS = 1e-9
 HOLD = 32
+# A crowd of fewer agents is stepped faster as a whole than in two ways.
+FEW = 3000
 # Frames beyond those between two makings of the blocks at which they may be asked for.
 SHUTTER = 2
 
@@ -59,6 +61,8 @@ def step(
     CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
     """
     check_speeds(machine, world, seconds)
+    if len(crowd) < FEW:
+        return advance(crowd, machine, world, cycles, seconds, leave=leave)[0]
     moved, rest = within(crowd, machine, world, cycles, seconds, leave)
     if not len(rest):
         return moved

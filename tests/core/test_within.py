@@ -5,13 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import lean, within
+from crowd_lod_extension.crowd_lod import behaviour, lean, within
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.behaviour import advance, cycles_of, step
 from crowd_lod_extension.crowd_lod.machine import load_preset, preset_names
 from crowd_lod_extension.crowd_lod.maps import LabelMap
 
 from .test_lean import AREA, IDLER, ground, random_table, walker
+
+
+@pytest.fixture(autouse=True)
+def small_crowds_go_the_short_way(monkeypatch):
+    monkeypatch.setattr(behaviour, "FEW", 0)
+
 
 GROUPS = (walker(), IDLER, walker(stride=0.01))
 
