@@ -120,7 +120,8 @@ def perspective(agents: int, which: str, repeats: int, seed: int) -> dict:
 
 
 def growth(agents: int, repeats: int, seed: int) -> dict:
-    """Time and memory an agent. Memory is what Python asks for: the state, and a plan's results with what making them takes."""
+    """Time and memory an agent. Memory is what Python asks for: the state; what it takes to make the blocks anew, which
+    then hold 9 bytes; and a plan's results, of a camera that sees nearly all, with what it takes to make them."""
     trajectory, side = crowd_of(agents, seed)
     state = sum(getattr(trajectory.start, name).nbytes for name in vars(trajectory.start)) / agents
     ms = {"behaviour": [], "core": []}
@@ -129,11 +130,14 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
         if repeat:
             ms["behaviour"].append(found["behaviour"])
             ms["core"].append(sum(found.values()) - found["behaviour"])
-    tracemalloc.start()
-    plan(trajectory, camera(side, 0.3), POLICY, 1 + repeats)
-    peak = tracemalloc.get_traced_memory()[1] / agents
-    tracemalloc.stop()
-    row = {"agents": agents, "state_bytes": state, "results_peak_bytes": round(peak, 2)}
+    trajectory.at(65)  # when blocks are made anew, in a new order
+    peaks = []
+    for job in (trajectory.blocks, lambda frame: plan(trajectory, camera(side, -0.1, half=1.5), POLICY, frame)):
+        tracemalloc.start()
+        job(65)
+        peaks.append(round(tracemalloc.get_traced_memory()[1] / agents, 2))
+        tracemalloc.stop()
+    row = {"agents": agents, "state_bytes": state, "blocks_peak_bytes": peaks[0], "results_peak_bytes": peaks[1]}
     for name, values in ms.items():
         row[f"{name}_ns_per_agent"] = round(quartiles(values)[0] * 1e6 / agents, 3)
     return row

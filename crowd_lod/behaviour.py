@@ -34,6 +34,8 @@ HOLD = 32
 FEW = 3000
 # Frames beyond those between two makings of the blocks at which they may be asked for.
 SHUTTER = 2
+# The blocks are put into a new order every so many makings.
+ORDERED = 4
 
 
 @dataclass(frozen=True)
@@ -291,7 +293,7 @@ class Trajectory:
         self.left_out = self.leave and self.leave & needless(
             self.start, self.machine, self.world, len(self.groups), self.heights is not None
         )
-        self._blocks = None, None
+        self._blocks = self._order = None, None
         self._pace = blocks.pace(self.machine, self.heights) if STILL not in self.left_out else blocks.STANDING
         self.memo = None  # of frame.plan: a cache, never the truth
 
@@ -317,12 +319,17 @@ class Trajectory:
         frame = min(frame, 1) if STILL in self.left_out else frame - frame % self.every
         made, found = self._blocks
         if made != self.first_frame + frame:
+            ordered = frame - frame % (ORDERED * self.every)
+            known, order = self._order
+            if known != ordered:
+                crowd = self._kept[ordered]
+                order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
+                self._order = ordered, order
             crowd = self._kept[frame]
             if self.heights is not None:
                 crowd = replace(crowd, z=self.heights.at(crowd.x, crowd.y))
             longest = self.seconds_per_frame * np.array([-SHUTTER, self.every + SHUTTER])
             wraps = self._pace.between(longest) if self.machine.edge == "wrap" else None
-            order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
             found = blocks.blocks_of(crowd, order, self.groups, self.world.area, wraps, self.heights is None)
             made = self.first_frame + frame
             self._blocks = made, found

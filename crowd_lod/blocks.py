@@ -100,15 +100,19 @@ def blocks_of(
         size *= FAN
     full = np.full(-(-count // size) * size, order[-1], np.int32)
     full[:count] = order
-    rows = full.reshape(-1, LEAF).T.copy()  # a block a column: then its agents are compared many blocks at a time
-    group = crowd.group[rows[[0, -1]]]
+    rows = full.reshape(-1, LEAF)
+    group = crowd.group[rows[:, [0, -1]].T]
     centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "radius"))
-    low, high = np.empty((2, 3, rows.shape[1]))
+    low, high = np.empty((2, 3, len(rows)))
     with np.errstate(invalid="ignore"):
-        for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
-            place = column[rows]
-            low[axis], high[axis] = place.min(axis=0), place.max(axis=0)
-        floor = float(low[2, 0]) if flat and low[2].min() == high[2].max() else None
+        floor = float(crowd.z[0]) if flat and crowd.z.min() == crowd.z.max() else None
+        low[2], high[2] = floor or 0.0, floor or 0.0
+        for at in range(0, len(rows), COLUMNS):
+            some = slice(at, at + COLUMNS)
+            agents = rows[some].T.astype(np.intp, order="C")  # a block a column: many blocks are compared at a time
+            for axis, column in enumerate((crowd.x, crowd.y, crowd.z)[: 2 if floor is not None else 3]):
+                place = column[agents]
+                low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
         _stay(low, high, area, wraps)
         low[2] += _over(centre, np.minimum)[*group]
         high[2] += _over(centre, np.maximum)[*group]
@@ -123,7 +127,7 @@ def blocks_of(
             low, high = low.reshape(part).min(axis=2), high.reshape(part).max(axis=2)
             radii = np.array([radii[0].reshape(part[1:]).min(axis=1), radii[1].reshape(part[1:]).max(axis=1)])
             group = np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
-    sizes = np.bincount(crowd.group, minlength=len(groups))
+    sizes = np.bincount(crowd.group, minlength=len(groups)) if len(groups) > 1 else [count]
     return Blocks(order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
 
 
