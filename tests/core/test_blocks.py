@@ -153,12 +153,24 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
         plan(gone, straight(), LevelPolicy(()), 1)
 
 
-@pytest.mark.parametrize("edge", ["wrap", "reflect", "clamp", "stop"])
-def test_agents_that_cross_the_map_between_two_makings_of_the_blocks(edge):
-    trajectory = shot(walking(edge), ground([(3, 4)]), count=1500)
+ONWARDS = machine({"on": {"color": "#ff0000", "on": {"*": {"move": [3, 0.5]}}}}, "reflect")
+
+
+@pytest.mark.parametrize("table", [*map(walking, ("wrap", "reflect", "clamp", "stop")), ONWARDS], ids=["wrap", "reflect", "clamp", "stop", "onwards"])
+def test_agents_that_cross_the_map_between_two_makings_of_the_blocks(table):
+    trajectory = shot(table, ground([(3, 4)]), count=1500)
     trajectory.seconds_per_frame = 0.7
-    for time in (1, 3, 8.5, 16, 17, 31.75, 33):
+    for time in (1, 3, 8.5, 15, 16, 17, 31.75, 33, 47):
         compare(trajectory, straight(offset=(20, 30, 0)), time=time)
+        compare(trajectory, straight(offset=(-20, 30, 0)), time=time)
+
+
+def test_characters_of_different_heights_that_share_a_block():
+    sizes = [((60.0, 1.0), (0.9, 9.0), (30.0, 0.1))[k % 3] for k in range(60)]
+    trajectory = shot(groups=tuple(replace(walker(), centre=c, radius=r) for c, r in sizes), count=600)
+    policy = LevelPolicy((0.3, 0.6), group_thresholds=((), (0.1, 0.2), (0.5, 0.9)) * 20)
+    for height, someone in ((1, True), (20, False), (31, True), (59, True), (80, False)):
+        assert compare(trajectory, straight(kind="ORTHO", offset=(0, 0, height)), policy).visible.any() == someone
 
 
 def test_the_plan_does_not_depend_on_what_was_asked_before():
