@@ -7,6 +7,7 @@ its parts asked, and in the end its agents themselves, by `radar` and `assign`. 
 it is by more than any rounding, so the plan is, bit for bit, that of testing every agent.
 
 Agents move on from where the boxes were taken; until the next boxes these are grown by what the table lets agents walk.
+The order is renewed less often than the boxes, which only grow as neighbours part (behaviour.Trajectory.blocks).
 """
 
 from collections.abc import Sequence
