@@ -40,8 +40,5 @@ def sort(visible: np.ndarray, ids: np.ndarray, count: int, lean: bool = False) -
 def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
     """Buckets of agents that come in another order than theirs. order: (n,) int32 agent indices; levels: (n,) uint8, the
     LOD ids of these, at `count` or above for those culled."""
-    offsets = np.cumsum([0, *(np.count_nonzero(levels == level) for level in range(count))])
-    buckets = Buckets(np.empty(offsets[-1], np.int32), offsets)
-    for level in range(count):
-        buckets[level][:] = order[levels == level]
-    return buckets
+    buckets = [order[levels == level] for level in range(count)]
+    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
