@@ -47,6 +47,8 @@ def main(arguments: list) -> None:
         os.chdir(ROOT)
         # a process a core, each with a Blender of its own (about 1 GB); one file's tests stay together
         run(PYTHON, "-m", "pytest", "-n", "auto", "--maxprocesses", "4", "--dist", "loadfile", *rest)
+    elif command == "bench":
+        run(PYTHON, ROOT / "benchmarks" / "bench.py", *rest)
     elif command == "package":
         run(PYTHON, ROOT / "package.py", *rest)
     else:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import chance
+from . import chance, curve
 from .errors import CrowdError
 from .machine import StateMachine
 from .maps import LabelMap
@@ -117,5 +117,8 @@ def populate(count: int, seed: int, groups: int, machine: StateMachine, world: L
         np.arctan2(first_move[:, 1], first_move[:, 0]),
         random.uniform(-np.pi, np.pi, count),
     ).astype(np.float32)
+    if count >= curve.FEWEST:  # in memory, too, agents lie as they stand
+        order = curve.order_of(x, y, group, world.area)
+        x, y, heading, state, group, phase = (column[order] for column in (x, y, heading, state, group, phase))
     key = chance.keys(seed, count)
     return Crowd(x, y, np.full(count, world.area.z), heading, state, group, phase, machine.waits(state, key), key)

@@ -31,6 +31,7 @@ def radar(
     leave: frozenset[LeftOut] = NOTHING,
     every: bool | None = None,
     measure: bool = True,
+    agents: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """(visible, distance): which agents any of the cameras may see, and how far away they are.
 
@@ -46,22 +47,26 @@ def radar(
     are formed in float64.
 
     leave: what the crowd does not need, from lean.needless. every: the answer for all, from `bounds`, if it is known.
-    measure: whether distances are asked for; inf stands for those that are not.
+    measure: whether distances are asked for; inf stands for those that are not. agents: (m,) indices, group by group if
+    the crowd is in order, if only these are asked; what is given is then theirs, (m,).
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
     frustums = [None if camera.kind == "PANO" else planes(camera) for camera in cameras]
-    count = len(crowd)
+    count = len(crowd) if agents is None else len(agents)
     visible, distance = np.full(count, bool(every)), np.full(count, np.inf)
     if every is not None and not measure:
         return visible, distance
     height = crowd.z[0] + centre if FLAT in leave else None
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        for block in _blocks(crowd, leave):
-            group = crowd.group[block.start if leave & {ONE_GROUP, IN_ORDER} else block]
-            z = crowd.z[block] + centre[group] if height is None else height[group]
+        groups = crowd.group if agents is None else crowd.group[agents]
+        for block in _blocks(groups, leave):
+            here = block if agents is None else agents[block]
+            group = groups[block.start if leave & {ONE_GROUP, IN_ORDER} else block]
+            z = crowd.z[here] + centre[group] if height is None else height[group]
             r = radius[group] if margin is None else 0.0
+            x, y = crowd.x[here], crowd.y[here]
             for camera, frustum in zip(cameras, frustums, strict=True):
-                v = crowd.x[block] - camera.origin[0], crowd.y[block] - camera.origin[1], z - camera.origin[2]
+                v = x - camera.origin[0], y - camera.origin[1], z - camera.origin[2]
                 depth = _dot(v, camera.Z)
                 range_ = np.sqrt(_dot(v, v)) if radial or frustum is None or camera.turn else None
                 if every is None:
@@ -76,9 +81,9 @@ def radar(
     return visible, distance
 
 
-def _blocks(crowd: Crowd, leave: frozenset[LeftOut]) -> list[slice]:
-    """The crowd in parts, of one group each where the crowd is in order."""
-    parts = runs(crowd.group) if IN_ORDER in leave else [(0, len(crowd))]
+def _blocks(group: np.ndarray, leave: frozenset[LeftOut]) -> list[slice]:
+    """Agents, group (n,), in parts, of one group each where they are in order."""
+    parts = runs(group) if IN_ORDER in leave else [(0, len(group))]
     return [slice(at, min(at + BLOCK, end)) for begin, end in parts for at in range(begin, end, BLOCK)]
 
 

@@ -2,26 +2,41 @@
 
 import operator
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from .agents import Crowd, Group
 from .behaviour import Trajectory
+from .blocks import CULLED, Look, decide
 from .camera import Camera
 from .culling import Bounds, bounds, lost, radar, refuse_lost
-from .lean import ALL_INSIDE, ALL_OUTSIDE, ITEMS, ONE_BUCKET, ONE_LEVEL, STATIC, STILL, LeftOut
+from .lean import (
+    ALL_INSIDE,
+    ALL_OUTSIDE,
+    BLOCKS,
+    IN_ORDER,
+    ITEMS,
+    NOTHING,
+    ONE_BUCKET,
+    ONE_LEVEL,
+    STATIC,
+    STILL,
+    LeftOut,
+)
 from .levels import Bias, LevelPolicy, assign, limits
-from .sorting import Buckets, sort
+from .sorting import Buckets, sort, sort_in_order
 
 
 @dataclass(frozen=True)
 class Frame:
     """What one frame shows.
 
-    time: in frames. visible: (n,) bool. levels: (n,) uint8, the LOD of every agent, also of those culled. begins:
-    (G, n - 1) metres, where each group's LODs 1 ... n - 1 begin (levels.limits). vertices,
+    time: in frames. visible: (n,) bool. levels: (n,) uint8, the LOD of every agent, also of those culled. Both are made when
+    first asked for: the buckets say as much of those who are seen. begins: (G, n - 1) metres, where each group's LODs 1 ...
+    n - 1 begin (levels.limits). find_levels: makes the levels. vertices,
     triangles: to be drawn for the visible agents; full_vertices, full_triangles: without culling and LOD.
     milliseconds: of each stage, in the order of the pipeline. camera: the first where there are several. dropped: agents
     left out because they stand at NaN or infinity. left_out: what the scene did not need, in the order of the pipeline;
@@ -32,10 +47,9 @@ class Frame:
     time: float
     crowd: Crowd
     camera: Camera
-    visible: np.ndarray
-    levels: np.ndarray
     buckets: Buckets
     begins: np.ndarray
+    find_levels: Callable[[], np.ndarray]
     vertices: int
     triangles: int
     full_vertices: int
@@ -45,6 +59,16 @@ class Frame:
     left_out: tuple[LeftOut, ...] = ()
     shadow: Buckets | None = None
     mirrored: Buckets | None = None
+
+    @cached_property
+    def visible(self) -> np.ndarray:
+        seen = np.zeros(len(self.crowd), bool)
+        seen[self.buckets.order] = True
+        return seen
+
+    @cached_property
+    def levels(self) -> np.ndarray:
+        return self.find_levels()
 
 
 def plan(
@@ -67,7 +91,6 @@ def plan(
     leave, left = trajectory.leave, set(trajectory.left_out)
     groups = trajectory.groups
     cameras = (camera,) if isinstance(camera, Camera) else tuple(camera)
-    centre = np.array([g.centre for g in groups])
     radius = np.array([g.radius for g in groups])
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(time)
@@ -88,16 +111,48 @@ def plan(
             return replace(
                 made[2], time=time, crowd=crowd, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out
             )
+    begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
+    views = [(time, cameras, radius), *((sample, eyes, grown) for sample, eyes in shutter)]
+    way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
+    buckets, find_levels, counted, dropped, items = way(trajectory, crowd, views, policy, begin, bias, ticks)
+    left |= items
+    if ONE_BUCKET in leave and np.count_nonzero(buckets.counts) <= 1:
+        left.add(ONE_BUCKET)
+    vertices, full_vertices = cost(crowd, buckets, [g.vertices for g in groups], counted)
+    triangles, full_triangles = cost(crowd, buckets, [g.triangles for g in groups], counted)
+    frame = Frame(
+        time=time,
+        crowd=crowd,
+        camera=cameras[0],
+        buckets=buckets,
+        begins=begin,
+        find_levels=find_levels,
+        vertices=vertices,
+        triangles=triangles,
+        full_vertices=full_vertices,
+        full_triangles=full_triangles,
+        milliseconds=_milliseconds(ticks),
+        dropped=dropped,
+        left_out=tuple(item for item in ITEMS if item in left),
+    )
+    trajectory.memo = None if asked is None else (*asked, frame)
+    return frame
+
+
+def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
+    """(buckets, find_levels, what `cost` counts, how many are dropped, what was left out): every agent is tested. views: (time, the eyes'
+    cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
+    leave, items = trajectory.leave, set()
+    made = trajectory.blocks(views[0][0])  # for their order
+    (_, cameras, radius), *shutter = views
+    centre = np.array([g.centre for g in trajectory.groups])
     about = (centre, radius, policy.margin, policy.metric == "RADIAL", trajectory.left_out)
     box = bounds(crowd, cameras, *about) if leave else Bounds()
-    gone = lost(crowd) if not box.finite else ()
-    if not policy.drop_lost:
-        refuse_lost(gone, len(crowd))
-    begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
+    gone = _lost(crowd, policy) if not box.finite else 0
     level = _one_level(begin, box, bias) if ONE_LEVEL in leave else None
     every = box.every if (ALL_INSIDE if box.every else ALL_OUTSIDE) in leave else None
     visible, distance = radar(crowd, cameras, *about, every, measure=level is None)
-    for sample, eyes in shutter:
+    for sample, eyes, grown in shutter:
         if every:
             break
         moved, about = trajectory.at(sample), (centre, grown, policy.margin, False, trajectory.left_out)
@@ -110,34 +165,61 @@ def plan(
         levels = assign(distance, begin, crowd.group, factor)
     else:
         levels = np.full(len(crowd), level, np.uint8)
-        left.add(ONE_LEVEL)
+        items.add(ONE_LEVEL)
     ticks.append(clock.perf_counter())
-    buckets = sort(visible, levels, policy.count, ONE_BUCKET in leave)
+    if made is None:
+        buckets = sort(visible, levels, policy.count, ONE_BUCKET in leave)
+    else:
+        shown = np.where(visible, levels, CULLED)
+        buckets = sort_in_order(shown[made[1].order], made[1].order, policy.count)
     ticks.append(clock.perf_counter())
     if every is not None:
-        left.add(ALL_INSIDE if every else ALL_OUTSIDE)
-    if ONE_BUCKET in leave and np.count_nonzero(buckets.counts) <= 1:
-        left.add(ONE_BUCKET)
-    vertices, full_vertices = cost(crowd, buckets, [g.vertices for g in groups])
-    triangles, full_triangles = cost(crowd, buckets, [g.triangles for g in groups])
-    frame = Frame(
-        time=time,
-        crowd=crowd,
-        camera=cameras[0],
-        visible=visible,
-        levels=levels,
-        buckets=buckets,
-        begins=begin,
-        vertices=vertices,
-        triangles=triangles,
-        full_vertices=full_vertices,
-        full_triangles=full_triangles,
-        milliseconds=_milliseconds(ticks),
-        dropped=len(gone),
-        left_out=tuple(item for item in ITEMS if item in left),
-    )
-    trajectory.memo = None if asked is None else (*asked, frame)
-    return frame
+        items.add(ALL_INSIDE if every else ALL_OUTSIDE)
+    return buckets, lambda: levels, None, gone, items
+
+
+def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
+    """The same as `_one_by_one`, where blocks of agents are decided at once (blocks.py)."""
+    since, blocks = trajectory.blocks(views[0][0])
+    centre = np.array([g.centre for g in trajectory.groups])
+    radius, radial = views[0][2], policy.metric == "RADIAL"
+    gone = 0 if blocks.finite else _lost(crowd, policy)
+    looks = [
+        [Look(camera, *trajectory.moved(at, since), float((grown - radius).max())) for camera in eyes]
+        for at, eyes, grown in views
+    ]
+    levels, places = decide(blocks, crowd, looks, begin if bias is None else None, policy.margin, radial)
+    agents = blocks.order[places]
+    leave = trajectory.left_out | {IN_ORDER}
+    visible, distance = radar(crowd, views[0][1], centre, radius, policy.margin, radial, leave, agents=agents)
+    for at, eyes, grown in views[1:]:
+        about = (centre, grown, policy.margin, False, leave)
+        visible |= radar(trajectory.at(at), eyes, *about, measure=False, agents=agents)[0]
+    ticks.append(clock.perf_counter())
+    seen = agents[visible]
+    factor = None if bias is None else bias.at(crowd.x[seen], crowd.y[seen])
+    levels[places[visible]] = assign(distance[visible], begin, crowd.group[seen], factor)
+    ticks.append(clock.perf_counter())
+    buckets = sort_in_order(levels, blocks.order, policy.count)
+    ticks.append(clock.perf_counter())
+
+    def find_levels() -> np.ndarray:
+        _, distance = radar(crowd, views[0][1], centre, radius, policy.margin, radial, trajectory.left_out, True)
+        return assign(distance, begin, crowd.group, None if bias is None else bias.at(crowd.x, crowd.y))
+
+    items = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
+    items[ONE_LEVEL] = bias is None and np.count_nonzero(buckets.counts) <= 1
+    decided = trajectory.leave if not len(places) else NOTHING
+    counted = blocks.count(levels, policy.count), np.diff(blocks.groups)
+    return buckets, find_levels, counted, gone, {item for item, holds in items.items() if holds and item in decided}
+
+
+def _lost(crowd: Crowd, policy: LevelPolicy) -> int:
+    """How many agents are dropped, at NaN or infinity; CrowdError if the policy does not allow any."""
+    gone = lost(crowd)
+    if not policy.drop_lost:
+        refuse_lost(gone, len(crowd))
+    return len(gone)
 
 
 def _milliseconds(ticks: list[float]) -> dict[str, float]:
@@ -174,13 +256,18 @@ def deviations(groups: Sequence[Group], count: int) -> np.ndarray | None:
     return np.array([group.deviations[:count] for group in groups], np.float64)
 
 
-def cost(crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]]) -> tuple[int, int]:
-    """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over buckets, over all agents."""
+def cost(
+    crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]], counted: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[int, int]:
+    """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over buckets, over all agents.
+
+    counted: agents of each LOD and group (n, G), and of each group (G,), if they are known."""
     if not all(len(each) >= len(buckets.counts) for each in sizes):
         return 0, 0
-    full = np.bincount(crowd.group, minlength=len(sizes))
-    drawn = 0
-    for level in range(len(buckets.counts)):
-        present = np.bincount(crowd.group[buckets[level]], minlength=len(sizes))
-        drawn += sum(int(n) * each[level] for n, each in zip(present, sizes, strict=True))
-    return drawn, sum(int(n) * each[0] for n, each in zip(full, sizes, strict=True))
+    if counted is None:
+        each = [crowd.group[buckets[level]] for level in range(len(buckets.counts))]
+        present, full = (np.array([np.bincount(g, minlength=len(sizes)) for g in some]) for some in (each, [crowd.group]))
+    else:
+        present, full = counted
+    drawn = [int(present[level, g]) * size[level] for g, size in enumerate(sizes) for level in range(len(present))]
+    return sum(drawn), sum(int(n) * size[0] for n, size in zip(np.ravel(full), sizes, strict=True))

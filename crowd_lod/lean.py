@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import curve
 from .agents import Crowd, runs
 from .machine import StateMachine
 from .maps import LabelMap
@@ -28,6 +29,7 @@ ONE_ACTION = LeftOut("behaviour", "There is one character group: its action's pa
 ONE_GROUP = LeftOut("culling", "There is one character group: its sphere is a number, not one looked up for each agent.")
 IN_ORDER = LeftOut("culling", "Agents of one group follow one another: its sphere is looked up once for many, not for each agent.")
 FLAT = LeftOut("culling", "All agents stand at one height: two products a plane instead of three.")
+BLOCKS = LeftOut("culling", "Agents stand in blocks: where a block lies outside, or inside and within one LOD, none of it is tested.")
 ALL_INSIDE = LeftOut("culling", "All agents lie inside the picture: none is tested by itself.")
 ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is tested by itself.")
 ONE_LEVEL = LeftOut("levels", "All agents lie in the range of one level of detail: distances are not measured.")
@@ -42,7 +44,7 @@ WORKBENCH = LeftOut("surroundings", "Workbench draws neither the lights' shadows
 # In the order of the pipeline.
 ITEMS = (
     STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_ACTION, NO_HEIGHTS,
-    ONE_GROUP, IN_ORDER, FLAT, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
+    ONE_GROUP, IN_ORDER, FLAT, BLOCKS, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
 NOTHING = frozenset()
@@ -66,6 +68,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
         # of agents of mixed groups the product would be looked up for each, which costs more than it saves
         FLAT: (groups == 1 or in_order) and not relief and len(crowd) > 0 and bool((crowd.z == crowd.z[0]).all()),
     }
+    holds[BLOCKS] = len(crowd) >= curve.FEWEST
     if holds[STILL]:  # then there are no steps to make shorter
         holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_ACTION), False)
     return frozenset(item for item, true in holds.items() if true)

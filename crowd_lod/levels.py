@@ -175,4 +175,4 @@ class Bias:
         with np.errstate(invalid="ignore"):  # agents at NaN, dropped elsewhere
             column = np.nan_to_num((x - self.area.x_min) * (columns / width)).clip(0, columns - 1).astype(np.intp)
             row = np.nan_to_num((y - self.area.y_min) * (rows / depth)).clip(0, rows - 1).astype(np.intp)
-        return 4.0 ** (1 - 2 * np.float64(self.values[row, column]))
+        return 4.0 ** (1 - 2 * self.values[row, column].astype(np.float64))

@@ -33,4 +33,4 @@ def held(
     buckets = sort(frame.visible, levels, policy.count)
     vertices, _ = cost(crowd, buckets, [group.vertices for group in groups])
     triangles, _ = cost(crowd, buckets, [group.triangles for group in groups])
-    return replace(frame, levels=levels, buckets=buckets, vertices=vertices, triangles=triangles)
+    return replace(frame, find_levels=lambda: levels, buckets=buckets, vertices=vertices, triangles=triangles)

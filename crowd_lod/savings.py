@@ -46,6 +46,7 @@ def savings(
         first = time - 2 if settled else time - 1
         shot = replace(trajectory, start=bare, leave=leave, first_frame=first, _kept={}, _lock=threading.Lock())
         shot.left_out = leave & trajectory.left_out  # of the whole shot, not of what is still to come
+        shot.blocks(first)  # one making serves many frames
         if settled:
             plan(shot, camera, policy, time - 1, *more)
         frame = plan(shot, camera, policy, time, *more)

@@ -7,8 +7,8 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Buckets:
-    """Visible agents by LOD. order: (m,) intp, agent indices, finest LOD first, in agent order within a LOD.
-    offsets: (n + 1,) intp: LOD k is order[offsets[k]:offsets[k + 1]]."""
+    """Visible agents by LOD. order: (m,) int32, agent indices, finest LOD first; within a LOD in agent order, in a large
+    crowd in that of its blocks (blocks.py). offsets: (n + 1,) intp: LOD k is order[offsets[k]:offsets[k + 1]]."""
 
     order: np.ndarray
     offsets: np.ndarray
@@ -28,10 +28,17 @@ def sort(visible: np.ndarray, ids: np.ndarray, count: int, lean: bool = False) -
     One pass: NumPy's stable sort of uint8 is a radix sort, the counting sort of the chapter's future work. lean: agents
     that all have one LOD are in order as they are.
     """
-    agents = np.flatnonzero(visible)
+    agents = np.flatnonzero(visible).astype(np.int32)
     seen = ids[agents]
     offsets = np.zeros(count + 1, np.intp)
     np.cumsum(np.bincount(seen, minlength=count), out=offsets[1:])
     if lean and offsets[-1] in np.diff(offsets):
         return Buckets(agents, offsets)
     return Buckets(agents[np.argsort(seen, kind="stable")], offsets)
+
+
+def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
+    """Buckets of agents that come in another order than theirs. order: (n,) int32 agent indices; levels: (n,) uint8, the
+    LOD ids of these, at `count` or above for those culled."""
+    buckets = [order[levels == level] for level in range(count)]
+    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))

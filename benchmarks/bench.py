@@ -1,0 +1,210 @@
+"""The chapter's two tests and the growth with the crowd, in the chapter's tables, with CSV, JSON and figure 1.6.
+
+./crowd-lod bench [--quick] [--out DIR] [--seed N]
+
+Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
+same (peers.py, loop.c), each taken in turn in the same run. Test 2: the whole plan from perspective A, which sees nearly
+all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; it does not draw. Growth: time and
+memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
+"""
+
+import argparse
+import sys
+import time
+import tracemalloc
+from dataclasses import replace
+from pathlib import Path
+
+import loop
+import numpy as np
+import peers
+from crowd_lod_extension.crowd_lod import report
+from crowd_lod_extension.crowd_lod.agents import Group, populate
+from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
+from crowd_lod_extension.crowd_lod.machine import load_preset
+from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+from crowd_lod_extension.operators.report import machine_name
+
+SIZES = (2500, 1000, 118)  # the chapter's last number is lost; 118 is its co-author's later characters'
+PERSON = Group("person", 0.9, 1.0, 1.25, 1.0, SIZES, tuple(2 * n for n in SIZES))
+POLICY = LevelPolicy((0.1, 0.35))
+CHAPTER = {"Agents": "agents", "t": "t_ms", "LOD0": "lod0", "LOD1": "lod1", "LOD2": "lod2", "Vertices": "vertices_millions"}
+CHAPTER |= {"Visible %": "visible_percent", "Culled %": "culled_percent"}
+
+
+def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
+    """(trajectory, side in metres) of the chapter's crowd, 6 agents a square metre, at 24 frames a second."""
+    side = (agents / 6) ** 0.5
+    area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), load_preset("chapter")
+    world = edge_map(area, machine.labels)
+    return Trajectory(populate(agents, seed, 1, machine, world), machine, world, (PERSON,), 1 / 24), side
+
+
+def camera(side: float, part: float, turn: float = 0.0, half: float = 0.5) -> Camera:
+    """At eye height above the crowd's front edge, moved `part` of its side inwards and turned by `turn` radians."""
+    c, s = np.cos(turn), np.sin(turn)
+    X, Z = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
+    origin = np.array([0.0, side * (part - 0.5), 0.02 * side + 2])
+    return Camera("PERSP", origin, X, np.array([0, 0, 1.0]), Z, Window(-half, half, -half, half), 0.1, 1.2 * side, (900, 900))
+
+
+def quartiles(values: list[float]) -> list[float]:
+    """[median, first quartile, third quartile]."""
+    return np.percentile(values, (50, 25, 75)).round(4).tolist()
+
+
+def taken(job, *arguments) -> tuple[float, object]:
+    begun = time.perf_counter()
+    result = job(*arguments)
+    return 1000 * (time.perf_counter() - begun), result
+
+
+def stages(agents: int, repeats: int, seed: int) -> dict:
+    """A row of test 1. The peers' agents stand as at the first frame; they are asked once a repeat, in turn with the core,
+    and find as many agents a LOD as the core does for the same crowd."""
+    trajectory, side = crowd_of(agents, seed)
+    still = replace(trajectory, seconds_per_frame=0.0, _kept={})
+    crowd, begin = trajectory.start, limits(POLICY, camera(side, 0), np.ones(1))[0]
+    nodes = peers.Nodes(crowd, PERSON, begin)
+    c_cull = loop.library() and loop.Cull(crowd, PERSON, begin)
+    c_step = loop.library() and loop.Step(crowd, trajectory.machine, trajectory.world, (PERSON,), 1 / 24)
+    took: dict[str, list[float]] = {}
+    still.at(1)
+    for repeat in range(repeats + 1):
+        view = camera(side, 0.2 + 0.3 * repeat / repeats, 0.2 * np.sin(repeat))
+        moving = plan(trajectory, view, POLICY, 1 + repeat).milliseconds
+        same = plan(still, view, POLICY, 1)
+        once = {"behaviour": moving["behaviour"], "culling": moving["culling"] + moving["levels"], "sorting": moving["sorting"]}
+        once["core"] = sum(ms for name, ms in moving.items() if name != "behaviour")
+        for name in ("naive", "six_planes"):
+            once[name], found = taken(getattr(peers, name), crowd, PERSON, view, begin)
+            assert [len(each) for each in found] == same.buckets.counts.tolist(), name
+        nodes.aim(view)
+        once["geometry_nodes"], _ = taken(nodes.update)
+        assert np.abs(nodes.counts(3) - same.buckets.counts).sum() <= 1e-4 * agents + 2  # float32 places
+        if c_cull:
+            once["c_loop"], counts = taken(c_cull, view)
+            assert (counts == same.buckets.counts).all()
+            once["c_step"], _ = taken(c_step)
+            once["behaviour / c_step"] = once["behaviour"] / once["c_step"]
+        once |= {f"core / {name}": once["core"] / once[name] for name in ("naive", "six_planes", "geometry_nodes", "c_loop") if name in once}
+        if repeat:  # the first warms up
+            for name, value in once.items():
+                took.setdefault(name, []).append(value)
+    row = {"agents": agents}
+    for name, values in took.items():
+        row[name], row[f"{name} q1"], row[f"{name} q3"] = quartiles(values)
+    nodes.close()
+    return row
+
+
+def perspective(agents: int, which: str, repeats: int, seed: int) -> dict:
+    """A row of test 2."""
+    trajectory, side = crowd_of(agents, seed)
+    ms = []
+    for repeat in range(repeats + 1):
+        view = camera(side, -0.1, half=1.5) if which == "A" else camera(side, 0.9)
+        once, frame = taken(plan, trajectory, replace(view, origin=view.origin + (0.01 * repeat, 0, 0)), POLICY, 1 + repeat)
+        ms.append(once)
+    middle, first, third = quartiles(ms[1:])
+    seen = len(frame.buckets.order)
+    counts = {f"lod{k}": int(n) for k, n in enumerate(frame.buckets.counts)}
+    percent = round(100 * seen / agents, 2)
+    return {
+        "perspective": which, "agents": agents, "t_ms": middle, "t_q1": first, "t_q3": third, **counts,
+        "vertices_millions": round(frame.vertices / 1e6, 3), "visible_percent": percent, "culled_percent": round(100 - percent, 2),
+    }  # fmt: skip
+
+
+def growth(agents: int, repeats: int, seed: int) -> dict:
+    """Time and memory an agent. Memory is what Python asks for: the state; what it takes to make the blocks anew, which
+    then hold 9 bytes; and a plan's results, of a camera that sees nearly all, with what it takes to make them."""
+    trajectory, side = crowd_of(agents, seed)
+    state = sum(getattr(trajectory.start, name).nbytes for name in vars(trajectory.start)) / agents
+    ms = {"behaviour": [], "core": []}
+    for repeat in range(repeats + 1):
+        found = plan(trajectory, camera(side, 0.2 + 0.3 * repeat / repeats), POLICY, 1 + repeat).milliseconds
+        if repeat:
+            ms["behaviour"].append(found["behaviour"])
+            ms["core"].append(sum(found.values()) - found["behaviour"])
+    trajectory.at(65)  # when blocks are made anew, in a new order
+    peaks = []
+    for job in (trajectory.blocks, lambda frame: plan(trajectory, camera(side, -0.1, half=1.5), POLICY, frame)):
+        tracemalloc.start()
+        job(65)
+        peaks.append(round(tracemalloc.get_traced_memory()[1] / agents, 2))
+        tracemalloc.stop()
+    row = {"agents": agents, "state_bytes": state, "blocks_peak_bytes": peaks[0], "results_peak_bytes": peaks[1]}
+    for name, values in ms.items():
+        row[f"{name}_ns_per_agent"] = round(quartiles(values)[0] * 1e6 / agents, 3)
+    return row
+
+
+def table(rows: list[dict], columns: dict[str, str]) -> str:
+    """The rows as text, `columns` by heading."""
+    cells = [list(columns), *([f"{row.get(key, ''):,}" if key in row else "" for key in columns.values()] for row in rows)]
+    widths = [max(len(row[k]) for row in cells) for k in range(len(columns))]
+    return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    parser = argparse.ArgumentParser(prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth.")
+    parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute")
+    parser.add_argument("--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)")
+    parser.add_argument("--seed", type=int, default=1, metavar="N", help="another crowd of the same kind")
+    args = parser.parse_args(arguments)
+    repeats = 7 if args.quick else 21
+    machine = f"{machine_name()}; medians of {repeats} runs"
+    print(machine, flush=True)
+    one = [stages(n, repeats, args.seed) for n in ((1000, 32_000, 1_000_000) if args.quick else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000))]
+    heads = ("agents", "behaviour", "culling", "sorting", "core", "naive", "six_planes", "geometry_nodes", "c_loop", "c_step")
+    print("\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same")
+    print(table(one, {name.replace("_", " "): name for name in heads}))
+    ratios = [name for name in one[0] if "/" in name and not name.endswith(("q1", "q3"))]
+    print(table(one, {"agents": "agents"} | {name: name for name in ratios}), flush=True)
+    two = [perspective(n, which, repeats, args.seed) for which in "AB" for n in ((8192, 1_000_000) if args.quick else (1024, 4096, 8192, 16_384, 65_536, 262_144, 1_000_000))]
+    for which in "AB":
+        print(f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; vertices in millions")
+        print(table([row for row in two if row["perspective"] == which], CHAPTER), flush=True)
+    results = {"machine": machine, "test_1": one, "test_2": two}
+    if not args.quick:
+        results["growth"] = [growth(n, 9, args.seed) for n in (100_000, 1_000_000, 10_000_000)]
+        print(f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}")
+    with report.staged(args.out.absolute()) as stage:
+        (stage / "bench.json").write_text(report.to_json(results), encoding="utf-8")
+        for name, rows in results.items():
+            if name != "machine":
+                (stage / f"{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+        draw(stage / "figure_1_6.png", one, machine)
+    print(f"\n{args.out.absolute()}")
+
+
+def draw(path: Path, rows: list[dict], machine: str) -> None:
+    """Figure 1.6: milliseconds a stage against agents; beside it the peers."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12, 5.5), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(machine, fontsize=7, color="#444444")
+    sets = {
+        "Test 1 (figure 1.6): stages": ("behaviour", "culling", "sorting"),
+        "Culling, LOD and sorting, beside other ways": ("core", "naive", "six_planes", "geometry_nodes", "c_loop"),
+    }
+    for place, (title, names) in enumerate(sets.items()):
+        axes = figure.add_subplot(1, 2, place + 1)
+        for name in (name for name in names if name in rows[0]):
+            x, y, low, high = np.array([[row[k] for k in ("agents", name, f"{name} q1", f"{name} q3")] for row in rows]).T
+            label = {"culling": "culling & LOD assignment", "core": "Crowd LOD"}.get(name, name.replace("_", " "))
+            axes.errorbar(x, y, yerr=(y - low, high - y), marker="o", ms=4, capsize=2, lw=2.2 if name == "core" else 1.2, label=label)
+        axes.set(xscale="log", yscale="log", xlabel="agents", ylabel="ms (median; bars: quartiles)", title=title)
+        axes.grid(alpha=0.25)
+        axes.legend(frameon=False)
+    figure.savefig(path)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

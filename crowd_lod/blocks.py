@@ -1,0 +1,336 @@
+"""Blocks of agents that stand together: culling and LOD that need not test every agent.
+
+Agents are put in order along a space-filling curve (Morton 1966), group by group. Every LEAF of them, and every FAN
+blocks, make a block with a box about its spheres: a bounding volume hierarchy (Clark 1976) that is an array a tier. A
+block wholly outside the picture, or wholly inside it and within one LOD, is decided at once; only where that is open are
+its parts asked, and in the end its agents themselves, by `radar` and `assign`. A box counts as outside or inside only if
+it is by more than any rounding, so the plan is, bit for bit, that of testing every agent.
+
+Agents move on from where the boxes were taken; until the next boxes these are grown by what the table lets agents walk.
+The order is renewed less often than the boxes, which only grow as neighbours part (behaviour.Trajectory.blocks).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from .agents import Crowd, Group
+from .camera import Camera, planes, stretch
+from .machine import StateMachine
+from .maps import Area, HeightMap
+
+# Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked first, about.
+LEAF, FAN, FIRST = 16, 8, 1024
+# Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
+# rounds at each of the at most MOST_CELLS borders a step. What it leaves open costs time, not truth.
+SLACK = 1e-8
+# NumPy's matrix product takes several threads for more columns than this: it costs them more to start than they save.
+COLUMNS = 2048
+# Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
+HUGE, TINY = 1e100, 1e-100
+CULLED = 255  # in place of a LOD
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The crowd's blocks at one time.
+
+    order: (n,) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
+    order[groups[g]:groups[g + 1]]. spheres: (2, G) float64, each group's centre and radius, metres. tiers: of each, the largest blocks first, (agents a block, boxes (8, b) float64, first
+    group and last group (2, b) uint8); the boxes' rows are centre x, y, z, half width along x, y, z, and the least and the
+    greatest radius of their spheres, metres. The last blocks repeat the last agent, to be full. extent: the largest
+    coordinate, metres. finite: no agent stands at NaN or infinity. floor: the height of all agents' feet for as long as the
+    blocks hold; None if they differ.
+    """
+
+    order: np.ndarray
+    groups: np.ndarray
+    spheres: np.ndarray
+    tiers: list[tuple[int, np.ndarray, np.ndarray]]
+    extent: float
+    finite: bool
+    floor: float | None
+
+    def count(self, levels: np.ndarray, count: int) -> np.ndarray:
+        """Agents of each LOD and group (count, G) intp; levels: (n,) uint8 in the blocks' order."""
+        parts = [levels[a:b] for a, b in zip(self.groups[:-1], self.groups[1:], strict=True)]
+        return np.array([[np.count_nonzero(part == level) for part in parts] for level in range(count)])
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How far agents may get from where they stood, to both sides, metres a second. low, high: (3,) float64."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+    def between(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """(least, most) displacement, each (3,) metres, at any of the times `seconds`, relative to that of the boxes."""
+        ways = [np.zeros(3), *(t * v for t in (min(seconds), max(seconds)) for v in (self.low, self.high))]
+        return np.min(ways, axis=0), np.max(ways, axis=0)
+
+
+STANDING = Pace(np.zeros(3), np.zeros(3))
+
+
+def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
+    """What the table lets agents walk, and the height map climb."""
+    velocity = machine.velocity.reshape(-1, 2)
+    low, high = velocity.min(axis=0, initial=0), velocity.max(axis=0, initial=0)
+    if machine.edge == "reflect":
+        low, high = np.minimum(low, -high), np.maximum(high, -low)
+    climb = 0.0
+    if heights is not None:
+        rows, columns = heights.heights.shape
+        width, depth = heights.area.size
+        steepest = [np.abs(np.diff(heights.heights.astype(np.float64), axis=axis)).max(initial=0) for axis in (1, 0)]
+        climb = (np.array(steepest) * (columns / width, rows / depth) * np.maximum(-low, high)).sum()
+    return Pace(np.append(low, -climb), np.append(high, climb))
+
+
+def blocks_of(
+    crowd: Crowd, order: np.ndarray, groups: Sequence[Group], area: Area, wraps: tuple | None = None, flat: bool = False
+) -> Blocks:
+    """The blocks of `crowd`, its agents in `order`. They hold as well for agents beyond `area` once these are taken onto
+    it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the area come
+    back at its other side. flat: no agent's height changes."""
+    count = len(order)
+    size = LEAF
+    while count > size * FIRST:
+        size *= FAN
+    full = np.full(-(-count // size) * size, order[-1], np.int32)
+    full[:count] = order
+    rows = full.reshape(-1, LEAF)
+    group = crowd.group[rows[:, [0, -1]].T]
+    centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "radius"))
+    low, high = np.empty((2, 3, len(rows)))
+    with np.errstate(invalid="ignore"):
+        floor = float(crowd.z[0]) if flat and crowd.z.min() == crowd.z.max() else None
+        low[2], high[2] = floor or 0.0, floor or 0.0
+        for at in range(0, len(rows), COLUMNS):
+            some = slice(at, at + COLUMNS)
+            agents = rows[some].T.astype(np.intp, order="C")  # a block a column: many blocks are compared at a time
+            for axis, column in enumerate((crowd.x, crowd.y, crowd.z)[: 2 if floor is not None else 3]):
+                place = column[agents]
+                low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
+        _stay(low, high, area, wraps)
+        low[2] += _over(centre, np.minimum)[*group]
+        high[2] += _over(centre, np.maximum)[*group]
+        radii = np.array([_over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]])
+        extent = float(np.abs([low, high]).max())
+        tiers = []
+        while True:
+            tiers.insert(0, (full.size // low.shape[1], np.concatenate([(low + high) / 2, (high - low) / 2, radii]), group))
+            if full.size == size * low.shape[1]:
+                break
+            part = (-1, low.shape[1] // FAN, FAN)
+            low, high = low.reshape(part).min(axis=2), high.reshape(part).max(axis=2)
+            radii = np.array([radii[0].reshape(part[1:]).min(axis=1), radii[1].reshape(part[1:]).max(axis=1)])
+            group = np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
+    sizes = np.bincount(crowd.group, minlength=len(groups)) if len(groups) > 1 else [count]
+    return Blocks(order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
+
+
+def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None) -> None:
+    """Let the boxes low, high (3, b) hold agents as they are taken onto the area, or as they come back on its other side."""
+    for axis, (least, most) in enumerate(((area.x_min, area.x_max), (area.y_min, area.y_max))):
+        if wraps is not None:
+            crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
+            low[axis, crosses], high[axis, crosses] = np.minimum(low[axis, crosses], least), np.maximum(high[axis, crosses], most)
+        low[axis], high[axis] = np.minimum(low[axis], most), np.maximum(high[axis], least)
+
+
+def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
+    """(G, G): the least or the greatest of values (G,) from group a to group b, at [a, b]."""
+    rows = np.broadcast_to(values, (len(values), len(values)))
+    worst = np.inf if which is np.minimum else -np.inf
+    return which.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
+
+
+@dataclass(frozen=True)
+class Look:
+    """One camera's look at the crowd: the arguments of `radar`, for agents displaced by least to most, (3,) metres each,
+    from the boxes, with spheres larger by `grown`."""
+
+    camera: Camera
+    least: np.ndarray
+    most: np.ndarray
+    grown: float = 0.0
+
+
+class _Test:
+    """What a look decides of boxes, by linear forms: rows of `forms` (f, 8) times a box, plus `add` (f,)."""
+
+    def __init__(self, look: Look, extent: float, margin: float | None, radial: bool):
+        camera = self.camera = look.camera
+        self.radial = radial or camera.kind == "PANO"
+        self.linear = not (self.radial or camera.turn)
+        self.moved, self.wider = (look.least + look.most) / 2, (look.most - look.least) / 2
+        normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
+        if camera.kind != "PANO":
+            frustum = planes(camera)
+            normals, rounding = frustum.normals, max(1.0, frustum.rounding)
+            offsets = frustum.offsets + (margin or 0.0) * np.append(frustum.fixed[:4], (0, 0))
+        self.reach = camera.pad + (look.grown if margin is None else 0.0)
+        self.radius = 1.0 if margin is None else 0.0
+        about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
+        self.slack = SLACK * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
+        self.slack += 1e-12 * np.abs(offsets).max(initial=0.0) + TINY
+        if not about < HUGE:
+            self.slack = np.nan  # nothing is decided
+        self.count = len(normals)
+        axes = np.concatenate([normals, normals, [camera.Z, camera.Z]])
+        sign = np.repeat([-1.0, 1.0, -1.0, 1.0], [self.count, self.count, 1, 1])
+        part = np.zeros((len(axes), 2))
+        part[: self.count, 1] = part[self.count : -2, 0] = -self.radius
+        self.forms = np.concatenate([axes, sign[:, None] * np.abs(axes), part], axis=1)
+        self.add = axes @ (self.moved - camera.origin) + sign * (np.abs(axes) @ self.wider)
+        self.add[:-2] -= np.tile(offsets, 2) + self.reach
+        self.add[-2:] += (-self.slack, self.slack)
+        # of single spheres, which have not moved on: rows of `single` (f, 5) times (x, y, z, radius, 1)
+        fixed = np.append(-offsets - self.reach, 0.0) - axes[self.count : -1] @ camera.origin
+        self.single = np.column_stack([axes[self.count : -1], part[self.count : -1, 0], fixed])
+
+    def __call__(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(outside, inside, nearest, farthest), each (b,), of `boxes` (8, b): whether all their spheres are, as far as is
+        known; bounds of their distances."""
+        camera, k = self.camera, self.count
+        values = self.forms @ boxes
+        values += self.add[:, None]
+        nearest, farthest = values[-2:]
+        turned = 0.0, 0.0
+        if self.radial or camera.turn:
+            off = np.abs(boxes[:3] + (self.moved - camera.origin)[:, None])
+            half = boxes[3:6] + self.wider[:, None]
+            close = np.sqrt((np.maximum(off - half, 0) ** 2).sum(axis=0)) - self.slack
+            away = np.sqrt(((off + half) ** 2).sum(axis=0)) + self.slack
+            least, most = self.reach + self.radius * boxes[6:]
+            turned = camera.turn * (close + least), camera.turn * (away + most)
+            if self.radial:
+                nearest, farthest = close, away
+        if camera.kind == "PANO":
+            return *self._of_range(boxes, close, away, least + turned[0], most + turned[1]), nearest, farthest
+        outside = values[:k].max(axis=0) > turned[1] + self.slack
+        inside = values[k : 2 * k].max(axis=0) <= turned[0] - self.slack
+        return outside, inside, nearest, farthest
+
+    def alone(self, spheres: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(outside, inside, distance), each (m,), of `spheres` (5, m): whether each is, as far as is known; its distance to
+        within the slack. For cameras whose reach and distance are linear."""
+        *sides, distance = values = self.single @ spheres
+        worst = values[: len(sides)].max(axis=0)
+        return worst > self.slack, worst <= -self.slack, distance
+
+    def _of_range(self, boxes, close, away, least, most) -> tuple[np.ndarray, np.ndarray]:
+        """(outside, inside), each (b,), of a panoramic camera's clip range and cone; of these a sphere about the box."""
+        camera = self.camera
+        outside = (close > camera.far + most + self.slack) | (away < camera.near - most - self.slack)
+        inside = (close >= camera.near - least + self.slack) & (away <= camera.far + least - self.slack)
+        if camera.cone < np.pi:
+            v = boxes[:3] + (self.moved - camera.origin)[:, None]
+            longer = stretch(camera)[1]
+            ball = longer * np.sqrt(((boxes[3:6] + self.wider[:, None]) ** 2).sum(axis=0)) + longer * self.slack
+            across, depth = np.hypot(camera.X @ v, camera.Y @ v), camera.Z @ v
+            beyond = across * np.cos(camera.cone) - depth * np.sin(camera.cone)
+            outside |= beyond - ball > longer * most
+            inside &= beyond + ball <= longer * least
+        return outside, inside
+
+
+def decide(
+    blocks: Blocks,
+    crowd: Crowd,
+    looks: Sequence[Sequence[Look]],
+    limits: np.ndarray | None,
+    margin: float | None = None,
+    radial: bool = False,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(levels, places): what the blocks decide, and which agents they leave open.
+
+    crowd: as it stands at the first of the looks' times. looks: of each time at which agents may be seen, those of the eyes; LODs follow from the first time's. limits:
+    (G, n - 1) metres where LODs begin, None if they depend on more than distance. margin, radial: as for `radar`.
+    levels: (n,) uint8, in the blocks' order: LODs of agents in decided blocks, CULLED where these are not seen.
+    places: (m,) intp, rising: where in the order the agents stand that are left open.
+    """
+    steps = [] if limits is None else [_steps(step) for step in limits.T]
+    size, boxes, _ = blocks.tiers[0]
+    levels = np.full(size * boxes.shape[1], CULLED, np.uint8)
+    open_ = np.arange(boxes.shape[1])
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        tests = [[_Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
+        for tier, (size, boxes, group) in enumerate(blocks.tiers):
+            parts = FAN if tier else 1
+            undecided = [open_[:0]]
+            for at in range(0, len(open_), COLUMNS // parts):
+                whole = open_[at : at + COLUMNS // parts]
+                some = (whole[:, None] * parts + np.arange(parts)).ravel()
+                asked = boxes.reshape(8, -1, parts)[:, whole].reshape(8, -1)
+                outside, level = _asked(tests, steps, asked, group, some)
+                shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
+                levels.reshape(-1, size)[some[shown]] = level[shown, None]
+                outside[shown] = True
+                undecided.append(some[~outside])
+            open_ = np.concatenate(undecided)
+    count = len(blocks.order)
+    places = (open_[:, None] * LEAF + np.arange(LEAF)).ravel()
+    places = places[: np.searchsorted(places, count)]
+    if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
+        places = _alone(blocks, crowd, tests[0], limits, levels, places)
+    return levels[:count], places
+
+
+def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Decide in `levels` what agents at `places` are clearly in or out; the places (m,) of those that only exact tests tell."""
+    left, slack = [places[:0]], max(test.slack for test in tests)
+    centre, radius = blocks.spheres
+    uniform = (limits == limits[0]).all()
+    for start in range(0, len(places), COLUMNS):
+        some = places[start : start + COLUMNS]
+        agents = blocks.order[some].astype(np.intp)
+        group = crowd.group[agents] if len(centre) > 1 else 0
+        spheres = np.empty((5, len(some)))
+        spheres[0], spheres[1] = crowd.x[agents], crowd.y[agents]
+        spheres[2] = (crowd.z[agents] if blocks.floor is None else blocks.floor) + centre[group]
+        spheres[3], spheres[4] = radius[group], 1.0
+        outside, inside, distance = tests[0].alone(spheres)
+        for test in tests[1:]:
+            out, within, other = test.alone(spheres)
+            outside, inside, distance = outside & out, inside | within, np.minimum(distance, other)
+        shown = np.flatnonzero(inside)
+        distance, level, unsure = distance[shown], np.zeros(len(shown), np.uint8), np.zeros(len(shown), bool)
+        for begin in limits.T:
+            beyond = distance - (begin[0] if uniform else begin[group[shown]])
+            level += beyond >= 0
+            unsure |= np.abs(beyond) <= slack
+        levels[some[shown]] = level
+        inside[shown[unsure]] = False
+        left.append(some[~(outside | inside)])
+    return np.concatenate(left)
+
+
+def _steps(limits: np.ndarray) -> tuple:
+    """(latest, earliest) distance at which a LOD begins: one number, or (G, G) each, for the groups a to b at [a, b]."""
+    if (limits == limits[0]).all():
+        return limits[0], limits[0]
+    return _over(limits, np.maximum), _over(limits, np.minimum)
+
+
+def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(outside, level), each (b,): whether no camera sees the boxes (8, b), with the groups group[:, some]; the LOD of
+    those seen wholly, and in one LOD; CULLED stands for all others."""
+    outside = inside = nearest = None
+    for time, eyes in enumerate(tests):
+        for test in eyes:
+            out, within, near, far = test(boxes)
+            outside = out if outside is None else outside & out
+            inside = within if inside is None else inside | within
+            if nearest is None:
+                nearest, farthest = near, far
+            elif not time:
+                nearest, farthest = np.minimum(nearest, near), np.minimum(farthest, far)
+    finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
+    for latest, earliest in steps:
+        finest += nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)
+        coarsest += farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)
+    return outside, np.where(inside & (finest == coarsest), finest, np.uint8(CULLED))

@@ -1,0 +1,118 @@
+"""Steps within a cell: what nearly all agents do in nearly all steps, done for all at once.
+
+An agent whose step changes no state and leaves no cell of the map reads the table once and moves once; all that the step
+does to it follows from its state, its label, and its character group. It is looked up in tables made for the step, block
+by block. Who changes state, draws, waits for less than a step, or comes to the border of a cell or of the map goes the
+long way (behaviour.advance), with the same result to the bit.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from .agents import Crowd
+from .lean import ONE_LABEL, LeftOut
+from .machine import StateMachine
+from .maps import LabelMap
+
+# Agents a block: its columns stay in the processor's cache.
+BLOCK = 16_384
+# The signs of the velocity along x and y for each value of Crowd.mirror.
+MIRRORED = np.array([(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
+
+
+class _Tables:
+    """What one step of `seconds` does in each case: each table is (cases,), in the order mirror, state, label."""
+
+    def __init__(self, machine: StateMachine, cycles: np.ndarray, seconds: float):
+        velocity = machine.velocity[None]
+        if machine.edge == "reflect":
+            velocity = velocity * MIRRORED[:, None, None]
+        vx, vy = velocity.reshape(-1, 2).T
+        speed = np.hypot(vx, vy)
+        self.x, self.y = vx * seconds, vy * seconds
+        self.turns, self.stands = speed > 0, speed == 0
+        self.heading = np.arctan2(vy, vx).astype(np.float32)
+        per_metre, per_second = cycles.T
+        plays = seconds * (per_metre * speed[:, None] + per_second)
+        self.groups = len(cycles) if (plays != plays[:, :1]).any() else 1
+        self.plays = plays[:, : self.groups].ravel()
+        self.number = np.min_scalar_type(len(speed))
+        states = np.arange(len(machine.states))[:, None]
+        changes = (machine.next_state != states) | (machine.next_choice >= 0)
+        # who changes state is in no cell afterwards, so that one comparison finds all who go the long way
+        self.x[np.broadcast_to(changes, (len(velocity), *changes.shape)).ravel()] = np.nan
+
+
+def within(
+    crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, leave: frozenset[LeftOut]
+) -> tuple[Crowd, np.ndarray]:
+    """(crowd, rest): the crowd `seconds` later, but for the agents `rest` (m,) intp, rising, for whom nothing holds.
+
+    Arguments as for behaviour.step. Columns that the step leaves as they are, are those of `crowd`.
+    """
+    tables = _Tables(machine, cycles, seconds)
+    x, y = np.empty_like(crowd.x), np.empty_like(crowd.y)
+    heading = np.empty_like(crowd.heading) if tables.turns.any() else crowd.heading
+    phase = np.empty_like(crowd.phase) if tables.plays.any() else crowd.phase
+    wait = np.empty_like(crowd.wait) if machine.timed else crowd.wait
+    area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
+    sides = (crowd.x, x, tables.x, area.x_min, area.x_max, width, columns), (crowd.y, y, tables.y, area.y_min, area.y_max, depth, rows)
+    labels = world.labels.ravel()
+    rest = []
+    for at in range(0, len(x), BLOCK):
+        block = slice(at, at + BLOCK)
+        if not all(low <= old[block].min() and old[block].max() <= high for old, _, _, low, high, _, _ in sides):
+            rest.append(np.arange(at, min(at + BLOCK, len(x))))  # beyond the map, or at NaN
+            continue
+        cells = [np.floor((old[block] - low) / size) for old, _, _, low, _, size, _ in sides]
+        for (old, _, _, _, high, _, count), cell in zip(sides, cells, strict=True):
+            if old[block].max() == high:
+                np.minimum(cell, count - 1, out=cell)
+        case = np.multiply(crowd.state[block], len(machine.labels), dtype=tables.number)
+        if machine.edge == "reflect":
+            case += np.multiply(crowd.mirror[block], machine.next_state.size, dtype=tables.number)
+        if ONE_LABEL in leave:
+            case += labels[0]
+        else:
+            case += labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
+        case = case.astype(np.intp)
+        other = np.zeros(len(case), bool)
+        for (old, new, way, low, high, size, _), cell in zip(sides, cells, strict=True):
+            to = np.add(old[block], way.take(case, mode="clip"), out=new[block])
+            if not (low <= to.min() and to.max() <= high):
+                if machine.edge == "clamp":
+                    np.clip(to, low, high, out=to)
+                else:
+                    other |= (to < low) | (to > high)
+            other |= np.floor((to - low) / size) != cell
+        if machine.edge == "stop":  # who stands on the map's border does not head out
+            for old, _, _, low, high, _, _ in sides:
+                other |= (old[block] <= low) | (old[block] >= high)
+        if machine.timed:
+            waits = crowd.wait[block].astype(np.float64)
+            other |= waits < seconds
+            wait[block] = waits - seconds
+        if heading is not crowd.heading:
+            _turn(crowd.heading[block], tables, case, heading[block])
+        if phase is not crowd.phase:
+            _play(crowd.phase[block], tables, case, crowd.group[block], phase[block])
+        rest.append(np.flatnonzero(other) + at)
+    moved = replace(crowd, x=x, y=y, heading=heading, phase=phase, wait=wait)
+    return moved, np.concatenate(rest) if rest else np.empty(0, np.intp)
+
+
+def _turn(old: np.ndarray, tables: _Tables, case: np.ndarray, new: np.ndarray) -> None:
+    tables.heading.take(case, mode="clip", out=new)
+    if not tables.turns.all():
+        np.copyto(new, old, where=tables.stands.take(case, mode="clip"))
+
+
+def _play(old: np.ndarray, tables: _Tables, case: np.ndarray, group: np.ndarray, new: np.ndarray) -> None:
+    if tables.groups > 1:
+        case = case * tables.groups + group
+    phase = old + tables.plays.take(case, mode="clip")
+    phase -= np.floor(phase)  # of what is not negative, this is % 1.0 to the bit
+    new[:] = phase
+    if new.max() >= 1:  # a float64 just below 1 may have rounded up
+        new[new >= 1] = 0

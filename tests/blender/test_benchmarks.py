@@ -1,0 +1,62 @@
+"""The benchmarks' peers do the same work as the core; `stages` itself refuses a peer that finds other agents."""
+
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    monkeypatch.syspath_prepend(FOLDER)
+    import bench
+
+    yield bench
+    for name in ("bench", "peers", "loop"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("agents", [700, 45_000])
+def test_peers_find_what_the_core_finds_and_leave_the_file_as_it_was(bench, agents):
+    before = set(bpy.data.user_map())
+    row = bench.stages(agents, 2, 1)
+    assert row["agents"] == agents and {"behaviour", "core", "naive", "six_planes", "geometry_nodes"} <= set(row)
+    assert ("c_loop" in row) == (bench.loop.library() is not None)
+    assert set(bpy.data.user_map()) == before
+
+
+def test_a_peer_that_is_wrong_is_noticed(bench, monkeypatch):
+    right = bench.peers.naive
+    monkeypatch.setattr(bench.peers, "naive", lambda *a: right(*a)[::-1])
+    with pytest.raises(AssertionError, match="naive"):
+        bench.stages(700, 1, 1)
+
+
+def test_perspectives_see_nearly_all_and_nearly_none(bench):
+    for which, least, most in (("A", 90, 100), ("B", 0, 10)):
+        row = bench.perspective(8192, which, 1, 1)
+        assert least <= row["visible_percent"] <= most and row["visible_percent"] + row["culled_percent"] == pytest.approx(100)
+        drawn = np.dot([row[f"lod{k}"] for k in range(3)], bench.SIZES)
+        assert row["vertices_millions"] == pytest.approx(drawn / 1e6, abs=1e-3)
+    assert all(row[f"lod{k}"] >= 0 for k in range(3))
+
+
+def test_the_c_loop_steps_as_the_core_within_cells(bench):
+    if bench.loop.library() is None:
+        pytest.skip("no C compiler")
+    trajectory, _ = bench.crowd_of(5000, 1)
+    stepper = bench.loop.Step(trajectory.start, trajectory.machine, trajectory.world, (bench.PERSON,), 1 / 24)
+    stepper()
+    after = trajectory.at(2)
+    x, y, heading, state, phase, _ = stepper.columns
+    cells = [np.stack(trajectory.world.cells(c.x, c.y)) for c in (trajectory.start, after)]
+    stay = (cells[0] == cells[1]).all(axis=0)  # the core cuts the others' steps at the border
+    edge = np.isin(trajectory.world.at(*[0.1 * np.sign(v) + v for v in (after.x, after.y)]), 0, invert=True)  # some turn back there
+    assert (stay & ~edge).mean() > 0.8
+    for mine, theirs, off in ((x, after.x, 1e-12), (y, after.y, 1e-12), (heading, after.heading, 0), (phase, after.phase, 1e-6)):
+        assert np.allclose(mine[stay & ~edge], theirs[stay & ~edge], rtol=0, atol=off)
+    assert (state == after.state)[stay & ~edge].all()

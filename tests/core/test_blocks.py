@@ -1,0 +1,211 @@
+"""Blocks against testing every agent: the same plan to the bit, and less to test."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod import blocks, curve, lean
+from crowd_lod_extension.crowd_lod.agents import populate
+from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
+from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.camera import lens_blur, opened
+from crowd_lod_extension.crowd_lod.culling import radar
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.exact import scatter
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.levels import Bias, LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.maps import HeightMap
+
+from .crowds import crowd_at, walker
+from .test_culling import straight
+from .test_lean import AREA, IDLER, POLICY, ground, machine, random_table, raw, shot, walking
+
+
+@pytest.fixture(autouse=True)
+def small_crowds_stand_in_blocks(monkeypatch):
+    monkeypatch.setattr(curve, "FEWEST", 1)
+    monkeypatch.setattr(blocks, "FIRST", 4)  # so that some hundred agents have three tiers
+
+
+def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
+    """(visible, levels) by `radar` and `assign` of every agent."""
+    eyes = camera if isinstance(camera, tuple) else (camera,)
+    centre, radius = (np.array([getattr(g, name) for g in trajectory.groups]) for name in ("centre", "radius"))
+    crowd = trajectory.at(time)
+    visible, distance = radar(crowd, eyes, centre, radius, policy.margin, policy.metric == "RADIAL")
+    times = [sample for sample, _ in shutter]
+    speed = np.hypot(*trajectory.machine.velocity.reshape(-1, 2).T).max()
+    grown = radius + speed * max(np.diff(times), default=0.0) * trajectory.seconds_per_frame
+    for sample, cameras in shutter:
+        visible |= radar(trajectory.at(sample), cameras, centre, grown, policy.margin)[0]
+    factor = None if bias is None else bias.at(crowd.x, crowd.y)
+    return visible, assign(distance, limits(policy, eyes[0], radius), crowd.group, factor)
+
+
+def compare(trajectory, camera, policy=POLICY, time=9, *more):
+    """The plan by blocks, after it was compared with that of testing every agent."""
+    frame, full = plan(trajectory, camera, policy, time, *more), plan(trajectory, camera, policy, time, *more, lean=False)
+    assert lean.BLOCKS in frame.left_out or lean.STATIC in frame.left_out
+    assert raw(frame) == raw(full)
+    visible, levels = one_by_one(trajectory, camera, policy, time, *more)
+    assert (frame.visible == visible).all() and (frame.levels == levels).all()
+    assert sorted(frame.buckets.order) == np.flatnonzero(visible).tolist()
+    for level in range(policy.count):
+        assert (levels[frame.buckets[level]] == level).all()
+    return frame
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_random_shots_are_those_of_testing_every_agent(lens):
+    random = np.random.default_rng(list(LENSES).index(lens))
+    for _ in range(12):
+        groups = tuple(random.choice([walker(), IDLER, replace(walker(), radius=6.0)]) for _ in range(random.integers(1, 4)))
+        walls = [(random.integers(7), random.integers(9))] if random.random() < 0.5 else ()
+        heights = HeightMap(random.random((4, 5)).astype(np.float32), AREA) if random.random() < 0.3 else None
+        count = int(random.choice([1, 15, 16, 17, 127, 128, 129, 700, 2000]))
+        trajectory = shot(random_table(random), ground(walls), groups, count, int(random.integers(99)), heights=heights)
+        camera = random_camera(random, lens)
+        camera = replace(camera, origin=np.array([0, 50, 1]) - camera.Z * 10.0 ** random.uniform(0, 3))
+        if random.random() < 0.2:
+            camera = lens_blur(camera, 0.05, 10.0)
+        if random.random() < 0.3:
+            camera = camera, replace(camera, origin=camera.origin + camera.X * 0.1)
+        eyes = camera if isinstance(camera, tuple) else (camera,)
+        steps = np.sort(random.uniform(0.01, 1, random.integers(4)))
+        own = [tuple(steps), *(tuple(steps**2) for _ in groups[1:])]
+        policy = LevelPolicy(
+            tuple(steps),
+            str(random.choice(["AXIS", "RADIAL"])),
+            random.choice([None, 0.5]),
+            group_thresholds=tuple(own) if random.random() < 0.3 else (),
+        )
+        shutter = ()
+        if random.random() < 0.3:
+            moving = [[replace(eye, origin=eye.origin + eye.X * part) for part in (0, 0.1)] for eye in eyes]
+            shutter = list(zip((8.5, 9.0), zip(*(opened(each) for each in moving), strict=True), strict=True))
+        bias = Bias(random.random((3, 3)), AREA) if random.random() < 0.2 else None
+        for time in (9,) if shutter else (-3, 9, 16.5, 5.25):
+            compare(trajectory, camera, policy, time, shutter, bias)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
+    random = np.random.default_rng(11)
+    decided = 0
+    for _ in range(40):
+        camera = random_camera(random, lens)
+        radius = np.full(300, 10.0 ** random.uniform(-2, 1))
+        crowd = crowd_at(scatter(camera, radius, random, 0.5))
+        group = replace(walker(), centre=0.0, radius=float(radius[0]))
+        margin, radial = random.choice([None, 0.25]), bool(random.integers(2))
+        begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
+        found = blocks.blocks_of(crowd, curve.order_of(crowd.x, crowd.y, crowd.group, AREA), (group,), AREA)
+        look = blocks.Look(camera, np.zeros(3), np.zeros(3))
+        levels, places = blocks.decide(found, crowd, [[look]], begin, margin, radial)
+        visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], margin, radial)
+        right = np.where(visible, assign(distance, begin), blocks.CULLED)[found.order]
+        assert np.delete(levels == right, places).all()
+        decided += len(crowd) - len(places)
+    assert decided > 0
+
+
+def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
+    trajectory = shot(count=2000)
+    since, found = trajectory.blocks(trajectory.at(9) and 9)
+    inside = replace(straight(), kind="ORTHO", origin=np.array([0, -200, 0]), far=900.0)
+    inside = replace(inside, window=replace(inside.window, left=-60, right=60, bottom=-60, top=60))
+    for camera, seen in ((inside, 2000), (replace(inside, origin=np.array([0, -2000, 0])), 0)):
+        look = blocks.Look(camera, *trajectory.moved(9, since))
+        levels, places = blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
+        assert len(places) == 0 and (levels == 0).sum() == seen
+    # where a side of the picture cuts the crowd, some blocks are open: only with a lens are their agents left to the radar
+    cut = replace(inside, window=replace(inside.window, left=0.0))
+    for camera, least, most in ((cut, 0, 0), (lens_blur(cut, 1e-9, 1.0), 1, 500)):
+        look = blocks.Look(camera, *trajectory.moved(9, since))
+        _, places = blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
+        assert least <= len(places) <= most
+
+
+def test_the_order_is_of_groups_along_a_curve_and_holds_every_agent_once():
+    crowd = populate(3000, 1, 3, machine(), ground())
+    mixed = replace(crowd, group=np.random.default_rng(0).permutation(crowd.group))
+    for each in (crowd, mixed):
+        order = curve.order_of(each.x, each.y, each.group, AREA)
+        assert sorted(order) == list(range(3000)) and (np.diff(each.group[order].astype(int)) >= 0).all()
+        step = np.hypot(np.diff(each.x[order]), np.diff(each.y[order]))
+        assert np.median(step) < np.hypot(80, 100) / 30
+
+
+def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
+    trajectory = shot(walking("wrap"), groups=(walker(), replace(walker(), radius=5.0)), count=900)
+    start, random = trajectory.start, np.random.default_rng(3)
+    x, y, z = start.x.copy(), start.y.copy(), start.z.copy()
+    z[[5, 88, 300]], y[7], x[:3] = np.nan, np.inf, (-70, 90, -0.0)
+    odd = replace(trajectory, start=replace(start, x=x, y=y, z=z, group=random.permutation(start.group)), _kept={})
+    policy = LevelPolicy((0.3, 0.6), drop_lost=True)
+    for time in (1, 1.5, 2, 17, 30):
+        frame = compare(odd, straight(offset=(0, 30, 0)), policy, time)
+        assert frame.dropped == (4 if time == 1 else 3) and frame.visible.any()
+    x[[9, 500]] = np.nan
+    gone = replace(odd, start=replace(odd.start, x=x), _kept={})
+    assert compare(gone, straight(offset=(0, 30, 0)), policy, 1).dropped == 6
+    with pytest.raises(CrowdError, match="6 of 900 agents"):
+        plan(gone, straight(), LevelPolicy(()), 1)
+
+
+ONWARDS = machine({"on": {"color": "#ff0000", "on": {"*": {"move": [3, 0.5]}}}}, "reflect")
+
+
+@pytest.mark.parametrize("table", [*map(walking, ("wrap", "reflect", "clamp", "stop")), ONWARDS], ids=["wrap", "reflect", "clamp", "stop", "onwards"])
+def test_agents_that_cross_the_map_between_two_makings_of_the_blocks(table):
+    trajectory = shot(table, ground([(3, 4)]), count=1500)
+    trajectory.seconds_per_frame = 0.7
+    for time in (1, 3, 8.5, 15, 16, 17, 31.75, 33, 47):
+        compare(trajectory, straight(offset=(20, 30, 0)), time=time)
+        compare(trajectory, straight(offset=(-20, 30, 0)), time=time)
+
+
+def test_characters_of_different_heights_that_share_a_block():
+    sizes = [((60.0, 1.0), (0.9, 9.0), (30.0, 0.1))[k % 3] for k in range(60)]
+    trajectory = shot(groups=tuple(replace(walker(), centre=c, radius=r) for c, r in sizes), count=600)
+    policy = LevelPolicy((0.3, 0.6), group_thresholds=((), (0.1, 0.2), (0.5, 0.9)) * 20)
+    for height, someone in ((1, True), (20, False), (31, True), (59, True), (80, False)):
+        assert compare(trajectory, straight(kind="ORTHO", offset=(0, 0, height)), policy).visible.any() == someone
+
+
+def test_the_plan_does_not_depend_on_what_was_asked_before():
+    warm, camera = shot(walking("reflect"), count=1500), straight(offset=(0, 30, 0))
+    for time in (90, 5, 33.5, 47.9):
+        plan(warm, camera, LevelPolicy((0.3, 0.6)), time)
+    cold = shot(walking("reflect"), count=1500)
+    for time in (40, 90):
+        assert raw(plan(warm, camera, LevelPolicy((0.3, 0.6)), time)) == raw(plan(cold, camera, LevelPolicy((0.3, 0.6)), time))
+
+
+def test_a_shutter_open_for_longer_than_the_boxes_hold():
+    trajectory = shot(walking("wrap"), count=600)
+    camera = straight(offset=(0, 30, 0))
+    samples = [(9.0, (camera,)), (45.0, (camera,)), (80.0, (camera,))]
+    frame = compare(trajectory, camera, LevelPolicy((0.3,)), 9, samples)
+    assert frame.visible.any()
+
+
+def test_numbers_that_overflow_leave_all_open():
+    trajectory = shot(count=400)
+    camera = replace(straight(), origin=np.array([1e200, 0.0, 0.0]))
+    assert not compare(trajectory, camera).visible.any()
+
+
+def test_hills_between_the_boxes_and_the_agents():
+    steep = HeightMap(np.random.default_rng(1).uniform(0, 80, (9, 9)).astype(np.float32), AREA)
+    trajectory = shot(walking("reflect"), count=1500, heights=steep)
+    for time in (1, 8, 16.5, 30):
+        compare(trajectory, straight(offset=(0, 30, 40)), time=time)
+
+
+def test_blocks_are_kept_of_large_crowds_alone(monkeypatch):
+    monkeypatch.setattr(curve, "FEWEST", 401)
+    assert shot(count=400).blocks(1) is None
+    big = Trajectory(*[getattr(shot(count=401), name) for name in ("start", "machine", "world", "groups", "seconds_per_frame")])
+    big.at(1)
+    assert big.blocks(1)[0] == 1 and lean.BLOCKS in big.left_out
