@@ -11,8 +11,6 @@ STAY = 1e-9  # weight of the edge's middle against the planes: decides where the
 FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
 THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
 SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
-NEED = 0.3  # and of the triangles to go, as many edges at most: the last collapses are the most careful
-LEAST = 64  # but so many in any case
 PASSES = 3  # choices of edges in a round
 
 
@@ -63,8 +61,7 @@ def collapse(points, triangles, quadrics, normals, target: int) -> tuple[np.ndar
         border[edges[:, faces != 2]] = True
         at, cost = _place(points, quadrics, *edges)
         cost[(faces == 2) & border[edges].all(axis=0) | np.isin(keys, refused)] = np.inf
-        few = min(SHARE * len(cost), NEED * (corners.shape[1] - target))
-        most = len(cost) if thorough else min(len(cost), max(LEAST, int(few)))
+        most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         # from here on an edge's index is its rank by cost
