@@ -12,11 +12,11 @@ from .refine import fit, split
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
 LARGE = 20_000  # triangles: a larger mesh is not fitted at more than 1 / BULK of them, where it gains little
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT = 120_000  # triangles to go through in several tries, of which the best is kept
+EFFORT = 160_000  # triangles to go through in several tries, of which the best is kept
 TRIES = 8
 SPLIT = 0.05  # of a LOD's points are added where it is worst for the next try; half as many after each that failed
 STEPS = 8  # moves of all points in a try
-FEW_STEPS = 4  # of a mesh too large for a second try
+FEW_STEPS = 4  # of a mesh too large for more than two tries
 BOOST = 3.0  # how much more the quadric of a point at the worst distance weighs in the next try
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -112,7 +112,7 @@ def _best(points, triangles, quadrics, target: int) -> tuple[np.ndarray, np.ndar
         landed = np.where(stays, index[end[landed]], -1)
         if len(triangles) > LARGE and BULK * target > len(triangles):
             return new_points, new_triangles, landed
-        steps = STEPS if tries > 1 else FEW_STEPS
+        steps = STEPS if tries > 2 else FEW_STEPS
         new_points, error, on = fit(new_points, new_triangles, points, triangles, landed, steps)
         if error.max() < least:
             best, least = (new_points, new_triangles, landed, error, on), error.max()
