@@ -9,8 +9,8 @@ import numpy as np
 MEAN = 0.75  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
 STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
 FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
-THIN = 0.01  # a triangle may get no thinner than this, twice its area over its squared sides
-SHARE = 0.2  # of a round's edges, the cheapest, that may collapse in it
+THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
+SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
 PASSES = 3  # choices of edges in a round
 
 

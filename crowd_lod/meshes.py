@@ -7,13 +7,16 @@ import numpy as np
 
 from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
-from .refine import fit
+from .refine import fit, split
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
 LARGE = 20_000  # triangles: a larger mesh is not fitted at more than 1 / BULK of them, where it gains little
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT = 100_000  # triangles to go through in several tries, of which the best is kept
-TRIES = 4
+EFFORT = 160_000  # triangles to go through in several tries, of which the best is kept
+TRIES = 8
+SPLIT = 0.05  # of a LOD's points are added where it is worst for the next try; half as many after each that failed
+STEPS = 8  # moves of all points in a try
+FEW_STEPS = 4  # of a mesh too large for more than two tries
 BOOST = 3.0  # how much more the quadric of a point at the worst distance weighs in the next try
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -87,31 +90,36 @@ def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str,
 
 
 def _best(points, triangles, quadrics, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (k, 3), triangles (m, 3), landed (n,): the new point of each, or -1) of the best of some tries: each lets
-    the source's points that the last was worst at weigh more."""
-    n, part, normals = len(points), _parts(len(points), triangles), normals_of(points, triangles)
+    """(points (k, 3), triangles (m, 3), landed (n,): the new point of each, or -1) of the best of some tries: each splits
+    the best so far where it is worst and collapses it again, with the source's points there weighing more."""
+    part, normals = _parts(len(points), triangles), normals_of(points, triangles)
     start, some, landed = _bulk(points, triangles, part, BULK * target)
-    quadrics, normals = (np.stack([np.bincount(landed, row, n) for row in rows]) for rows in (quadrics, normals.T))
-    normals = normals.T
-    best, least, boost = None, np.inf, np.ones(n)
-    for _ in range(min(max(EFFORT // (len(triangles) + 2 * len(some)), 1), TRIES)):
-        weighed = np.concatenate([quadrics[:10] * boost, quadrics[10:]])
-        new_points, new_triangles, end = collapse(start, some, weighed, normals, target)
-        new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
+    tries = min(EFFORT // (len(triangles) + 2 * len(some)), TRIES)
+    best, least, boost, share = None, np.inf, np.ones(len(points)), SPLIT
+    for attempt in range(max(tries, 1)):
+        if attempt:
+            start, some, landed = split(*best, points, max(4, int(share * len(best[0]))))
+        rows = np.concatenate([quadrics[:10] * boost, quadrics[10:], normals.T])
+        stays = landed >= 0
+        rows = np.stack([np.bincount(landed[stays], row[stays], len(start)) for row in rows])
+        new_points, new_triangles, end = collapse(start, some, rows[:11], rows[11:].T, target)
+        if not attempt:
+            new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
         kept, new_triangles = np.unique(new_triangles, return_inverse=True)
         new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
-        index = np.full(n, -1)
+        index = np.full(len(start), -1)
         index[kept] = np.arange(len(kept))
-        here = index[end[landed]]
+        landed = np.where(stays, index[end[landed]], -1)
         if len(triangles) > LARGE and BULK * target > len(triangles):
-            return new_points, new_triangles, here
-        new_points, error = fit(new_points, new_triangles, points, triangles, here)
+            return new_points, new_triangles, landed
+        steps = STEPS if tries > 2 else FEW_STEPS
+        new_points, error, on = fit(new_points, new_triangles, points, triangles, landed, steps)
         if error.max() < least:
-            best, least = (new_points, new_triangles, here), error.max()
-        worst = np.zeros(n)
-        np.maximum.at(worst, landed, error / (error.max() or 1))
-        boost *= 1 + BOOST * worst**2
-    return best
+            best, least = (new_points, new_triangles, landed, error, on), error.max()
+        else:
+            share /= 2
+        boost *= 1 + BOOST * (error / (error.max() or 1)) ** 2
+    return best[:3]
 
 
 def _bulk(points, triangles, part, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

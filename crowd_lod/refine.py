@@ -2,21 +2,26 @@
 
 import numpy as np
 
-STEPS = 4  # moves of all points
+from .collapse import edge_keys
+
 WALKS = 8  # steps along a surface to the nearest triangle, at most
 FAR = 0.4  # of the worst distance: beyond it a sample's nearest triangle is sought again
-DAMPING = 0.5  # of each move
+KEEP = 0.8  # of a sample's weight for the next move
+STRIDE = 0.8  # of each move
 FINE = 1e-7  # no moves below this worst distance
-SHARPEN = 2.0  # a sample weighs as its distance to this power: towards the least worst distance, not the least mean
+SHARPEN = 4.0  # a move adds to a sample's weight its distance, over the worst, to this power
 
 
-def fit(points, triangles, source, source_triangles, landed) -> tuple[np.ndarray, np.ndarray]:
-    """(points (n, 3) of a LOD, moved nearer to its source; the distance (k,) found at each of the source's points).
+def fit(points, triangles, source, source_triangles, landed, steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(points (n, 3) of a LOD, moved nearer to its source; the distance (k,) found at each of the source's points; on (k, 2):
+    the LOD's triangle nearest to each, -1 for none, and its corner farthest from there).
 
     points (n, 3), triangles (m, 3): the LOD; source (k, 3), source_triangles (j, 3): what it was made of; landed: (k,) the
     LOD's point that each of the source's collapsed into, -1 for none. Distances are those of the source's points to the LOD
     and of the LOD's points and the middles of its triangles and sides to the source, which count for the source's triangle
-    nearest to them. Of STEPS moves the best is kept.
+    nearest to them. Of `steps` moves the best is kept. Each is least squares, weighed by how far the samples were off at
+    this and the moves before, towards the least worst distance. Source of that: Lawson, "Contributions to the theory of
+    linear least maximum approximation", 1961.
     """
     stars, source_stars = _stars(triangles, len(points)), _stars(source_triangles, len(source))
     mine = np.flatnonzero(landed >= 0)
@@ -37,8 +42,9 @@ def fit(points, triangles, source, source_triangles, landed) -> tuple[np.ndarray
         again, again_at = _walk(source, source_triangles, source_stars, corner[triangles[own_face[far], k]], here[far])
         better = _length(_mix(source, source_triangles[again], again_at) - here[far]) < away[far]
         hit[far[better]], hit_at[far[better]] = again[better], again_at[better]
-    best, error = points, np.full(len(source), np.inf)
-    for step in range(STEPS + 1):
+    best, error, on = points, np.full(len(source), np.inf), np.full((len(source), 2), -1)
+    weight = 0.0
+    for step in range(steps + 1):
         if step:
             here = _mix(points, triangles[own_face], own_at)
             _again(points, triangles, stars, face, at, there)
@@ -49,15 +55,51 @@ def fit(points, triangles, source, source_triangles, landed) -> tuple[np.ndarray
         if worst < error.max():
             best, error = points, np.zeros(len(source))
             error[mine] = distance[: len(face)]
+            on[mine] = np.stack([face, at.argmin(axis=1)], axis=1)
             for end in source_triangles[hit].T:
                 np.maximum.at(error, end, distance[len(face) :])
-        if step == STEPS or worst < FINE:
-            return best, error
-        share = np.concatenate([at, own_at]) * ((distance / worst) ** SHARPEN + 1e-4)[:, None]
+        if step == steps or worst < FINE:
+            return best, error, on
+        weight = KEEP * weight + (distance / worst) ** SHARPEN
+        share = np.concatenate([at, own_at]) * (weight + 1e-4)[:, None]
         corners = triangles[np.concatenate([face, own_face])].ravel()
         total = np.bincount(corners, share.ravel(), len(points)) + 0.05 * share.sum() / len(points)
         move = [np.bincount(corners, (share * off[:, d, None]).ravel(), len(points)) / total for d in range(3)]
-        points = _unfolded(points, points + DAMPING * np.stack(move, axis=1), triangles)
+        points = _unfolded(points, points + STRIDE * np.stack(move, axis=1), triangles)
+
+
+def split(points, triangles, landed, error, on, source, count) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(points (n + j, 3), triangles (m + 2 j, 3), landed (k,)): j <= `count` of the LOD's sides split, at the source's points
+    that are farthest off. The rest as `fit` takes and gives it; each point keeps the source's point nearest to it.
+    """
+    half = triangles[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2)  # side 3 t + i is opposite of corner i of triangle t
+    keys = edge_keys(half.T, len(points))
+    order = np.argsort(keys, kind="stable")
+    double = np.flatnonzero(keys[order][1:] == keys[order][:-1])
+    twin = np.full(len(keys), -1)
+    twin[order[double]], twin[order[double + 1]] = order[double + 1], order[double]
+    away = np.where(landed < 0, np.inf, _length(source - points[landed]))
+    nearest = np.lexsort((away, landed))
+    free = on[:, 0] >= 0
+    free[nearest[np.unique(landed[nearest], return_index=True)[1]]] = False
+    landed, taken, put, new = landed.copy(), np.zeros(len(triangles), bool), [], []
+    worst = np.flatnonzero(free)
+    for p in worst[np.argsort(-error[worst], kind="stable")][: 20 * count]:
+        side = 3 * on[p, 0] + on[p, 1]
+        sides = np.array([side, twin[side]])
+        if len(put) == count or twin[side] < 0 or taken[sides // 3].any():
+            continue
+        (a, b), c = half[sides].T, triangles.ravel()[sides]
+        was = np.cross(points[a] - points[c], points[b] - points[c])
+        halves = [np.cross(source[p] - points[c], points[b] - points[c]), np.cross(points[a] - points[c], source[p] - points[c])]
+        if any((np.einsum("nd,nd->n", was, now) < 0.3 * _length(was) * _length(now) + 0.02 * _length(was) ** 2).any() for now in halves):
+            continue
+        taken[sides // 3] = True
+        landed[np.isin(on[:, 0], sides // 3) & free & (_length(source - source[p]) < away)] = middle = len(points) + len(put)
+        put.append(source[p])
+        new += [corners for k in range(2) for corners in ((c[k], a[k], middle), (c[k], middle, b[k]))]
+    new = np.array(new, triangles.dtype).reshape(-1, 3)
+    return np.concatenate([points, np.reshape(put, (-1, 3))]), np.concatenate([triangles[~taken], new]), landed
 
 
 def _again(points, triangles, stars, face, at, others) -> None:

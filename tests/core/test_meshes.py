@@ -128,7 +128,7 @@ def spread(points, triangles, count):
 
 def hausdorff(one, other):
     """The symmetric Hausdorff distance at points about evenly spread over both."""
-    fine = [max(1, int(np.ceil(np.sqrt(500 / len(triangles))))) for _, triangles in (one, other)]
+    fine = [max(1, int(np.ceil(np.sqrt(300 / len(triangles))))) for _, triangles in (one, other)]
     return max(farthest(*other, spread(*one, fine[0])), farthest(*one, spread(*other, fine[1])))
 
 
