@@ -2,9 +2,22 @@
 
 import bpy
 
-from . import build, cli, deviation, levels, machines, overlay, panels, populate, preview, properties, samples
+from . import (
+    build,
+    cli,
+    deviation,
+    inspector,
+    levels,
+    machines,
+    overlay,
+    panels,
+    populate,
+    preview,
+    properties,
+    samples,
+)
 
-MODULES = (properties, samples, machines, populate, levels, deviation, preview, build, panels)
+MODULES = (properties, samples, machines, populate, levels, deviation, preview, build, inspector, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 _commands = []
 
