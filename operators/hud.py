@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +16,9 @@ from .drawing import LINE_PIXELS
 from .levels import TINTS
 
 STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
-WHITE = (0.9, 0.9, 0.9)  # sRGB
+WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB
+SAMPLE = "Agents 0123456789, visible"  # of the figures' letters, for their mean width
 LETTERS, LINE, MARGIN = 11.0, 18.0, 10.0  # nominal pixels; LINE is that of Blender's own text, the viewport's name and so on
-RING = (1.0, 1.0, 1.0, 1.0)
 LEAST = 8.0  # nominal pixels, the ring's least radius
 CORNERS = 48
 NARROWEST = 120.0  # nominal pixels, below which nothing is written
@@ -25,10 +26,10 @@ NARROWEST = 120.0  # nominal pixels, below which nothing is written
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text; colour: sRGB."""
+    """A line of text, and the linear colour of a square before it, if it has one."""
 
     text: str
-    colour: tuple[float, float, float] = WHITE
+    colour: tuple[float, float, float] | None = None
 
 
 def lines(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None = None) -> tuple[Line, ...]:
@@ -40,19 +41,19 @@ def lines(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None 
     agents, visible = len(frame.crowd), len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
     said = [Line(f"{agents:,} agents, {visible:,} visible, {culled:.1%} culled")]
-    for level, count in enumerate(frame.buckets.counts):
-        said.append(Line(f"LOD {level}  {count:,}", _readable(TINTS[level])))
+    said += [Line(f"LOD {level}  {count:,}", TINTS[level]) for level, count in enumerate(frame.buckets.counts)]
     if frame.full_triangles:
         said.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
         said.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
     times = frame.milliseconds | {"drawing": drawing}
     said.append(Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms"))
-    said.append(Line(f"{size(sum(column.nbytes for column in vars(frame.crowd).values()))} of agents' state, {size(gpu_bytes)} on the GPU"))
+    state = sum(column.nbytes for column in vars(frame.crowd).values())
+    said.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
+    if account is not None:
+        said.append(Line(", ".join(f"{name} {value}" for name, value in told(account)), TINTS[account.level]))
     if frame.dropped:
         said.append(Line(f"{frame.dropped:,} agents at NaN or infinity are left out."))
-    said += [Line(f"{item.stage.capitalize()}: {item.reason}") for item in frame.left_out]
-    if account is not None:
-        said += [Line(f"{name}  {value}", _readable(TINTS[account.level])) for name, value in told(account)]
+    said += [Line(f"{STAGES.get(item.stage, 'Plan')}: {item.reason}") for item in frame.left_out]
     return tuple(said)
 
 
@@ -92,8 +93,8 @@ def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
     """`said` in lines of at most so many letters, and no more than `rows` of them: the last then is dots."""
     found = []
     for line in said:
-        parts = textwrap.wrap(line.text, max(1, letters), subsequent_indent="  ")
-        found += [Line(part, line.colour) for part in parts]
+        first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ")
+        found += [Line(first, line.colour), *map(Line, rest)]
     return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
 
 
@@ -102,20 +103,48 @@ def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale
     import blf
 
     left, bottom, right, top = box
-    if right - left < NARROWEST * ui_scale:
-        return
+    indent, line = 2 * MARGIN * ui_scale, LINE * ui_scale
     blf.size(0, LETTERS * ui_scale)
-    letter = blf.dimensions(0, "Agents 0123456789, visible")[0] / 26
-    fitting = broken(said, int((right - left - 2 * MARGIN * ui_scale) / letter), int((top - bottom) / (LINE * ui_scale)))
-    blf.enable(0, blf.SHADOW)
-    blf.shadow(0, 3, 0.0, 0.0, 0.0, 0.8)
+    letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
+    fitting = broken(said, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
+    if right - left < NARROWEST * ui_scale or not fitting:
+        return
+    width = indent + max(blf.dimensions(0, each.text)[0] for each in fitting)
+    edge = MARGIN * ui_scale / 2
+    _fill(left + edge, top - len(fitting) * line - 2 * edge, left + width + 2 * edge, top, BEHIND)
+    for number, each in enumerate(fitting, start=1):
+        base = top - number * line
+        if each.colour is not None:
+            colour = encoded(np.array([*each.colour, 1.0], np.float32))
+            _fill(left + 2 * edge, base, left + 2 * edge + line / 2, base + line / 2, colour)
+        blf.color(0, *WHITE)
+        blf.position(0, left + indent + edge, base, 0)
+        blf.draw(0, each.text)
+
+
+def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:
+    """Fill a rectangle of the region, pixels, with a colour, sRGB."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": [(left, bottom), (right, bottom), (left, top), (right, top)]})
+    with blended():
+        shader.uniform_float("color", [float(value) for value in colour])
+        batch.draw(shader)
+
+
+@contextmanager
+def blended():
+    """Colours mix with what is there by their alpha; afterwards as it was."""
+    import gpu
+
+    before = gpu.state.blend_get()
+    gpu.state.blend_set("ALPHA")
     try:
-        for number, line in enumerate(fitting, start=1):
-            blf.color(0, *line.colour, 1.0)
-            blf.position(0, left + MARGIN * ui_scale, top - number * LINE * ui_scale, 0)
-            blf.draw(0, line.text)
+        yield
     finally:
-        blf.disable(0, blf.SHADOW)
+        gpu.state.blend_set(before)
 
 
 def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, float, float]:
@@ -134,13 +163,12 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
                 top = min(top, other.y)
             else:
                 bottom = max(bottom, other.y + other.height)
-    own = 3 * overlay.show_text + 8 * overlay.show_stats
+    own = 3 * overlay.show_text + 6 * overlay.show_stats
     return left - region.x, bottom - region.y, right - region.x, top - region.y - (own * LINE + MARGIN) * ui_scale
 
 
 def ring(frame: Frame, trajectory: Trajectory, agent: int, region, ui_scale: float) -> None:
     """Draw a ring round the agent into the region that is being drawn, in its pixels."""
-    import gpu
     from gpu_extras.batch import batch_for_shader
 
     matrix, group = np.array(region.data.perspective_matrix, np.float64), trajectory.groups[frame.crowd.group[agent]]
@@ -159,14 +187,5 @@ def ring(frame: Frame, trajectory: Trajectory, agent: int, region, ui_scale: flo
     shader.bind()
     shader.uniform_float("viewportSize", (region.width, region.height))
     shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
-    before = gpu.state.blend_get()
-    gpu.state.blend_set("ALPHA")
-    try:
+    with blended():
         batch.draw(shader)
-    finally:
-        gpu.state.blend_set(before)
-
-
-def _readable(tint) -> tuple[float, float, float]:
-    """The linear tint in sRGB, not so dark that letters in it are lost."""
-    return tuple(float(value) for value in np.maximum(encoded(np.array([*tint, 1.0], np.float32))[:3], 0.25))

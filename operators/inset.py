@@ -52,4 +52,4 @@ def show(texture, box: tuple[float, float, float, float], ui_scale: float) -> No
     scale = min(ui_scale, MOST * (right - left) / width, MOST * (top - bottom) / height)
     if scale >= SMALLEST * ui_scale:
         at = right - MARGIN * ui_scale - scale * width, bottom + MARGIN * ui_scale
-        draw_texture_2d(texture, at, scale * width, scale * height)
+        draw_texture_2d(texture, at, scale * width, scale * height, is_scene_linear_with_rec709_srgb_target=True)
