@@ -172,11 +172,11 @@ def _draw_figures(context) -> None:
     if shown is None or shown.frame is None or not (settings.hud or settings.inset or settings.agent >= 0):
         return
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
+    if settings.inset:
+        inset.show(_picture_from_above(shown, ui_scale), box, ui_scale)
     told = account_of(scene)
     if told is not None:
         hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
-    if settings.inset:
-        inset.show(_picture_from_above(shown, ui_scale), box, ui_scale)
     if settings.hud:
         gpu_bytes = shown.batches.nbytes + (shown.cast.nbytes if shown.cast else 0)
         hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.lean import NO_HEIGHTS, STATIC
 from crowd_lod_extension.crowd_lod.maps import Area
 from crowd_lod_extension.crowd_lod.picking import Account
@@ -15,7 +14,6 @@ from crowd_lod_extension.operators.cameras import camera_from
 from crowd_lod_extension.operators.colours import encoded
 from crowd_lod_extension.operators.drawing import Batches
 from crowd_lod_extension.operators.levels import TINTS
-from crowd_lod_extension.operators.points import drawing
 from crowd_lod_extension.operators.viewpoint import camera_of, viewpoint
 
 from .test_overlay import AGENTS, GROUPS, planned
