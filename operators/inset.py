@@ -1,4 +1,4 @@
-"""The crowd from above in a corner of the viewport: agents as points, frustum and LOD ranges as lines (chapter figure 1.5)."""
+"""The crowd from above in a corner of the viewport (chapter figure 1.5): agents as points, frustum and LOD ranges as lines."""
 
 import numpy as np
 
@@ -13,11 +13,12 @@ POINTS = 0.6  # how large agents are, compared with those in the viewport
 BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
 
 
-def from_above(area: Area, eye: np.ndarray, places: np.ndarray, aspect: float = SIZE[0] / SIZE[1]) -> tuple[np.ndarray, np.ndarray]:
+def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(view, projection), (4, 4) float64 each, of a view straight down, +y up, on the area and on the eye (3,), metres.
 
-    places: (n, 3), metres from the eye; none is clipped for its height. aspect: width through height of the picture.
+    places: (n, 3), metres from the eye; none is clipped for its height.
     """
+    aspect = SIZE[0] / SIZE[1]
     low = np.minimum(eye[:2], (area.x_min, area.y_min))
     high = np.maximum(eye[:2], (area.x_max, area.y_max))
     width, height = 1.06 * np.maximum(high - low, 1e-3)
@@ -29,12 +30,22 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray, aspect: float = 
     return view, projection
 
 
+def pixels(ui_scale: float) -> tuple[int, int]:
+    """Width and height of the picture."""
+    return round(SIZE[0] * ui_scale), round(SIZE[1] * ui_scale)
+
+
+def nbytes(texture) -> int:
+    """Of the picture on the GPU, or of None."""
+    return 4 * texture.width * texture.height if texture else 0
+
+
 def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float):
     """The picture of SIZE, a texture. It is sRGB, so that what is painted linear and what Blender's own shaders encode
     are the same colours as in the viewport."""
     from gpu.types import GPUFrameBuffer, GPUTexture
 
-    size = tuple(round(side * ui_scale) for side in SIZE)
+    size = pixels(ui_scale)
     colour, depth = GPUTexture(size, format="SRGB8_A8"), GPUTexture(size, format="DEPTH_COMPONENT32F")
     canvas = GPUFrameBuffer(color_slots=colour, depth_slot=depth)
     with canvas.bind():

@@ -178,18 +178,18 @@ def _draw_figures(context) -> None:
     if told is not None:
         hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
     if settings.hud:
-        gpu_bytes = shown.batches.nbytes + (shown.cast.nbytes if shown.cast else 0)
+        gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
         hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
 
 
 def _picture_from_above(shown: Shown, ui_scale: float):
     """The texture of the frame from above, painted once."""
-    if shown.above is None or shown.above[0] != ui_scale:
+    if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
         what = drawing(shown.frame, shown.trajectory.groups, Style("POINTS"), shown.coloured)
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
         view, projection = inset.from_above(shown.trajectory.world.area, what.origin, places)
-        shown.above = ui_scale, inset.picture(Batches(what), view, projection, ui_scale)
-    return shown.above[1]
+        shown.above = inset.picture(Batches(what), view, projection, ui_scale)
+    return shown.above
 
 
 def _follow(context) -> Shown:
@@ -212,11 +212,12 @@ def _shown_now(context, before: Shown | None) -> Shown:
     scene, depsgraph, looked = context.scene, context.view_layer.depsgraph, clock.monotonic()
     try:
         crowd_inputs = _crowd_inputs(scene)
-        settings, own = scene.crowd_lod, scene.crowd_lod.overlay_camera == "VIEWPORT"
-        eyes = (viewpoint(context),) if own else read_cameras(scene, depsgraph)
+        settings = scene.crowd_lod
+        own = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
+        eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
         policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
         time = scene.frame_current + scene.frame_subframe
-        key, shutter = ((), ()) if own else _open_shutter(scene, time, eyes)
+        key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = _style(scene, policy.count)
         frame_inputs += style, notes, settings.overlay_colour, round(settings.overlay_fade, 6)
@@ -234,13 +235,14 @@ def _shown_now(context, before: Shown | None) -> Shown:
             before.looked = looked
             return before
         frame = plan(trajectory, eyes, policy, time, shutter, bias)
-        if policy.hysteresis and before is not None and before.trajectory is trajectory:
+        same_view = before is not None and before.frame_inputs[:1] == (own,)
+        if policy.hysteresis and same_view and before.trajectory is trajectory:
             frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
         began = clock.perf_counter()
         cast = before.cast if same_cast else _cast(trajectory.groups, style, characters)
         coloured = _colours(scene, frame, trajectory, eyes, policy, bias, characters)
         what = _drawing(scene, frame, trajectory, eyes, policy, bias, style, coloured)
-        if own:  # its frustum is the viewport's edge
+        if own is not None:  # its frustum is the viewport's edge
             what = replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
         batches = Batches(what, cast)
         return Shown(

@@ -227,7 +227,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     hud: BoolProperty(name="Figures in the Viewport", default=True, description="Write counts, times and memory over the viewport")
     inset: BoolProperty(
-        name="View From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
+        name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
     )
     agent: IntProperty(
         name="Agent", default=-1, min=-1, description="The agent that the overlay rings and tells of; -1 is none"
