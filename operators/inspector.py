@@ -70,8 +70,9 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def cancel(self, context):
-        context.window.cursor_modal_restore()
-        context.workspace.status_text_set(None)
+        if context.window is not None:  # it may have been closed
+            context.window.cursor_modal_restore()
+            context.workspace.status_text_set(None)
 
 
 CLASSES = (CROWDLOD_OT_inspect,)
