@@ -53,3 +53,11 @@ def by_material(frame: Frame, characters: Sequence[Character]) -> Colours:
 def _opaque(rgb) -> np.ndarray:
     rgb = np.array(rgb, np.float32)
     return np.concatenate([rgb, np.ones_like(rgb[:, :1])], axis=1)
+
+
+def encoded(linear: np.ndarray) -> np.ndarray:
+    """sRGB from linear RGBA (..., 4) float32, as Blender's own shaders and text take it."""
+    found = linear.copy()
+    rgb = linear[..., :3]
+    found[..., :3] = np.where(rgb < 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
+    return found

@@ -6,6 +6,7 @@ import numpy as np
 
 from ..crowd_lod.agents import Group
 from . import programs
+from .colours import encoded
 from .joints import Character
 from .points import Drawing
 
@@ -17,10 +18,13 @@ KEY = np.array([-0.4, 0.55, 0.75])  # towards the key light, in the viewer's spa
 class Cast:
     """The characters on the GPU: all that stays from frame to frame. Needs a GPU context, as all below.
 
-    characters: one a group, or () for boxes.
+    characters: one a group, or () for boxes. nbytes: of what was uploaded, but for boxes.
     """
 
     def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
+        arrays = [each for character in characters for mesh in character.meshes for each in vars(mesh).values()]
+        arrays += [each for character in characters for each in (character.frames, character.images)]
+        self.nbytes = sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
         self.characters = characters
         self.boxes = [_batch(*_box(group)) for group in groups] if not characters else []
         self.joints = [_joint_texture(character.frames) for character in characters]
@@ -29,7 +33,7 @@ class Cast:
 
 
 class Batches:
-    """A drawing on the GPU."""
+    """A drawing on the GPU. nbytes: of what was uploaded."""
 
     def __init__(self, what: Drawing, cast: Cast | None = None):
         from gpu.types import Buffer, GPUUniformBuf
@@ -37,13 +41,13 @@ class Batches:
 
         self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
         self.draws, self.turn, self.materials = what.draws if cast is not None else (), what.turn, what.materials
-        self.fading = what.fading
+        self.fading, self.nbytes = what.fading, what.nbytes
         if self.draws:
             self.agents, self.palette = _agent_texture(what.agents), _texture(what.palette[None])
             self.view = GPUUniformBuf(Buffer("FLOAT", 24))
         columns = {"position": what.positions, "colour": what.colours, "size": what.sizes}
         self.points = _batch(columns, None, "POINTS") if len(what.positions) else None
-        columns = {"pos": what.lines.reshape(-1, 3), "color": _encoded(what.line_colours).reshape(-1, 4)}
+        columns = {"pos": what.lines.reshape(-1, 3), "color": encoded(what.line_colours).reshape(-1, 4)}
         self.lines = batch_for_shader(programs.lines(), "LINES", columns) if len(what.lines) else None
 
 
@@ -227,11 +231,3 @@ def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
     normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
     points = (corners * (half, half, 2 * group.centre)).astype(np.float32)
     return {"position": points, "normal": normals}, np.array(triangles, np.uint32)
-
-
-def _encoded(linear: np.ndarray) -> np.ndarray:
-    """sRGB from linear RGBA (..., 4) float32: Blender's own shaders take it, and undo it for the viewport."""
-    encoded = linear.copy()
-    rgb = linear[..., :3]
-    encoded[..., :3] = np.where(rgb < 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
-    return encoded

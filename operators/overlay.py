@@ -13,15 +13,17 @@ from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.fading import fades_of
 from ..crowd_lod.frame import Frame, plan
-from ..crowd_lod.levels import Bias
+from ..crowd_lod.levels import Bias, LevelPolicy
 from ..crowd_lod.live import held
-from . import casts, colours, programs
+from ..crowd_lod.picking import Account, account
+from . import casts, colours, hud, inset, programs
 from . import scene as io
 from .cameras import read_cameras, read_shutter
 from .drawing import Batches, Cast, paint
 from .joints import Character
 from .points import Style, drawing
 from .populate import bias_of, groups_of, policy_of, trajectory_of
+from .viewpoint import viewpoint
 
 # Seconds between two looks at what has no cheap mark of change: the map's pixels, the state machine's text.
 LOOK_AGAIN = 1.0
@@ -32,7 +34,9 @@ class Shown:
     """What the viewport shows of a scene: a frame of a trajectory, or a problem, ready for the user.
 
     crowd_inputs, frame_inputs, cast_inputs: what it follows from, as values that compare. looked: when the trajectory was last
-    compared with the map and the state machine, seconds. cast, batches: on the GPU. notes: what the user should know of it.
+    compared with the map and the state machine, seconds. eyes, policy, bias: what the frame was planned with. cast, batches:
+    on the GPU; prepared, painted: milliseconds to put them there, and to ask for them once. above: the picture from above,
+    once it was asked for. notes: what the user should know of it.
     """
 
     crowd_inputs: tuple = ()
@@ -40,10 +44,16 @@ class Shown:
     cast_inputs: tuple = ()
     looked: float = 0.0
     trajectory: Trajectory | None = None
+    eyes: tuple[Camera, ...] = ()
+    policy: LevelPolicy | None = None
     bias: Bias | None = None
     frame: Frame | None = None
+    coloured: colours.Colours | None = None
     cast: Cast | None = None
     batches: Batches | None = None
+    prepared: float = 0.0
+    painted: float = 0.0
+    above: object = None
     notes: tuple[str, ...] = ()
     problem: str | None = None
 
@@ -61,19 +71,31 @@ def register():
     _failure = None
     bpy.app.handlers.load_pre.append(forget)
     if not bpy.app.background:  # nothing is drawn there
-        _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (), "WINDOW", "POST_VIEW"))
+        for part, when in ((_draw_crowd, "POST_VIEW"), (_draw_figures, "POST_PIXEL")):
+            _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (part,), "WINDOW", when))
 
 
 def unregister():
+    _let_go()
+    for timer in (_redraw_sidebars, _read_shutters, _stop):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+
+
+def _let_go() -> None:
+    """Remove the handlers, and what they keep."""
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
     if forget in bpy.app.handlers.load_pre:
         bpy.app.handlers.load_pre.remove(forget)
     forget()
     programs.forget()
-    for timer in (_redraw_sidebars, _read_shutters):
-        if bpy.app.timers.is_registered(timer):
-            bpy.app.timers.unregister(timer)
+
+
+def _stop() -> None:
+    """A timer: a draw handler must not remove another one while Blender goes through them."""
+    _let_go()
+    _redraw_sidebars()
 
 
 @bpy.app.handlers.persistent
@@ -101,38 +123,80 @@ def problem(scene: bpy.types.Scene) -> str | None:
     return _failure or (shown and shown.problem)
 
 
-def _draw():
-    """POST_VIEW: whatever goes wrong ends here, and is told once."""
+def account_of(scene: bpy.types.Scene) -> Account | None:
+    """What there is to tell of the agent that the scene's settings name; None without one."""
+    shown, agent = shown_of(scene), scene.crowd_lod.agent
+    if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
+        return None
+    trajectory = shown.trajectory
+    return account(shown.frame, agent, trajectory.groups, trajectory.machine, shown.eyes, shown.policy, shown.bias)
+
+
+def _draw(part) -> None:
+    """A draw handler: whatever goes wrong in `part` ends here, and is told once."""
     global _failure
     context = bpy.context
-    if not context.scene.crowd_lod.overlay or not context.space_data.overlay.show_overlays:
+    if _failure or not context.scene.crowd_lod.overlay or not context.space_data.overlay.show_overlays:
         return
     try:
-        batches = _follow(context).batches
-        if batches is not None:
-            view, region = context.region_data, context.region
-            paint(
-                batches,
-                np.array(view.view_matrix, np.float64),
-                np.array(view.window_matrix, np.float64),
-                (region.width, region.height),
-                context.preferences.system.ui_scale,
-            )
+        part(context)
     except Exception as error:
         traceback.print_exc()
         _failure = (
             f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
         )
         print(f"Crowd LOD: {_failure}", file=sys.stderr)
-        unregister()
-        _redraw_sidebars_soon()
+        bpy.app.timers.register(_stop)
+
+
+def _draw_crowd(context) -> None:
+    """POST_VIEW"""
+    shown = _follow(context)
+    if shown.batches is not None:
+        view, region = context.region_data, context.region
+        began = clock.perf_counter()
+        paint(
+            shown.batches,
+            np.array(view.view_matrix, np.float64),
+            np.array(view.window_matrix, np.float64),
+            (region.width, region.height),
+            context.preferences.system.ui_scale,
+        )
+        shown.painted = 1000 * (clock.perf_counter() - began)
+
+
+def _draw_figures(context) -> None:
+    """POST_PIXEL: of what _draw_crowd has just drawn in the same region."""
+    scene, region = context.scene, context.region
+    shown, settings, ui_scale = _shown.get(scene.session_uid), scene.crowd_lod, context.preferences.system.ui_scale
+    if shown is None or shown.frame is None or not (settings.hud or settings.inset or settings.agent >= 0):
+        return
+    box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
+    if settings.inset:
+        inset.show(_picture_from_above(shown, ui_scale), box, ui_scale)
+    told = account_of(scene)
+    if told is not None:
+        hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
+    if settings.hud:
+        gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
+        hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
+
+
+def _picture_from_above(shown: Shown, ui_scale: float):
+    """The texture of the frame from above, painted once."""
+    if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
+        what = drawing(shown.frame, shown.trajectory.groups, Style("POINTS"), shown.coloured)
+        places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
+        view, projection = inset.from_above(shown.trajectory.world.area, what.origin, places)
+        shown.above = inset.picture(Batches(what), view, projection, ui_scale)
+    return shown.above
 
 
 def _follow(context) -> Shown:
     """What to show of the context's scene, computed only where its inputs have changed."""
     scene = context.scene
     before = _shown.get(scene.session_uid)
-    shown = _shown_now(scene, context.view_layer.depsgraph, before)
+    shown = _shown_now(context, before)
     if shown is not before:
         alive = {each.session_uid for each in bpy.data.scenes}
         for gone in _shown.keys() - alive:
@@ -144,15 +208,17 @@ def _follow(context) -> Shown:
     return shown
 
 
-def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
-    looked = clock.monotonic()
+def _shown_now(context, before: Shown | None) -> Shown:
+    scene, depsgraph, looked = context.scene, context.view_layer.depsgraph, clock.monotonic()
     try:
         crowd_inputs = _crowd_inputs(scene)
-        settings, eyes = scene.crowd_lod, read_cameras(scene, depsgraph)
+        settings = scene.crowd_lod
+        own = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
+        eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
         policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
         time = scene.frame_current + scene.frame_subframe
-        key, shutter = _open_shutter(scene, time, eyes)
-        frame_inputs = time, policy, *map(_values, eyes), key if shutter else ()
+        key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
+        frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = _style(scene, policy.count)
         frame_inputs += style, notes, settings.overlay_colour, round(settings.overlay_fade, 6)
         known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
@@ -169,20 +235,30 @@ def _shown_now(scene, depsgraph, before: Shown | None) -> Shown:
             before.looked = looked
             return before
         frame = plan(trajectory, eyes, policy, time, shutter, bias)
-        if policy.hysteresis and before is not None and before.trajectory is trajectory:
+        same_view = before is not None and before.frame_inputs[:1] == (own,)
+        if policy.hysteresis and same_view and before.trajectory is trajectory:
             frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
+        began = clock.perf_counter()
         cast = before.cast if same_cast else _cast(trajectory.groups, style, characters)
-        what = _drawing(scene, frame, trajectory, eyes, policy, bias, style, characters)
+        coloured = _colours(scene, frame, trajectory, eyes, policy, bias, characters)
+        what = _drawing(scene, frame, trajectory, eyes, policy, bias, style, coloured)
+        if own is not None:  # its frustum is the viewport's edge
+            what = replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
+        batches = Batches(what, cast)
         return Shown(
             crowd_inputs=crowd_inputs,
             frame_inputs=frame_inputs,
             cast_inputs=cast_inputs,
             looked=looked,
             trajectory=trajectory,
+            eyes=eyes,
+            policy=policy,
             bias=bias,
             frame=frame,
+            coloured=coloured,
             cast=cast,
-            batches=Batches(what, cast),
+            batches=batches,
+            prepared=1000 * (clock.perf_counter() - began),
             notes=notes,
         )
     except CrowdError as error:
@@ -222,19 +298,23 @@ def _cast(groups, style: Style, characters: tuple[Character, ...]) -> Cast | Non
     return Cast(groups, characters if style.mode == "MESHES" else ())
 
 
-def _drawing(scene, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, style: Style, characters):
+def _colours(scene, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, characters) -> colours.Colours:
+    """The agents' colours as the scene's settings have them."""
+    chosen = scene.crowd_lod.overlay_colour
+    if chosen == "STATE":
+        return colours.by_state(frame, trajectory.machine)
+    if chosen == "GROUP":
+        return colours.by_group(frame)
+    if chosen == "REASON":
+        return colours.by_reason(frame, trajectory.groups, eyes, policy, bias)
+    if chosen == "MATERIAL" and characters:
+        return colours.by_material(frame, characters)
+    return colours.by_level(frame)
+
+
+def _drawing(scene, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, style: Style, coloured):
     """The drawing of the frame as the scene's settings have it."""
     settings, groups = scene.crowd_lod, trajectory.groups
-    if settings.overlay_colour == "STATE":
-        coloured = colours.by_state(frame, trajectory.machine)
-    elif settings.overlay_colour == "GROUP":
-        coloured = colours.by_group(frame)
-    elif settings.overlay_colour == "REASON":
-        coloured = colours.by_reason(frame, groups, eyes, policy, bias)
-    elif settings.overlay_colour == "MATERIAL" and characters:
-        coloured = colours.by_material(frame, characters)
-    else:
-        coloured = colours.by_level(frame)
     slopes = trajectory.heights if settings.tilt else None
     fades = None
     if style.mode == "MESHES" and settings.overlay_fade:

@@ -8,6 +8,7 @@ from ..crowd_lod.meshes import missing_library
 from ..crowd_lod.reasons import REASONS
 from . import overlay
 from .build import BAKED
+from .hud import STAGES, share, told
 from .populate import count_of
 
 # Name and icon of each LOD's colour in operators.levels.TINTS.
@@ -21,7 +22,6 @@ COLOURS = (
     ("pink", "STRIP_COLOR_07"),
     ("white", "STRIP_COLOR_09"),
 )
-STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting"}
 MOST_ROWS = 12  # of a table of groups
 
 
@@ -73,8 +73,8 @@ def _figures(layout, frame):
         name, icon = COLOURS[level]
         rows.append((f"LOD {level}, {name}", f"{count:,}", icon))
     if frame.full_triangles:
-        rows += [("Vertices", _share(frame.vertices, frame.full_vertices), "VERTEXSEL")]
-        rows += [("Triangles", _share(frame.triangles, frame.full_triangles), "MESH_DATA")]
+        rows += [("Vertices", share(frame.vertices, frame.full_vertices), "VERTEXSEL")]
+        rows += [("Triangles", share(frame.triangles, frame.full_triangles), "MESH_DATA")]
     icon = "TIME"
     for stage, milliseconds in frame.milliseconds.items():
         rows.append((STAGES[stage], f"{milliseconds:.2f} ms", icon))
@@ -84,18 +84,6 @@ def _figures(layout, frame):
         split = column.split(factor=0.48)
         split.label(text=name, icon=icon)
         split.label(text=value)
-
-
-def _share(drawn: int, full: int) -> str:
-    return f"{_short(drawn)} of {_short(full)}"
-
-
-def _short(number: int) -> str:
-    """Three digits and a letter: 12,345,678 is 12.3 M."""
-    for least, unit, letter in ((1e9, 1e9, "G"), (1e6, 1e6, "M"), (1e4, 1e3, "k")):
-        if number >= least:
-            return f"{number / unit:.3g} {letter}"
-    return f"{number:,}"
 
 
 class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
@@ -238,8 +226,16 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
         layout.prop(settings, "overlay")
         column = layout.column()
         column.active = settings.overlay
-        for name in ("overlay_mode", "overlay_colour", "overlay_culled", "overlay_fade", "hysteresis"):
+        for name in ("overlay_camera", "overlay_mode", "overlay_colour", "overlay_culled", "overlay_fade", "hysteresis"):
             column.prop(settings, name)
+        column.prop(settings, "hud")
+        column.prop(settings, "inset")
+        row = column.row(align=True)
+        row.prop(settings, "agent")
+        row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
+        account = overlay.account_of(context.scene)
+        if account is not None:
+            _table(column, ("Agent", f"{account.agent:,}"), told(account)[1:])
         if settings.overlay_colour == "REASON":
             for reason, (_, icon) in zip(REASONS, COLOURS, strict=False):
                 column.label(text=reason.capitalize(), icon=icon)

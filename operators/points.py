@@ -63,6 +63,11 @@ class Drawing:
     lines: np.ndarray
     line_colours: np.ndarray
 
+    @property
+    def nbytes(self) -> int:
+        """Of all its arrays."""
+        return sum(each.nbytes for each in vars(self).values() if isinstance(each, np.ndarray))
+
 
 def drawing(
     frame: Frame,

@@ -234,6 +234,20 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
             ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
         ],
     )
+    overlay_camera: EnumProperty(
+        name="Seen From",
+        items=[
+            ("SCENE", "Scene Camera", "Culling and LODs are those of the scene's camera"),
+            ("VIEWPORT", "Viewport", "Culling and LODs are those of each viewport's own view"),
+        ],
+    )
+    hud: BoolProperty(name="Figures in the Viewport", default=True, description="Write counts, times and memory over the viewport")
+    inset: BoolProperty(
+        name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
+    )
+    agent: IntProperty(
+        name="Agent", default=-1, min=-1, description="The agent that the overlay rings and tells of; -1 is none"
+    )
     overlay_culled: BoolProperty(name="Culled Agents", default=True, description="Show culled agents as faint points")
     overlay_fade: FloatProperty(
         name="Cross-Fade",

@@ -7,6 +7,7 @@ from . import (
     cli,
     deviation,
     follow,
+    inspector,
     levels,
     machines,
     overlay,
@@ -19,7 +20,7 @@ from . import (
     threads,
 )
 
-MODULES = (properties, samples, machines, populate, levels, deviation, preview, render_setup, panels)
+MODULES = (properties, samples, machines, populate, levels, deviation, preview, render_setup, inspector, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [follow.follow],

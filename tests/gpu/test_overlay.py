@@ -14,7 +14,8 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
-from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, _encoded, paint
+from crowd_lod_extension.operators.colours import encoded
+from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, paint
 from crowd_lod_extension.operators.levels import TINTS
 from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
 from mathutils import Matrix, Vector
@@ -145,7 +146,7 @@ def test_lines_run_along_the_frustum_and_where_each_lod_begins(viewer):
     camera = frame.camera
     expected = [(camera.far, FRUSTUM), (10.0, (*TINTS[1], 1.0)), (20.0, (*TINTS[2], 1.0))]
     for distance, linear in expected:
-        colour = _encoded(np.array(linear, np.float32))[:3]
+        colour = encoded(np.array(linear, np.float32))[:3]
         left_bottom, right_bottom = frustum_corners(camera, distance)[:2]
         row, column = pixel(viewer, 0.7 * left_bottom + 0.3 * right_bottom)
         near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)

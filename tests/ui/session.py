@@ -1,4 +1,4 @@
-"""What a user does, in a real Blender window: blender --python session.py -- FOLDER.
+"""What a user does, in a real Blender window: blender --python session.py -- FOLDER [STEP ...].
 
 Presses every button, as the sidebar does, waits until its work is done, looks at what came of it, takes a picture, and
 writes all it saw to FOLDER/results.json, which test_window.py judges. Only bpy and the standard library.
@@ -13,9 +13,11 @@ from pathlib import Path
 import bpy
 
 sys.path.insert(0, str(Path(__file__).parent))
+import lifecycle as life  # noqa: E402
 import robot  # noqa: E402
 
-FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
+FOLDER, *CHOSEN = sys.argv[sys.argv.index("--") + 1 :]
+FOLDER = Path(FOLDER)
 results = {}
 
 
@@ -26,7 +28,8 @@ def session():
     yield 0.5
     robot.sidebar(area).active_panel_category = "Crowd LOD"
     yield 0.5
-    for step in (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza):
+    steps = (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza, lifecycle)
+    for step in (step for step in steps if not CHOSEN or step.__name__ in CHOSEN):
         print(f"--- {step.__name__}", flush=True)
         started = time.monotonic()
         results[step.__name__] = yield from step()
@@ -260,6 +263,13 @@ def plaza():
     yield 1.0
     yield from robot.picture("13_plaza")
     return {"status": status, **shown()}
+
+
+def lifecycle():
+    """In the chapter's scene, anew."""
+    status = yield from robot.press("crowd_lod.sample", name="chapter")
+    status = [status, (yield from robot.press("crowd_lod.populate"))]
+    return {"status": status} | (yield from life.lifecycle(FOLDER))
 
 
 def go_on(steps):

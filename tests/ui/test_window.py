@@ -138,14 +138,14 @@ def test_without_a_camera_buttons_and_overlay_say_so(seen):
 
 def test_an_unforeseen_error_while_drawing_is_told_once(seen):
     assert "made by the test" in seen["breakage"]["problem"]
-    assert seen["console"].count("ZeroDivisionError: made by the test") == 1
+    assert seen["console"].count("ZeroDivisionError: made by the test\n") == 1
     assert seen["breakage"]["handlers"] == 0
     assert seen["breakage"]["afterwards"]["time"] == 61
 
 
 def test_disabling_and_enabling_leaves_nothing(seen):
     assert seen["repeat"]["before"] == seen["repeat"]["after"]
-    assert seen["repeat"]["before"]["draw handlers"] == 1
+    assert seen["repeat"]["before"]["draw handlers"] == 2
 
 
 def test_a_scene_that_is_shown_may_be_deleted(seen):
@@ -153,6 +153,53 @@ def test_a_scene_that_is_shown_may_be_deleted(seen):
     assert seen["plaza"]["visible"] > 0
 
 
+def test_pointing_at_an_agent_tells_of_it_a_click_keeps_it_and_esc_does_not(seen):
+    inspect = seen["lifecycle"]["inspect"]
+    first, second = inspect["wanted"]
+    assert inspect["pointed"] == inspect["kept"] == inspect["after esc"] == first
+    assert inspect["pointed again"] == second
+    assert inspect["told"][:2] == [first, True]
+    assert inspect["modal"] == inspect["still modal"] == 0
+
+
+ALL_IS_WELL = {"handlers": 2, "agents": 4096, "problem": None, "failure": None}
+
+
+def test_quad_view_windows_local_view_and_hidden_overlays(seen):
+    views = seen["lifecycle"]["views"]
+    assert views.pop("hidden") == ALL_IS_WELL | {"followed": False}
+    assert views == dict.fromkeys(views, ALL_IS_WELL)
+
+
+def test_what_is_deleted_comes_back_by_undo(seen):
+    losses = seen["lifecycle"]["losses"]
+    for name in ("camera", "redone"):
+        lost = losses.pop(name)
+        assert "no active camera" in lost["problem"] and lost["handlers"] == 2 and lost["failure"] is None
+    assert losses == dict.fromkeys(losses, ALL_IS_WELL)
+
+
+def test_scenes_and_files_are_switched(seen):
+    files = seen["lifecycle"]["files"]
+    nothing = ALL_IS_WELL | {"agents": None}
+    assert files.pop("other scene") == nothing and files.pop("own scene") == ALL_IS_WELL
+    assert files.pop("new") == nothing | {"kept": 0}
+    assert files == dict.fromkeys(("opened", "opened again"), ALL_IS_WELL | {"kept": 1})
+
+
+def test_an_error_in_either_part_of_the_drawing_lets_all_go_and_is_told_once(seen):
+    breakage = seen["lifecycle"]["breakage"]
+    for part in ("plan", "lines"):
+        assert breakage[part]["handlers"] == 0 and f"made by the test in {part}" in breakage[part]["problem"]
+        assert seen["console"].count(f"ZeroDivisionError: made by the test in {part}") == 1
+        assert breakage[f"after {part}"] == ALL_IS_WELL
+
+
+def test_a_hundred_times_disabled_and_enabled_leaves_nothing(seen):
+    repeat = seen["lifecycle"]["repeat"]
+    assert repeat["before"] == repeat["after"] and repeat["seen"] == ALL_IS_WELL
+
+
 def test_the_console_holds_no_other_error(seen):
     assert seen["exit"] == 0
-    assert seen["console"].count("Traceback") == 1
+    assert seen["console"].count("Traceback") == 3  # breakage, and lifecycle's two

@@ -1,0 +1,169 @@
+"""What the overlay writes, the view from above, and a viewport's view as the plan's camera."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.lean import NO_HEIGHTS, STATIC
+from crowd_lod_extension.crowd_lod.maps import Area
+from crowd_lod_extension.crowd_lod.picking import Account
+from crowd_lod_extension.operators import hud, inset
+from crowd_lod_extension.operators.cameras import camera_from
+from crowd_lod_extension.operators.colours import encoded
+from crowd_lod_extension.operators.drawing import Batches
+from crowd_lod_extension.operators.levels import TINTS
+from crowd_lod_extension.operators.viewpoint import camera_of, viewpoint
+
+from .test_overlay import AGENTS, GROUPS, planned
+
+ACCOUNT = Account(3, "child", "walk left", True, "far away", 2, 30.0, 12.5, 0.41)
+
+
+def texts(said):
+    return [line.text for line in said]
+
+
+def test_lines_tell_all_figures_of_the_frame():
+    frame, what = planned()
+    frame = replace(frame, vertices=1_234_567, full_vertices=12_345_678, triangles=20_000, full_triangles=50_000)
+    frame = replace(frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, NO_HEIGHTS))
+    said = texts(hud.lines(frame, 2.25, 131_000))
+    assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
+    assert said[4:6] == ["Vertices  1.23 M of 12.3 M without LOD", "Triangles  20 k of 50 k without LOD"]
+    assert said[6] == "Behavior 1.50, Culling 1.50, Levels 1.50, Sorting 1.50, Drawing 2.25 ms"
+    assert said[7] == f"{6 * 47} bytes of agents' state, 131 kB on the GPU"
+    assert said[8:] == [f"Plan: {STATIC.reason}", f"Behavior: {NO_HEIGHTS.reason}"]
+
+
+def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
+    frame, _ = planned()
+    said = hud.lines(frame, 0.0, 0, ACCOUNT)
+    assert [line.colour for line in said[1:4]] == list(TINTS[:3])
+    (agent,) = (line for line in said if line.text.startswith("Agent"))
+    assert agent.colour == TINTS[2]
+    assert agent.text == (
+        "Agent 3, Group child, State walk left, Shown far away, LOD 2, Depth 30 m, Size 12.5 pixels, LOD error 0.41 pixels"
+    )
+
+
+def test_what_is_not_known_of_an_agent_is_said():
+    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="beside the view", pixels=None, error=None)))
+    assert culled["Culled"] == "beside the view" and culled["Size"] == culled["LOD error"] == "-"
+    assert dict(hud.told(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
+
+
+def test_an_empty_crowd_has_its_lines_too():
+    frame, _ = planned()
+    none = {name: column[:0] for name, column in vars(frame.crowd).items()}
+    buckets = replace(frame.buckets, order=frame.buckets.order[:0])
+    said = texts(hud.lines(replace(frame, crowd=replace(frame.crowd, **none), buckets=buckets), 0.0, 0))
+    assert said[0] == "0 agents, 0 visible, 0.0% culled"
+
+
+def test_narrow_and_low_viewports_break_lines_and_leave_the_last_out():
+    said = (hud.Line("one two three four", (1.0, 0.0, 0.0)), hud.Line("five"))
+    assert hud.broken(said, 80, 9) == list(said)
+    narrow = hud.broken(said, 9, 9)
+    assert texts(narrow) == ["one two", "  three", "  four", "five"]
+    assert [line.colour for line in narrow] == [(1.0, 0.0, 0.0), None, None, None]
+    assert texts(hud.broken(said, 9, 3)) == ["one two", "  three", "..."]
+    assert hud.broken(said, 9, 0) == [] and texts(hud.broken(said, -5, 1)) == ["..."]
+
+
+def test_the_figures_keep_clear_of_what_lies_over_the_viewport():
+    def region(kind, x, y, width, height):
+        return SimpleNamespace(type=kind, x=x, y=y, width=width, height=height)
+
+    window = region("WINDOW", 10, 20, 1000, 600)
+    over = [window, region("TOOLS", 10, 20, 50, 600), region("UI", 800, 20, 210, 600), region("HEADER", 10, 590, 1000, 30)]
+    over += [region("TOOL_HEADER", 10, 560, 1000, 30), region("ASSET_SHELF", 10, 20, 1000, 1)]
+    area = SimpleNamespace(x=10, y=20, width=1000, height=600, regions=over)
+    plain = SimpleNamespace(show_text=False, show_stats=False)
+    assert hud.free_box(area, window, plain, 1.0) == (50, 0, 790, 540 - hud.MARGIN)
+    assert hud.free_box(area, window, plain, 2.0)[3] == 540 - 2 * hud.MARGIN
+    written = SimpleNamespace(show_text=True, show_stats=True)
+    assert hud.free_box(area, window, written, 1.0)[3] == 540 - hud.MARGIN - 9 * hud.LINE
+
+
+@pytest.mark.parametrize("eye", [(0.0, -70.0, 3.0), (5.0, 5.0, 400.0)])
+def test_the_area_and_the_eye_are_seen_from_above_upright_and_undistorted(eye):
+    area, eye = Area(-50, -20, 30, 40), np.array(eye)
+    places = np.array([(0, 0, -eye[2]), (0.0, 900.0, 40.0)])
+    view, projection = inset.from_above(area, eye, places)
+    across, up = projection[0, 0] * inset.SIZE[0], projection[1, 1] * inset.SIZE[1]
+    assert across == pytest.approx(up)
+    seen = [(area.x_min, area.y_min, 0.0), (area.x_max, area.y_max, 0.0), (*eye[:2], eye[2])]
+    clip = np.array([projection @ view @ (*place, 1.0) for place in seen])
+    assert (np.abs(clip[:, :3]) < 1).all() and clip[:, 3] == pytest.approx(1)
+    assert (clip[1, :2] > clip[0, :2]).all()
+    assert np.abs(clip[:, :2]).max() == pytest.approx(1 / 1.06, abs=0.01)
+    heights = [(projection @ view @ (0, 0, eye[2] + z, 1.0))[2] for z in places[:, 2]]
+    assert heights[1] < heights[0] and np.abs(heights).max() < 1  # what stands higher is nearer
+
+
+def test_the_view_from_above_holds_every_agent_in_its_colour():
+    frame, what = planned()
+    what = replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
+    view, projection = inset.from_above(Area(-50, -50, 50, 50), what.origin, what.positions)
+    texture = inset.picture(Batches(what), view, projection, 2.0)
+    width, height = (2 * side for side in inset.SIZE)
+    assert (texture.width, texture.height) == (width, height)
+    seen = np.array(texture.read().to_list(), np.float32).reshape(height, width, 4) / 255
+    for (x, y, z), group, level in AGENTS:
+        at = projection @ view @ (x, y, z + GROUPS[group].centre, 1.0)
+        row, column = int((at[1] + 1) / 2 * height), int((at[0] + 1) / 2 * width)
+        near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)
+        if level is None:
+            assert near.max() > 0.2
+        else:
+            tint = encoded(np.array([*TINTS[level], 1.0], np.float32))[:3]
+            assert np.abs(near - tint).max(axis=1).min() < 0.01
+    painted = (seen[..., :3].max(axis=-1) > 0.3).sum()
+    assert 0 < painted < 100 * len(AGENTS)
+
+
+@pytest.fixture
+def filmed():
+    """A scene's camera object, moved, turned and shifted."""
+    item = bpy.data.objects.new("filmed", bpy.data.cameras.new("filmed"))
+    item.location, item.rotation_euler = (3, -20, 5), (1.2, 0.1, 0.4)
+    item.data.clip_start, item.data.clip_end, item.data.ortho_scale = 0.1, 1000.0, 12.0
+    item.data.shift_x, item.data.shift_y = 0.1, -0.2
+    bpy.context.scene.collection.objects.link(item)
+    yield item
+    bpy.data.cameras.remove(item.data)
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_a_view_through_a_camera_is_the_cameras(filmed, kind):
+    filmed.data.type = kind
+    bpy.context.view_layer.update()
+    depsgraph, render = bpy.context.evaluated_depsgraph_get(), bpy.context.scene.render
+    render.resolution_x, render.resolution_y, render.resolution_percentage = 640, 480, 100
+    expected = camera_from(filmed, render, depsgraph)
+    view, projection = filmed.matrix_world.inverted(), filmed.calc_matrix_camera(depsgraph, x=640, y=480)
+    found = camera_of(np.array(view, np.float64), np.array(projection, np.float64), (640, 480), (0.1, 1000.0))
+    assert found.kind == expected.kind
+    for name in ("origin", "X", "Y", "Z"):
+        assert getattr(found, name) == pytest.approx(getattr(expected, name), abs=1e-4)
+    assert vars(found.window) == pytest.approx(vars(expected.window), abs=1e-4)
+    assert (found.near, found.far) == pytest.approx((expected.near, expected.far), rel=1e-3)
+    assert found.pixels_per_unit == pytest.approx(expected.pixels_per_unit, rel=1e-4)
+
+
+def test_the_clip_range_is_the_viewports_or_that_of_the_camera_it_looks_through(filmed):
+    bpy.context.view_layer.update()
+    matrix = filmed.calc_matrix_camera(bpy.context.evaluated_depsgraph_get(), x=640, y=480)
+    view = SimpleNamespace(view_matrix=filmed.matrix_world.inverted(), window_matrix=matrix, view_perspective="PERSP")
+    space = SimpleNamespace(clip_start=0.5, clip_end=77.0, use_local_camera=False, camera=None)
+    scene, region = SimpleNamespace(camera=filmed), SimpleNamespace(width=640, height=480)
+    context = SimpleNamespace(space_data=space, region_data=view, scene=scene, region=region)
+    assert (viewpoint(context).near, viewpoint(context).far) == (0.5, 77.0)
+    view.view_perspective = "CAMERA"
+    assert viewpoint(context).far == 1000.0
+    scene.camera = None
+    assert viewpoint(context).far == 77.0
+    space.use_local_camera, space.camera = True, filmed
+    assert viewpoint(context).far == 1000.0

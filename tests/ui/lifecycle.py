@@ -1,0 +1,199 @@
+"""Steps of session.py: pointing at agents, and all that may happen to a scene, a file or a window while the overlay is on."""
+
+import sys
+
+import bpy
+import robot
+from mathutils import Vector
+
+
+def scene():
+    return robot.window().scene
+
+
+def settings():
+    return scene().crowd_lod
+
+
+def overlay():
+    return sys.modules[f"{robot.MODULE}.operators.overlay"]
+
+
+def seen():
+    """Whether the overlay still runs, what it draws, and what it says."""
+    robot.view_3d().tag_redraw()
+    yield 1.0
+    shown = overlay().shown_of(scene())
+    return {
+        "handlers": robot.draw_handlers.count,
+        "agents": len(shown.frame.crowd) if shown and shown.frame else None,
+        "problem": overlay().problem(scene()),
+        "failure": overlay()._failure,
+    }
+
+
+def main_region():
+    return next(region for region in robot.view_3d().regions if region.type == "WINDOW")
+
+
+def clip(agent):
+    """Where the agent's waist is in the viewport's clip space."""
+    crowd = overlay().latest(scene()).crowd
+    return main_region().data.perspective_matrix @ Vector((crowd.x[agent], crowd.y[agent], crowd.z[agent] + 0.9, 1.0))
+
+
+def mouse(kind, value, agent):
+    """Send a mouse event where the agent is."""
+    region, (x, y, _, w) = main_region(), clip(agent)
+    at = int(region.x + (x / w + 1) * region.width / 2), int(region.y + (y / w + 1) * region.height / 2)
+    robot.window().event_simulate(type=kind, value=value, x=at[0], y=at[1])
+
+
+def inspect():
+    """Point at agents, keep one by a click, point at another and press Esc."""
+    robot.view_3d().spaces[0].region_3d.view_perspective = "CAMERA"
+    settings().hud, settings().inset, settings().overlay = True, True, True
+    yield from robot.until(lambda: overlay().latest(scene()) is not None)
+    yield 1.0
+    # the nearest ones that are seen: no other stands in front of them
+    places = {int(agent): clip(agent) for agent in overlay().latest(scene()).buckets.order[:40]}
+    inside = [agent for agent, (x, y, _, w) in places.items() if -0.4 * w < x < 0 and -0.8 * w < y < 0.1 * w]
+    first, second = sorted(inside, key=lambda agent: places[agent].w)[:2]
+    found = {"wanted": [first, second]}
+    with robot.over():
+        found["status"] = sorted(bpy.ops.crowd_lod.inspect("INVOKE_DEFAULT"))
+    mouse("MOUSEMOVE", "NOTHING", first)
+    yield 1.0
+    found["pointed"] = settings().agent
+    yield from robot.picture("20_pointing")
+    mouse("LEFTMOUSE", "PRESS", first)
+    mouse("LEFTMOUSE", "RELEASE", first)
+    yield 0.5
+    found["kept"], found["modal"] = settings().agent, len(robot.window().modal_operators)
+    account = overlay().account_of(scene())
+    found["told"] = [account.agent, account.visible, account.level]
+    with robot.over():
+        bpy.ops.crowd_lod.inspect("INVOKE_DEFAULT")
+    mouse("MOUSEMOVE", "NOTHING", second)
+    yield 0.5
+    found["pointed again"] = settings().agent
+    robot.key("ESC")
+    yield 0.5
+    found["after esc"], found["still modal"] = settings().agent, len(robot.window().modal_operators)
+    settings().agent = -1
+    return found
+
+
+def views():
+    """Quad view, a second window, local view, hidden overlays, the viewport's own view."""
+    found, space = {}, robot.view_3d().spaces[0]
+    with robot.over():
+        bpy.ops.screen.region_quadview()
+    found["quad view"] = yield from seen()
+    yield from robot.picture("21_quad_view")
+    settings().overlay_camera = "VIEWPORT"
+    found["quad view, own views"] = yield from seen()
+    yield from robot.picture("22_own_views")
+    with robot.over():
+        bpy.ops.screen.region_quadview()
+    found["own view"] = yield from seen()
+    settings().overlay_camera = "SCENE"
+    with robot.over():
+        bpy.ops.wm.window_new()
+    found["two windows"] = yield from seen()
+    with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
+        bpy.ops.wm.window_close()
+    found["one window"] = yield from seen()
+    scene().view_layers[0].objects.active = scene().objects["Ground"]
+    scene().objects["Ground"].select_set(True)
+    for name in ("local view", "global view"):
+        with robot.over():
+            bpy.ops.view3d.localview()
+        found[name] = yield from seen()
+    before = overlay()._shown[scene().session_uid]
+    space.overlay.show_overlays = False
+    settings().seed += 1
+    hidden = yield from seen()
+    found["hidden"] = hidden | {"followed": overlay()._shown[scene().session_uid] is not before}
+    space.overlay.show_overlays = True
+    found["seen again"] = yield from seen()
+    return found
+
+
+def losses():
+    """What the crowd stands on goes, piece by piece, and comes back by undo."""
+    found = {}
+    characters = settings().characters
+    armatures = [item for item in characters.all_objects if item.type == "ARMATURE"]
+    meshes = [item for item in characters.all_objects if item.type == "MESH"]
+    bpy.ops.ed.undo_push(message="before")
+    for name, lose in (
+        ("armature", lambda: [bpy.data.objects.remove(item) for item in armatures]),
+        ("character", lambda: [bpy.data.objects.remove(item) for item in meshes]),
+        ("collection", lambda: bpy.data.collections.remove(characters)),
+        ("camera", lambda: bpy.data.objects.remove(scene().camera)),
+    ):
+        lose()
+        found[name] = yield from seen()
+    bpy.ops.ed.undo_push(message="after")
+    robot.undo()
+    found["undone"] = yield from seen()
+    robot.redo()
+    found["redone"] = yield from seen()
+    robot.undo()
+    yield 0.5
+    return found
+
+
+def files(folder):
+    """Another scene, a saved file opened again, a new one."""
+    found, own = {}, scene()
+    robot.window().scene = next(other for other in bpy.data.scenes if other is not own)
+    found["other scene"] = yield from seen()
+    robot.window().scene = own
+    found["own scene"] = yield from seen()
+    path = str(folder / "lifecycle.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    for name, load in (
+        ("opened", lambda: bpy.ops.wm.open_mainfile(filepath=path)),
+        ("new", lambda: bpy.ops.wm.read_homefile()),
+        ("opened again", lambda: bpy.ops.wm.open_mainfile(filepath=path)),
+    ):
+        load()
+        found[name] = (yield from seen()) | {"kept": len(overlay()._shown)}
+    return found
+
+
+def breakage():
+    """An unforeseen error in either part of the drawing: told once, and all is let go."""
+    found = {}
+    for part in ("plan", "lines"):
+        home = overlay() if part == "plan" else overlay().hud
+        real = getattr(home, part)
+
+        def broken(*_, part=part):
+            raise ZeroDivisionError(f"made by the test in {part}")
+
+        setattr(home, part, broken)
+        scene().frame_set(scene().frame_current + 1)
+        found[part] = yield from seen()
+        setattr(home, part, real)
+        robot.toggle()
+        found[f"after {part}"] = yield from seen()
+    return found
+
+
+def repeat():
+    before = robot.leftovers()
+    for _ in range(100):
+        robot.toggle()
+        yield 0.02
+    return {"before": before, "after": robot.leftovers(), "seen": (yield from seen())}
+
+
+def lifecycle(folder):
+    found = {}
+    for step in (inspect, views, losses, files, breakage, repeat):
+        print(f"--- lifecycle: {step.__name__}", flush=True)
+        found[step.__name__] = yield from (step(folder) if step is files else step())
+    return found
