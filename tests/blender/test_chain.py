@@ -35,7 +35,7 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     assert all(block.users for block in new)
     meshes = {b for b in new if isinstance(b, bpy.types.Mesh)}
     assert len(meshes) == sum(len(set(g.triangles)) - 1 for g in groups)
-    build.build(tolerant)
+    list(build.build(tolerant))
     tolerant.frame_set(5)
     frame = populate.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
     assert len(frame.buckets.counts) == count

@@ -7,7 +7,7 @@ import pytest
 
 @pytest.fixture(scope="module", autouse=True)
 def extension(tmp_path_factory):
-    import bpy  # noqa: F401  not above: this file is read where there is no Blender, too, and gpu comes with bpy
+    import bpy  # not above: this file is read where there is no Blender, too, and gpu comes with bpy
     import gpu
     from crowd_lod_extension.operators import registration
 
@@ -15,5 +15,6 @@ def extension(tmp_path_factory):
     os.environ["MESA_SHADER_CACHE_DIR"] = str(tmp_path_factory.getbasetemp() / "mesa")
     gpu.init()
     registration.register()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)  # nothing of other files' tests
     yield
     registration.unregister()
