@@ -13,6 +13,7 @@ from .frame import Frame
 from .levels import Bias, LevelPolicy, shown
 from .machine import StateMachine
 from .reasons import REASONS, reasons
+from .sorting import sort
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,9 @@ def account(
         raise CrowdError(f"There is no agent {agent}: the crowd has {len(frame.crowd):,}, from 0 on.")
     this = slice(agent, agent + 1)
     crowd = replace(frame.crowd, **{each.name: getattr(frame.crowd, each.name)[this] for each in fields(frame.crowd)})
-    alone = replace(frame, crowd=crowd, visible=frame.visible[this], levels=frame.levels[this])
+    levels = frame.levels[this]
+    seen = sort(frame.visible[this], levels, len(frame.buckets.counts))
+    alone = replace(frame, crowd=crowd, buckets=seen, find_levels=lambda: levels)
     group, level, camera = groups[crowd.group[0]], int(alone.levels[0]), cameras[0]
     centre, radius = (np.array([getattr(each, name) for each in groups]) for name in ("centre", "radius"))
     depth = float(radar(crowd, camera, centre, radius)[1][0])
