@@ -104,8 +104,9 @@ def views():
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
         bpy.ops.wm.window_close()
     found["one window"] = yield from seen()
-    scene().view_layers[0].objects.active = scene().objects["Ground"]
-    scene().objects["Ground"].select_set(True)
+    ground = next(item for item in scene().objects if item.name.startswith("Ground"))
+    scene().view_layers[0].objects.active = ground
+    ground.select_set(True)
     for name in ("local view", "global view"):
         with robot.over():
             bpy.ops.view3d.localview()
