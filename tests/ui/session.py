@@ -176,9 +176,11 @@ def build():
 
 
 def points():
-    """Agents in each LOD's point object, or None without a build."""
-    top = settings().build
-    return top and [len(each.data.vertices) for each in sorted(top.objects, key=lambda each: each["crowd_lod_level"])]
+    """Agents that the camera sees in each LOD's point object, or None without a build."""
+    if settings().build is None:
+        return None
+    seen = (each for each in settings().build.objects if each.visible_camera)
+    return [len(each.data.vertices) for each in sorted(seen, key=lambda each: each["crowd_lod_level"])]
 
 
 def preview():
