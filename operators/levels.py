@@ -9,6 +9,7 @@ import bpy
 from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
 from . import chain, transfer, ways
+from . import scene as io
 from . import source as sources
 from .deviation import measure
 from .operator import Stepwise
@@ -331,7 +332,7 @@ def _copy(item: bpy.types.Object) -> bpy.types.Object:
 
 def _stand_in(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
     """A mesh object in place of `item`, which is of another kind: it goes where that goes, and follows its armature."""
-    copy = bpy.data.objects.new(item.name, mesh)
+    copy = io.mesh_like(item, mesh)
     copy.constraints.new("COPY_TRANSFORMS").target = item
     for armature in armatures_of([item]):
         copy.modifiers.new(armature.name, "ARMATURE").object = armature

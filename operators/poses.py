@@ -13,6 +13,7 @@ from ..crowd_lod.levels import limits
 from ..crowd_lod.poses import MOST, longest_step, path_pixels, pose_counts
 from . import scene as io
 from .cameras import cameras_at
+from .deviation import SOLID
 from .levels import OWNED
 from .populate import action_range, characters_of, groups_of, policy_of
 
@@ -135,24 +136,30 @@ def _act(stage: bpy.types.Scene, objects: list[bpy.types.Object], phase: float) 
 
 
 def _still(item: bpy.types.Object, evaluated: bpy.types.Object, depsgraph, meshes: dict, names: dict, j: int) -> bpy.types.Object:
-    """A copy of the LOD object `item` as `evaluated`, that keeps slots, visibility and custom properties."""
-    mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
+    """A copy of the LOD object `item` as `evaluated`, that keeps slots, visibility and custom properties. What has no
+    faces, hair, moves with its parent but keeps its shape."""
+    mesh = None
+    if item.type in SOLID:
+        mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     matrix = evaluated.matrix_world.copy()
-    still = item.copy()
+    still = item.copy() if mesh is None or item.type == "MESH" else io.mesh_like(item, mesh)
     names[still] = f"{item.name} pose {j:02d}"
     still.animation_data_clear()
-    still.modifiers.clear()
     still.constraints.clear()
     still.parent = None
     still.matrix_world = matrix
+    if mesh is None:
+        return still
+    still.modifiers.clear()
     skew = still.matrix_basis.inverted_safe() @ matrix  # what location, rotation and scale cannot say
     if max(abs(a - b) for row, one in zip(skew, Matrix.Identity(4), strict=True) for a, b in zip(row, one, strict=True)) > 1e-5:
         mesh.transform(skew)
     first = meshes.setdefault(item, mesh)
-    if first is not mesh and _same(first, mesh):
-        bpy.data.meshes.remove(mesh)
+    shared = first is not mesh and _same(first, mesh)
+    still.data = first if shared else mesh
+    if shared:
+        bpy.data.meshes.remove(mesh)  # with whatever object still held it
         mesh = first
-    still.data = mesh
     if mesh not in names:
         names[mesh] = names[still]
         still.vertex_groups.clear()  # done with, and half of the memory

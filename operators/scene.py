@@ -122,6 +122,24 @@ def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -
     mesh.update(calc_edges=True)
 
 
+# what an object that takes another's place keeps of it
+SHOWN = ("hide_render", "hide_viewport", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission",
+         "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher", "pass_index", "color")  # fmt: skip
+
+
+def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
+    """An object of `mesh` that shows as `item` does, which is of another kind: a text or a curve cannot hold a mesh."""
+    copy = bpy.data.objects.new(item.name, mesh)
+    for name in SHOWN:
+        setattr(copy, name, getattr(item, name))
+    for key, value in item.items():
+        copy[key] = value
+    for slot, own in zip(copy.material_slots, item.material_slots, strict=False):
+        if own.link == "OBJECT":
+            slot.link, slot.material = "OBJECT", own.material
+    return copy
+
+
 KINDS = {(np.dtype(np.float32), 1): "FLOAT", (np.dtype(np.int32), 1): "INT", (np.dtype(np.float32), 2): "FLOAT_VECTOR"}
 
 

@@ -43,7 +43,8 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
         mesh.name = name
         return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
     if way == "PRECISE":
-        return _precise(source, ratio, name, "The precise way was asked for.")
+        precise = _precise(source, ratio, name, "The precise way was asked for.")
+        return precise if precise.mesh.polygons else (yield from _fast(source, ratio, name, _without(precise)))
     fast = yield from _fast(source, ratio, name, "The fast way was asked for.")
     if way == "FAST":
         return fast
@@ -52,6 +53,9 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
         return fast
     yield
     precise = _precise(source, ratio, name, "")
+    if not precise.mesh.polygons:
+        fast.why = _without(precise)
+        return fast
     yield
     (near, off), (precisely, precisely_off) = errors(source, fast.mesh), errors(source, precise.mesh)
     better = near <= SLACK * precisely + NEAR_ENOUGH and off <= max(MOST_OFF, precisely_off)
@@ -95,6 +99,12 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
     mesh.name = name
     mesh.validate()  # a closed part may have become two triangles on each other
     return Made(mesh, read_weights(mesh), "PRECISE", why, 1000 * (clock.perf_counter() - start))
+
+
+def _without(precise: Made) -> str:
+    """Why the precise way, which has left nothing of a mesh of many small parts, is not taken; its mesh is removed."""
+    bpy.data.meshes.remove(precise.mesh)
+    return "Fast, as the precise way leaves no face."
 
 
 def errors(source: Source, mesh: bpy.types.Mesh) -> tuple[float, float]:

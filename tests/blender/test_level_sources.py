@@ -258,3 +258,21 @@ def test_one_triangle_and_two_hundred_loose_parts(way):
     assert triangles(lods["one LOD 1"]) == 1
     found = io.read_triangles(lods["parts LOD 1"].data)[1]
     assert len(np.unique(np.sort(found, axis=1), axis=0)) == len(found) >= 200  # none twice
+
+
+@pytest.mark.parametrize("way", ["AUTO", "PRECISE"])
+def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way):
+    """Hair cards: Blender's Decimate takes the last face of a lone quad, too."""
+    points, faces = [], []
+    for i in range(60):
+        x, y = 0.1 * np.cos(i), 0.1 * np.sin(2 * i)
+        points += [(x, y, 1.8), (x + 0.03, y, 1.8), (x + 0.03, y, 1.6), (x, y, 1.6)]
+        faces.append(tuple(range(4 * i, 4 * i + 4)))
+    cards = bpy.data.meshes.new("cards")
+    cards.from_pydata(points, [], faces)
+    character(new("cards", cards), new("body", tube("body")))
+    settings = bpy.context.scene.crowd_lod
+    settings.way, settings.ratios[1] = way, 0.12
+    lods = made(1)
+    assert triangles(lods["cards LOD 1"]) >= 60
+    assert lods["cards LOD 1"]["crowd_lod_way"] == "FAST" and "leaves no face" in lods["cards LOD 1"]["crowd_lod_why"]

@@ -26,6 +26,15 @@ def shown(scene):
             yield each.persistent_id[1], each.parent.original[builder.LEVEL], points @ matrix[:3, :3].T + matrix[:3, 3]
 
 
+def yielded(steps):
+    """What the generator returns in the end."""
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
 def test_an_instance_stands_as_its_character_does_at_its_phase(built):
     """The oracle is the rig itself, at the agent's own phase: half a pose's time from what is shown, at most."""
     built.frame_set(9)
@@ -112,6 +121,39 @@ def test_posed_objects_keep_what_materials_need_and_share_what_does_not_deform(s
         wanted = io.world_points(ball.evaluated_get(bpy.context.evaluated_depsgraph_get()))
         matrix = np.array(balls[j].matrix_basis)
         np.testing.assert_allclose(vertices(balls[j].data) @ matrix[:3, :3].T + matrix[:3, 3], wanted, atol=1e-5)
+
+
+def test_a_text_is_posed_as_a_mesh_that_shows_as_it_does_and_hair_keeps_its_shape(scene):
+    top = bpy.data.collections.new("Props")
+    scene.collection.children.link(top)
+    scene.crowd_lod.characters = top
+    words = bpy.data.curves.new("words", "FONT")
+    words.body, words.extrude = "Hi", 0.1
+    sign = bpy.data.objects.new("sign", words)
+    words.materials.append(bpy.data.materials.new("shared"))
+    sign.material_slots[0].link, sign.material_slots[0].material = "OBJECT", bpy.data.materials.new("own")
+    sign.visible_shadow, sign["looks"] = False, 3
+    hair = bpy.data.objects.new("hair", bpy.data.hair_curves.new("hair"))
+    hair.data.add_curves([4, 4])
+    group = bpy.data.collections.new("someone")
+    top.children.link(group)
+    for item in (sign, hair):
+        group.objects.link(item)
+    for frame, x in ((1, 0.0), (25, 3.0)):
+        sign.location.x = x
+        sign.keyframe_insert("location", frame=frame)
+    hair.parent = sign
+    scene.crowd_lod.level_count = 2
+    list(make_levels(scene))
+    posed = yielded(make_poses(scene))
+    for k in range(2):
+        signs, hairs = ([item for pose in posed.collections[k] for item in pose.objects if kind in item.name] for kind in ("sign", "hair"))
+        assert len(signs) == len(hairs) == posed.counts[0, k] > 8
+        assert {item.type for item in signs} == {"MESH"} and {item.type for item in hairs} == {"CURVES"}
+        assert all(item.material_slots[0].material.name == "own" and not item.visible_shadow and item["looks"] == 3 for item in signs)
+        for items in (signs, hairs):
+            x = [item.matrix_world.translation.x for item in items]
+            assert x[0] == pytest.approx(0) and max(x) > 2.5
 
 
 def test_a_group_that_stands_still_has_one_pose(scene):
