@@ -283,7 +283,7 @@ def _group_names(item: bpy.types.Object) -> list[str]:
 def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, way: str, progress: float):
     """Put the LOD `level` of the source into `home`; yields `progress` and returns (vertices, triangles) of its mesh."""
     item, name = source.item, f"{source.item.name} LOD {level}"
-    if source.mesh is None or (level == 0 and ratio == 1):
+    if source.mesh is None or (level == 0 and ratio == 1 and item.type == "MESH"):
         # the character's own data; the counts are of what is drawn, modifiers applied
         copy = _copy(item)
         _place(copy, name, home, level)
