@@ -6,6 +6,8 @@ Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
 
 import numpy as np
 
+from .skin import Skin
+
 MEAN = 0.75  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
 STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
 FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
@@ -42,14 +44,19 @@ def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
     return np.minimum(*ends) * n + np.maximum(*ends)
 
 
-def collapse(points, triangles, quadrics, normals, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3), triangles (m, 3), landed (n,)) with at most `target` triangles, or the fewest that hold.
+def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> tuple:
+    """(points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target` triangles, or the fewest that hold.
 
     points: (n, 3), about of unit size; triangles: (m, 3); quadrics, normals: of the points. Points keep their indices;
     landed: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
     parts keeps a triangle, or four where it is closed.
+
+    skin: how the points move, and bent: in each of its poses their quadrics (11, n), whose errors add to that at rest;
+    follows: the point of those given that each moves with, of the two ends of an edge that with the lesser error. Source:
+    Mohr, Gleicher, "Deformation sensitive decimation", 2003.
     """
     points, quadrics, normals, n = points.copy(), quadrics.copy(), normals.copy(), len(points)
+    bent, follows = [each.copy() for each in bent], np.arange(n)
     landed, refused, thorough = np.arange(n), np.zeros(0, np.intp), False
     corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
     while corners.shape[1] > target:
@@ -60,12 +67,14 @@ def collapse(points, triangles, quadrics, normals, target: int) -> tuple[np.ndar
         border = np.zeros(n, bool)
         border[edges[:, faces != 2]] = True
         at, cost = _place(points, quadrics, *edges)
+        follow, bent_cost = _follow(skin, bent, follows, edges, at)
+        cost += bent_cost / (quadrics[10][edges].sum(axis=0) + 1e-300) ** MEAN
         cost[(faces == 2) & border[edges].all(axis=0) | np.isin(keys, refused)] = np.inf
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         # from here on an edge's index is its rank by cost
-        ends, at, faces = edges[:, order], at[:, order], faces[order]
+        ends, at, faces, follow = edges[:, order], at[:, order], faces[order], follow[order]
         free, chosen = np.ones(len(order), bool), np.zeros(0, np.intp)
         for _ in range(len(order) if thorough else PASSES):
             found = _apart(ends, free, corners, n)
@@ -86,14 +95,15 @@ def collapse(points, triangles, quadrics, normals, target: int) -> tuple[np.ndar
         keep, gone = ends[:, chosen]
         changed = _ring(corners, ends[:, chosen], n)
         refused, thorough = refused[~changed[np.stack(np.divmod(refused, n))].any(axis=0)], False
-        points[keep] = at[:, chosen].T
-        quadrics[:, keep] += quadrics[:, gone]
+        points[keep], follows[keep] = at[:, chosen].T, follow[chosen]
+        for each in (quadrics, *bent):
+            each[:, keep] += each[:, gone]
         normals[keep] += normals[gone]
         move = np.arange(n)
         move[gone] = keep
         landed, corners = move[landed], move[corners]
         corners = corners[:, (corners != np.roll(corners, 1, axis=0)).all(axis=0)]
-    return points, corners.T, landed
+    return points, corners.T, landed, follows
 
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -130,6 +140,19 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     step[:, np.abs(step).max(axis=0) > 2 * np.sqrt(edge)] = 0
     cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + STAY * edge * area
     return middle + step, cost / (area + 1e-300) ** MEAN
+
+
+def _follow(skin: Skin | None, bent, follows, edges, at) -> tuple[np.ndarray, np.ndarray]:
+    """(what the points that the edges (2, k) collapse to, `at` (3, k), would follow (k,), their error in all poses (k,))."""
+    ends = follows[edges]
+    error = np.zeros(ends.shape)
+    for j, quadrics in enumerate(bent):
+        xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics[:, edges[0]] + quadrics[:, edges[1]]
+        for end in range(2):
+            x, y, z = skin.at(j, at.T, ends[end]).T
+            gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+            error[end] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
+    return np.where(error[1] < error[0], ends[1], ends[0]), error.min(axis=0)
 
 
 def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:

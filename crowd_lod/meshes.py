@@ -8,6 +8,7 @@ import numpy as np
 from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
 from .refine import fit, split
+from .skin import Skin
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
 LARGE = 20_000  # triangles: a larger mesh is not fitted at more than 1 / BULK of them, where it gains little
@@ -43,12 +44,19 @@ def missing_library() -> str | None:
     return None
 
 
-def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str, seams: np.ndarray | None = None) -> LodMesh:
+def decimate(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    ratio: float,
+    name: str,
+    seams: np.ndarray | None = None,
+    skin: Skin | None = None,
+) -> LodMesh:
     """The mesh with about `ratio` of its triangles.
 
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. Points without a triangle are dropped, open borders at the same points become one. No loose part is
+    the mesh itself. skin: how its points move, if they do. Points without a triangle are dropped, open borders at the same points become one. No loose part is
     lost while there are triangles for all, one each, or four for one that is closed: beyond that the smallest go first.
     """
     if not 0 < ratio <= 1:
@@ -81,12 +89,33 @@ def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str,
     index = np.full(len(unit), -1)
     index[solid] = np.arange(len(solid))
     held = index[held]
-    quadrics = quadrics_of(unit[solid], whole.reshape(-1, 3), held[(held >= 0).all(axis=1)])
-    new_points, new_triangles, landed = _best(unit[solid], whole.reshape(-1, 3), quadrics, target)
-    landed = np.append(landed, -1)[index[joined]]
-    stands = np.flatnonzero(landed >= 0)
-    source = stands[_nearest(unit[stands], new_points, landed[stands])]
+    whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
+    skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
+    if skin is not None and len(skin.place):
+        new_points, new_triangles, follows = _posed(unit[solid], whole, held, target, skin)
+        source = solid[follows]
+    else:
+        new_points, new_triangles, landed = _best(unit[solid], whole, quadrics_of(unit[solid], whole, held), target)
+        landed = np.append(landed, -1)[index[joined]]
+        stands = np.flatnonzero(landed >= 0)
+        source = stands[_nearest(unit[stands], new_points, landed[stands])]
     return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
+
+
+def _posed(points, triangles, seams, target: int, skin: Skin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(points (k, 3), triangles (m, 3), the point that each moves with (k,)) by collapses that heed the poses of `skin`.
+
+    fast-simplification knows no poses: it takes the rings of a straight elbow first.
+    """
+    quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *skin.place))
+    rest = points, triangles, quadrics, normals_of(points, triangles)
+    new_points, new_triangles, landed, follows = collapse(*rest, target, skin, bent)
+    new_triangles = _largest_parts(points, triangles, _parts(len(points), triangles), new_triangles, target)
+    kept, new_triangles = np.unique(new_triangles, return_inverse=True)
+    index = np.full(len(points), -1)
+    index[kept] = np.arange(len(kept))
+    new_points, _, _ = fit(new_points[kept], new_triangles.reshape(-1, 3), points, triangles, index[landed], STEPS)
+    return new_points, new_triangles.reshape(-1, 3), follows[kept]
 
 
 def _best(points, triangles, quadrics, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -102,7 +131,7 @@ def _best(points, triangles, quadrics, target: int) -> tuple[np.ndarray, np.ndar
         rows = np.concatenate([quadrics[:10] * boost, quadrics[10:], normals.T])
         stays = landed >= 0
         rows = np.stack([np.bincount(landed[stays], row[stays], len(start)) for row in rows])
-        new_points, new_triangles, end = collapse(start, some, rows[:11], rows[11:].T, target)
+        new_points, new_triangles, end, _ = collapse(start, some, rows[:11], rows[11:].T, target)
         if not attempt:
             new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
         kept, new_triangles = np.unique(new_triangles, return_inverse=True)

@@ -11,9 +11,10 @@ from ..crowd_lod.errors import CrowdError
 from . import chain, transfer, ways
 from . import scene as io
 from . import source as sources
-from .deviation import measure
+from .deviation import measure, poses
 from .operator import Stepwise
 from .populate import armatures_of, characters_of, measure_groups, store_groups
+from .skin import skin_of
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
 # (Okabe and Ito). Linear RGB.
@@ -34,7 +35,7 @@ OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
 COLUMNS = ("vertices", "triangles", "deviations", "rms", "worst")  # of Group, a value a LOD
-VERSION = 4  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 5  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)
@@ -223,6 +224,9 @@ class _Ladder:
     def make(self) -> Iterator[float]:
         steps = len(self.ratios) * len(self.sources)
         vertices, triangles = [], []
+        for source in self.sources:
+            for _ in skin_of(source, poses(self.objects)):
+                yield 0.0
         for k, ratio in enumerate(self.ratios):
             home = bpy.data.collections.new(f"{self.name} LOD {k}")
             sizes = []

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.skin import Skin
 from . import scene as io
 from .surface import Surface
 
@@ -39,13 +40,14 @@ KINDS = {
 class Source:
     """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
     vertices; None if that has no faces. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh.
-    notes: sentences on what LODs leave out."""
+    notes: sentences on what LODs leave out. skin: how its points move, see skin.skin_of."""
 
     item: bpy.types.Object
     mesh: bpy.types.Mesh | None
     keys: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     charts: object = None  # transfer.Charts, when first asked for
+    skin: Skin | None = None
 
     @cached_property
     def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -55,6 +57,12 @@ class Source:
     @cached_property
     def surface(self) -> Surface:
         return Surface(*self.geometry[:2])
+
+    @cached_property
+    def posed(self) -> tuple[Skin | None, list[Surface]]:
+        """(the skin in the poses that tell most, the surface in each)."""
+        skin = self.skin and self.skin.telling(self.geometry[1])
+        return skin, [Surface(place, self.geometry[1]) for place in skin.place] if skin else []
 
     @cached_property
     def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

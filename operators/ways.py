@@ -75,7 +75,7 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
 def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
     """By quadric edge collapse, and what it loses carried over; yields between the two and returns the Made."""
     start = clock.perf_counter()
-    result = decimate(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams)
+    result = decimate(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams, source.skin)
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()
@@ -108,11 +108,20 @@ def _without(precise: Made) -> str:
 
 
 def errors(source: Source, mesh: bpy.types.Mesh) -> tuple[float, float]:
-    """(symmetric Hausdorff distance as part of the source's diagonal, largest part of the surface, over the UV maps, whose
-    UVs are off by more than UV_OFF) of a LOD's mesh at rest."""
+    """(symmetric Hausdorff distance as part of the source's diagonal, the largest of rest and the poses that tell most; largest
+    part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF) of a LOD's mesh.
+
+    In the poses each of its points moves with the source's nearest one, as good as its weights for a choice."""
     points, triangles, corners, _ = io.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     distance, _ = deviation(source.surface, Surface(points, triangles), SAMPLES)
+    skin, surfaces = source.posed
+    if surfaces:
+        _, hit, _ = source.surface.nearest(points)
+        corner = source.geometry[1][hit]
+        follows = corner[np.arange(len(hit)), np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1)]
+    for j, surface in enumerate(surfaces):
+        distance = max(distance, deviation(surface, Surface(skin.at(j, points, follows), triangles), SAMPLES)[0])
     return distance / diagonal, uv_error(source, mesh, points, triangles, corners)
 
 
