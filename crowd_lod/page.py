@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from html import escape
+from pathlib import PurePath
 from urllib.parse import quote
 
 STYLE = """
@@ -30,7 +31,7 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
     """The page of a preview's plan, as plan.json has it; `above`: the file of the contact sheet. All text is escaped."""
     rows, levels = plan["frames"], plan["levels"]
     tints = [_css(tint) for tint in levels["tints"]]
-    name = escape(plan["scene"]["name"])
+    name = escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
     least, most = (pick(row["visible"] for row in rows) for pick in (min, max))
     drawn, full = sum(r["triangles"] for r in rows), sum(r["full_triangles"] for r in rows)
     figures = [

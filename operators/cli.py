@@ -168,6 +168,7 @@ def open_scene(name: str | None) -> bpy.types.Scene:
         # an empty file of the user's own start-up: the factory's would switch this extension off while it runs
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
         scene = bpy.context.scene
+        scene.name = name
         sample_scenes.make(name, scene)
     elif name is not None:
         path = Path(name)
