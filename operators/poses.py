@@ -68,9 +68,8 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
                         index = int(posed.counts[:g, k].sum()) + j
                         pose = bpy.data.collections.new("Crowd LOD pose")
                         names[pose] = f"{index:05d} {name} LOD {k}"
-                        pose.instance_offset = home.instance_offset
                         for item in home.objects:
-                            pose.objects.link(_still(item, actors[item].evaluated_get(depsgraph), depsgraph, meshes, names, j))
+                            pose.objects.link(_still(item, home, actors[item].evaluated_get(depsgraph), depsgraph, meshes, names, j))
                         posed.collections[k].append(pose)
                     yield MEASURING + (1 - MEASURING) * (g + (step + 1) / finest) / len(characters)
         done = True
@@ -135,13 +134,14 @@ def _act(stage: bpy.types.Scene, objects: list[bpy.types.Object], phase: float) 
     return stage.view_layers[0].depsgraph
 
 
-def _still(item: bpy.types.Object, evaluated: bpy.types.Object, depsgraph, meshes: dict, names: dict, j: int) -> bpy.types.Object:
-    """A copy of the LOD object `item` as `evaluated`, that keeps slots, visibility and custom properties. What has no
-    faces, hair, moves with its parent but keeps its shape."""
+def _still(item, home: bpy.types.Collection, evaluated, depsgraph, meshes: dict, names: dict, j: int) -> bpy.types.Object:
+    """A copy of the LOD object `item`, in the collection `home`, as `evaluated`, that keeps slots, visibility and custom
+    properties. What has no faces, hair, moves with its parent but keeps its shape. It stands about the collection's
+    offset as it will about the origin: geometry nodes instance collections without their offsets."""
     mesh = None
     if item.type in SOLID:
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
-    matrix = evaluated.matrix_world.copy()
+    matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else io.mesh_like(item, mesh)
     names[still] = f"{item.name} pose {j:02d}"
     still.animation_data_clear()

@@ -92,6 +92,7 @@ def test_posed_objects_keep_what_materials_need_and_share_what_does_not_deform(s
     ball.material_slots[0].link, ball.material_slots[0].material = "OBJECT", other
     ball.parent = bpy.data.objects.new("pivot", None)
     ball.parent.scale = (1, 3, 1)  # the ball turns under it: a shear
+    ball.parent.location = (3, -2, 0.7)  # where a character stands in the scene is no matter
     for frame, turn in ((1, 0.0), (25, 3.0)):
         ball.rotation_euler.z = turn
         ball.keyframe_insert("rotation_euler", frame=frame)
@@ -111,6 +112,7 @@ def test_posed_objects_keep_what_materials_need_and_share_what_does_not_deform(s
     list(make_levels(scene))
     list(builder.build(scene))
     shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(builder.LIBRARY) == 0)
+    assert not any(any(pose.instance_offset) for pose in shelf.children)  # geometry nodes would not heed it
     poses = [item for pose in shelf.children for item in pose.objects]
     assert len(poses) == MOST + 1 and sum(item.name.startswith("box") for item in poses) == 1
     balls = [item for item in poses if item.name.startswith("ball")]
@@ -118,7 +120,7 @@ def test_posed_objects_keep_what_materials_need_and_share_what_does_not_deform(s
     assert all(item.data.uv_layers for item in balls) and all(item.parent is None and not item.modifiers for item in balls)
     for j in (0, 13, 40):
         scene.frame_set(1 + int(24 * j / MOST), subframe=24 * j / MOST % 1)
-        wanted = io.world_points(ball.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+        wanted = io.world_points(ball.evaluated_get(bpy.context.evaluated_depsgraph_get())) - (3, -2, 0.7)
         matrix = np.array(balls[j].matrix_basis)
         np.testing.assert_allclose(vertices(balls[j].data) @ matrix[:3, :3].T + matrix[:3, 3], wanted, atol=1e-5)
 
