@@ -44,9 +44,24 @@ def scene():
     return scene
 
 
+@pytest.fixture(scope="session")
+def built_file(tmp_path_factory):
+    """Where the small crowd is kept once it was built: that takes seconds."""
+    return tmp_path_factory.mktemp("built") / "built.blend"
+
+
 @pytest.fixture
-def built(scene):
+def built(built_file, request):
     """The small crowd, built, under a camera that moves and turns."""
+    if not built_file.exists():
+        _build(request.getfixturevalue("scene"))
+        bpy.ops.wm.save_as_mainfile(filepath=str(built_file), copy=True)
+    bpy.ops.wm.open_mainfile(filepath=str(built_file), load_ui=False)
+    bpy.context.scene.frame_set(1)
+    return bpy.context.scene
+
+
+def _build(scene):
     from crowd_lod_extension.operators.build import build
     from crowd_lod_extension.operators.levels import make_levels
 
@@ -56,5 +71,3 @@ def built(scene):
         scene.camera.keyframe_insert("rotation_euler", frame=frame)
     list(make_levels(scene))
     list(build(scene))
-    scene.frame_set(1)
-    return scene
