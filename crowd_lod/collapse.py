@@ -8,7 +8,7 @@ import numpy as np
 
 from .skin import Skin
 
-MEAN = 0.75  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
+MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
 STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
 FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
 THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
@@ -60,40 +60,26 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     landed, refused, thorough = np.arange(n), np.zeros(0, np.intp), False
     corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
     while corners.shape[1] > target:
-        keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
-        first = np.flatnonzero(np.diff(keys, prepend=-1))
-        faces, keys = np.diff(first, append=len(keys)), keys[first]
-        edges = np.stack(np.divmod(keys, n))
+        keys, edges, faces = _edges_of(corners, n)
+        at, cost = _place(points.T, quadrics, *edges)
         border = np.zeros(n, bool)
         border[edges[:, faces != 2]] = True
-        at, cost = _place(points, quadrics, *edges)
         follow, bent_cost = _follow(skin, bent, follows, edges, at)
-        cost += bent_cost / (quadrics[10][edges].sum(axis=0) + 1e-300) ** MEAN
-        cost[(faces == 2) & border[edges].all(axis=0) | np.isin(keys, refused)] = np.inf
+        cost += bent_cost / (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
+        cost[(faces == 2) & border[edges[0]] & border[edges[1]] | np.isin(keys, refused)] = np.inf
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
-        # from here on an edge's index is its rank by cost
-        ends, at, faces, follow = edges[:, order], at[:, order], faces[order], follow[order]
-        free, chosen = np.ones(len(order), bool), np.zeros(0, np.intp)
-        for _ in range(len(order) if thorough else PASSES):
-            found = _apart(ends, free, corners, n)
-            if not len(found):
-                break
-            free[found] = False
-            good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found])
-            refused = np.append(refused, keys[order[found[~good]]])
-            chosen = np.append(chosen, found[good])
-            free &= ~_ring(corners, ends[:, found[good]], n)[ends].any(axis=0)
+        chosen, bad = _choose(points, corners, normals, edges, faces, order, at, len(order) if thorough else PASSES)
+        refused = np.append(refused, keys[bad])
         if not len(chosen):
             if thorough:
                 break
             thorough = True
             continue
-        chosen = np.sort(chosen)
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
-        keep, gone = ends[:, chosen]
-        changed = _ring(corners, ends[:, chosen], n)
+        keep, gone = ends = edges[:, chosen]
+        changed = _ring(corners, ends, n)
         refused, thorough = refused[~changed[np.stack(np.divmod(refused, n))].any(axis=0)], False
         points[keep], follows[keep] = at[:, chosen].T, follow[chosen]
         for each in (quadrics, *bent):
@@ -102,8 +88,39 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         move = np.arange(n)
         move[gone] = keep
         landed, corners = move[landed], move[corners]
-        corners = corners[:, (corners != np.roll(corners, 1, axis=0)).all(axis=0)]
+        corners = corners.compress(~_flat(corners), axis=1)
     return points, corners.T, landed, follows
+
+
+def _edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(keys (k,), ends (2, k), how many triangles (k,)) of each edge of the triangles `corners` (3, m)."""
+    keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
+    first = np.flatnonzero(np.diff(keys, prepend=-1))
+    faces, keys = np.diff(first, append=len(keys)), keys[first]
+    return keys, np.stack(np.divmod(keys, n)), faces
+
+
+def _flat(corners: np.ndarray) -> np.ndarray:
+    """Which triangles (3, m) have a corner twice, (m,) bool."""
+    a, b, c = corners
+    return (a == b) | (b == c) | (c == a)
+
+
+def _choose(points, corners, normals, edges, faces, order, at, passes: int) -> tuple[np.ndarray, np.ndarray]:
+    """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first."""
+    n = len(points)
+    ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
+    free, chosen, bad = np.ones(len(order), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
+    for _ in range(passes):
+        found = _apart(ends, free, corners, n)
+        if not len(found):
+            break
+        free[found] = False
+        good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found])
+        bad = np.append(bad, found[~good])
+        chosen = np.append(chosen, found[good])
+        free &= ~_ring(corners, ends[:, found[good]], n)[ends].any(axis=0)
+    return order[np.sort(chosen)], order[bad]
 
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -124,8 +141,8 @@ def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
 
 def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
-    p, q = points[a].T, points[b].T
-    xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics[:, a] + quadrics[:, b]
+    p, q = points.take(a, 1), points.take(b, 1)
+    xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
     x, y, z = middle = (p + q) / 2
     gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
     cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
@@ -135,9 +152,9 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
     adjugate = np.stack([cxx * gx + cxy * gy + cxz * gz, cxy * gx + cyy * gy + cyz * gz, cxz * gx + cyz * gy + czz * gz])
     step = -adjugate / np.maximum(xx * cxx + xy * cxy + xz * cxz, 1e-300)
-    edge = ((p - q) ** 2).sum(axis=0)
+    edge = np.einsum("dn,dn->n", p - q, p - q)
     # planes that hardly differ meet anywhere
-    step[:, np.abs(step).max(axis=0) > 2 * np.sqrt(edge)] = 0
+    step *= np.einsum("dn,dn->n", step, step) <= 4 * edge
     cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + STAY * edge * area
     return middle + step, cost / (area + 1e-300) ** MEAN
 
@@ -159,7 +176,8 @@ def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
     """Whether each of n points is in a triangle with one of `ends`, (n,) bool."""
     mine, ring = np.zeros(n, bool), np.zeros(n, bool)
     mine[ends] = ring[ends] = True
-    ring[corners[:, mine[corners].any(axis=0)]] = True
+    a, b, c = mine[corners]
+    ring[corners[:, a | b | c]] = True
     return ring
 
 

@@ -1,4 +1,5 @@
-"""LOD meshes by decimation: fast-simplification makes the many cheap collapses, quadric collapses in rounds the last."""
+"""LOD meshes by decimation: fast-simplification makes the many cheap collapses, quadric collapses the last, and the points
+left are moved to where the largest distance to the source is least."""
 
 import threading
 from dataclasses import dataclass
@@ -7,18 +8,16 @@ import numpy as np
 
 from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
-from .refine import fit, split
+from .refine import SAMPLES, Fit
 from .skin import Skin
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
-LARGE = 20_000  # triangles: a larger mesh is not fitted at more than 1 / BULK of them, where it gains little
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT = 160_000  # triangles to go through in several tries, of which the best is kept
-TRIES = 8
-SPLIT = 0.05  # of a LOD's points are added where it is worst for the next try; half as many after each that failed
-STEPS = 8  # moves of all points in a try
-FEW_STEPS = 4  # of a mesh too large for more than two tries
-BOOST = 3.0  # how much more the quadric of a point at the worst distance weighs in the next try
+EFFORT = 200_000  # samples to go through, some second's worth: two to collapse a triangle, two to begin, half a round
+ROUNDS = 40  # of moves, at most
+POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
+FLIPS = 2  # of these rounds begin with flips
+STEPS = 5  # moves of all points in a round
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
 # fast-simplification keeps its mesh in module-global state: one call at a time.
@@ -56,8 +55,9 @@ def decimate(
 
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. skin: how its points move, if they do. Points without a triangle are dropped, open borders at the same points become one. No loose part is
-    lost while there are triangles for all, one each, or four for one that is closed: beyond that the smallest go first.
+    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. Points without a triangle
+    are dropped, open borders at the same points become one. No loose part is lost while there are triangles for all, one
+    each, or four for one that is closed: beyond that the smallest go first.
     """
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
@@ -91,64 +91,48 @@ def decimate(
     held = index[held]
     whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
-    if skin is not None and len(skin.place):
-        new_points, new_triangles, follows = _posed(unit[solid], whole, held, target, skin)
+    new_points, new_triangles, landed, follows = _best(unit[solid], whole, held, target, skin)
+    if skin:
         source = solid[follows]
     else:
-        new_points, new_triangles, landed = _best(unit[solid], whole, quadrics_of(unit[solid], whole, held), target)
         landed = np.append(landed, -1)[index[joined]]
         stands = np.flatnonzero(landed >= 0)
         source = stands[_nearest(unit[stands], new_points, landed[stands])]
     return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
 
 
-def _posed(points, triangles, seams, target: int, skin: Skin) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (k, 3), triangles (m, 3), the point that each moves with (k,)) by collapses that heed the poses of `skin`.
+def _best(points, triangles, seams, target: int, skin: Skin | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(points (k, 3), triangles (m, 3), landed (n,): the new point of each, or -1; follows (k,): with a skin the point that
+    each moves with): collapsed, then fitted while EFFORT lasts.
 
-    fast-simplification knows no poses: it takes the rings of a straight elbow first.
-    """
-    quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *skin.place))
-    rest = points, triangles, quadrics, normals_of(points, triangles)
-    new_points, new_triangles, landed, follows = collapse(*rest, target, skin, bent)
-    new_triangles = _largest_parts(points, triangles, _parts(len(points), triangles), new_triangles, target)
+    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, it takes the rings of
+    a straight elbow first; and so would flips."""
+    part, facing = _parts(len(points), triangles), normals_of(points, triangles)
+    quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
+    start, some, landed = (points, triangles, np.arange(len(points))) if bent else _bulk(points, triangles, part, BULK * target)
+    rows = np.stack([np.bincount(landed, row, len(start)) for row in (*quadrics, *facing.T)])
+    new_points, new_triangles, end, follows = collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
+    new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
-    index = np.full(len(points), -1)
+    new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
+    index = np.full(len(start), -1)
     index[kept] = np.arange(len(kept))
-    new_points, _, _ = fit(new_points[kept], new_triangles.reshape(-1, 3), points, triangles, index[landed], STEPS)
-    return new_points, new_triangles.reshape(-1, 3), follows[kept]
-
-
-def _best(points, triangles, quadrics, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (k, 3), triangles (m, 3), landed (n,): the new point of each, or -1) of the best of some tries: each splits
-    the best so far where it is worst and collapses it again, with the source's points there weighing more."""
-    part, normals = _parts(len(points), triangles), normals_of(points, triangles)
-    start, some, landed = _bulk(points, triangles, part, BULK * target)
-    tries = min(EFFORT // (len(triangles) + 2 * len(some)), TRIES)
-    best, least, boost, share = None, np.inf, np.ones(len(points)), SPLIT
-    for attempt in range(max(tries, 1)):
-        if attempt:
-            start, some, landed = split(*best, points, max(4, int(share * len(best[0]))))
-        rows = np.concatenate([quadrics[:10] * boost, quadrics[10:], normals.T])
-        stays = landed >= 0
-        rows = np.stack([np.bincount(landed[stays], row[stays], len(start)) for row in rows])
-        new_points, new_triangles, end, _ = collapse(start, some, rows[:11], rows[11:].T, target)
-        if not attempt:
-            new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
-        kept, new_triangles = np.unique(new_triangles, return_inverse=True)
-        new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
-        index = np.full(len(start), -1)
-        index[kept] = np.arange(len(kept))
-        landed = np.where(stays, index[end[landed]], -1)
-        if len(triangles) > LARGE and BULK * target > len(triangles):
-            return new_points, new_triangles, landed
-        steps = STEPS if tries > 2 else FEW_STEPS
-        new_points, error, on = fit(new_points, new_triangles, points, triangles, landed, steps)
-        if error.max() < least:
-            best, least = (new_points, new_triangles, landed, error, on), error.max()
-        else:
-            share /= 2
-        boost *= 1 + BOOST * (error / (error.max() or 1)) ** 2
-    return best[:3]
+    landed = index[end[landed]]
+    count = len(new_triangles)
+    samples = len(points) + max(min(14 * count, SAMPLES), count + len(kept))
+    rounds = min((EFFORT - 2 * (1 + len(bent)) * (len(some) - target) - 2 * samples) * 2 // samples, POSED_ROUNDS if bent else ROUNDS)
+    if rounds > 0:
+        keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
+        inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
+        fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
+        for k in range(rounds):
+            if k % 2:
+                fit.watch()
+            elif k < 2 * FLIPS and not bent:
+                fit.flip()
+            fit.move(STEPS)
+        new_points, new_triangles = fit.best
+    return new_points, new_triangles, landed, follows[kept]
 
 
 def _bulk(points, triangles, part, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

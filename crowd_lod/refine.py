@@ -1,205 +1,242 @@
-"""LOD points moved to where the worst distance between the LOD's surface and its source's is least."""
+"""A LOD's points moved, and its sides flipped, until the worst distance between its surface and its source's is least."""
 
 import numpy as np
 
 from .collapse import edge_keys
+from .nearest import Walkable, barycentric, length, normals
 
-WALKS = 8  # steps along a surface to the nearest triangle, at most
-FAR = 0.4  # of the worst distance: beyond it a sample's nearest triangle is sought again
 KEEP = 0.8  # of a sample's weight for the next move
+SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst, to this power
+LAZY = 0.01  # weight, of all points' mean, that holds a point in place
 STRIDE = 0.8  # of each move
-FINE = 1e-7  # no moves below this worst distance
-SHARPEN = 4.0  # a move adds to a sample's weight its distance, over the worst, to this power
+FINE = 1e-6  # no moves below this worst distance
+HALVES = 3  # times that a move which turns a triangle is halved before it is left
+FLIP = 0.9  # a flip must lessen the local worst distance to this part
+WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
+FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is flipped
+WATCHED = 0.6  # of the worst distance: beside such points the source's sides and triangles are looked at as well
+SEEN = 0.9  # of the worst distance: those as far off as this count from then on
+SAMPLES = 15_000  # of the LOD's surface, about
+FINEST = 5  # samples along a side, at most
 
 
-def fit(points, triangles, source, source_triangles, landed, steps) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3) of a LOD, moved nearer to its source; the distance (k,) found at each of the source's points; on (k, 2):
-    the LOD's triangle nearest to each, -1 for none, and its corner farthest from there).
+class Fit:
+    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, and (points (n, 3),
+    triangles (m, 3)) then.
 
-    points (n, 3), triangles (m, 3): the LOD; source (k, 3), source_triangles (j, 3): what it was made of; landed: (k,) the
-    LOD's point that each of the source's collapsed into, -1 for none. Distances are those of the source's points to the LOD
-    and of the LOD's points and the middles of its triangles and sides to the source, which count for the source's triangle
-    nearest to them. Of `steps` moves the best is kept. Each is least squares, weighed by how far the samples were off at
-    this and the moves before, towards the least worst distance. Source of that: Lawson, "Contributions to the theory of
-    linear least maximum approximation", 1961.
+    Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
-    stars, source_stars = _stars(triangles, len(points)), _stars(source_triangles, len(source))
-    mine = np.flatnonzero(landed >= 0)
-    there = source[mine]
-    face, at = _walk(points, triangles, stars, landed[mine], there)
-    own_face, own_at = _samples(triangles, stars)
-    here = _mix(points, triangles[own_face], own_at)
-    # walks to the source begin at its point nearest to the triangle's middle, and again from a corner's where that ends far
-    corner = np.zeros(len(points), np.intp)
-    corner[landed[mine]] = mine
-    middle = corner[triangles[:, 0]]
-    inner = np.lexsort((at.min(axis=1), face))
-    middle[face[inner]] = mine[inner]
-    hit, hit_at = _walk(source, source_triangles, source_stars, middle[own_face], here)
-    for k in range(3):
-        away = _length(_mix(source, source_triangles[hit], hit_at) - here)
-        far = np.flatnonzero(away > FAR * away.max())
-        again, again_at = _walk(source, source_triangles, source_stars, corner[triangles[own_face[far], k]], here[far])
-        better = _length(_mix(source, source_triangles[again], again_at) - here[far]) < away[far]
-        hit[far[better]], hit_at[far[better]] = again[better], again_at[better]
-    best, error, on = points, np.full(len(source), np.inf), np.full((len(source), 2), -1)
-    weight = 0.0
-    for step in range(steps + 1):
-        if step:
-            here = _mix(points, triangles[own_face], own_at)
-            _again(points, triangles, stars, face, at, there)
-            _again(source, source_triangles, source_stars, hit, hit_at, here)
-        off = np.concatenate([there - _mix(points, triangles[face], at), _mix(source, source_triangles[hit], hit_at) - here])
-        distance = _length(off)
-        worst = distance.max()
-        if worst < error.max():
-            best, error = points, np.zeros(len(source))
-            error[mine] = distance[: len(face)]
-            on[mine] = np.stack([face, at.argmin(axis=1)], axis=1)
-            for end in source_triangles[hit].T:
-                np.maximum.at(error, end, distance[len(face) :])
-        if step == steps or worst < FINE:
-            return best, error, on
-        weight = KEEP * weight + (distance / worst) ** SHARPEN
-        share = np.concatenate([at, own_at]) * (weight + 1e-4)[:, None]
-        corners = triangles[np.concatenate([face, own_face])].ravel()
-        total = np.bincount(corners, share.ravel(), len(points)) + 0.05 * share.sum() / len(points)
-        move = [np.bincount(corners, (share * off[:, d, None]).ravel(), len(points)) / total for d in range(3)]
-        points = _unfolded(points, points + STRIDE * np.stack(move, axis=1), triangles)
+
+    def __init__(self, points, triangles, source, source_triangles, landed, seams):
+        """points (n, 3), triangles (m, 3): the LOD, each point in one; source (k, 3), source_triangles (j, 3): what it was
+        made of; landed: (k,) the LOD's point that each of the source's collapsed into, or -1; seams: (s, 2) edges of the
+        source whose points are to leave neither of their sides."""
+        self.source, self.lod = Walkable.of(source, source_triangles), Walkable.of(points, triangles)
+        ends = landed[seams].T
+        self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
+        self.least, self.best = np.inf, None
+        # the source's points
+        self.mine = np.flatnonzero(landed >= 0)
+        self.there = self.source.points.take(self.mine, 1)
+        self.face, self.weights = self.lod.walk(landed[self.mine], self.there)
+        self.pull = np.zeros(len(self.mine))
+        # a grid on each of the LOD's triangles, then the LOD's points
+        n, m = len(points), len(triangles)
+        self.grid = _grid(int(np.clip(np.sqrt(2 * SAMPLES / m), 1, FINEST)))
+        own = self._own()
+        near = np.empty(n, np.intp)
+        near[landed[self.mine]] = self.mine
+        start = np.append(near[self.lod.corners[self.grid.argmax(axis=0)]], near)
+        self.hit, self.hit_weights = self.source.walk(start, own)
+        self.own_pull = np.zeros(len(self.hit))
+        self._doubt(own)
+
+    def _own(self) -> np.ndarray:
+        """Put samples on the LOD: own_face (g m + n,), own_weights; returns where they are."""
+        m, n = self.lod.corners.shape[1], self.lod.points.shape[1]
+        one = self.lod.star[self.lod.first[:-1]]
+        self.own_face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
+        self.own_weights = np.concatenate([np.repeat(self.grid, m, axis=1), self.lod.corners[:, one] == np.arange(n)], axis=1)
+        return self.lod.at(self.own_face, self.own_weights)
+
+    def _doubt(self, own) -> None:
+        self.lod.doubt(self.face, self.weights, self.there)
+        self.source.doubt(self.hit, self.hit_weights, own)
+        self.measure()
+
+    def measure(self) -> float:
+        """The worst distance; `off` and `own_off` are the ways to the nearest points, `distance` and `own_distance` their
+        lengths."""
+        here = self.lod.at(self.own_face, self.own_weights)
+        self.lod.follow(self.face, self.weights, self.there)
+        self.source.follow(self.hit, self.hit_weights, here)
+        self.off = self.there - self.lod.at(self.face, self.weights)
+        self.own_off = self.source.at(self.hit, self.hit_weights) - here
+        self.distance, self.own_distance = length(self.off), length(self.own_off)
+        self.worst = max(self.distance.max(), self.own_distance.max())
+        if self.worst < self.least:
+            self.least, self.best = self.worst, (self.lod.points.T, self.lod.corners.T)
+        return self.worst
+
+    def watch(self) -> None:
+        """Take up, where the source's points are far from the LOD, what between them is far, too."""
+        near = np.full(self.source.points.shape[1], -1)
+        near[self.mine] = np.arange(len(self.mine))
+        near = near[self.source.corners]
+        away = np.where(near >= 0, self.distance[near], -np.inf)
+        some = np.flatnonzero((away.max(axis=0) > WATCHED * self.worst) & (near >= 0).all(axis=0))
+        if not len(some):
+            return
+        face, grid = np.tile(some, GRID.shape[1]), np.repeat(GRID, len(some), axis=1)
+        there, at = self.source.at(face, grid), near[grid.argmax(axis=0), face]
+        start = self.lod.corner(self.face[at], self.weights.take(at, 1))
+        face, weights = self.lod.walk(start, there)
+        self.lod.doubt(face, weights, there)
+        far = np.flatnonzero(length(there - self.lod.at(face, weights)) > SEEN * self.worst)
+        if len(far):
+            self.there = np.concatenate([self.there, there.take(far, 1)], axis=1)
+            self.face, self.weights = np.append(self.face, face[far]), np.concatenate([self.weights, weights.take(far, 1)], axis=1)
+            self.pull = np.append(self.pull, np.zeros(len(far)))
+            if self.worst <= self.least:  # the best so far has these, too
+                self.least = np.inf
+            self.measure()
+
+    def move(self, steps: int) -> None:
+        """Move the points `steps` times, by least squares weighed by how far the samples were off at this and the moves
+        before, which leads to the least worst distance. Source: Lawson, "Contributions to the theory of linear least
+        maximum approximation", 1961."""
+        n = self.lod.points.shape[1]
+        for _ in range(steps):
+            if self.worst < FINE:
+                return
+            self.pull = KEEP * self.pull + (self.distance / self.worst) ** SHARPEN
+            self.own_pull = KEEP * self.own_pull + (self.own_distance / self.worst) ** SHARPEN
+            total, move = np.zeros(n), np.zeros((3, n))
+            for face, weights, pull, off in (
+                (self.face, self.weights, self.pull, self.off),
+                (self.own_face, self.own_weights, self.own_pull, self.own_off),
+            ):
+                some = np.flatnonzero(pull > 1e-3)
+                off = off.take(some, 1)
+                for corner, share in zip(self.lod.corners.take(face[some], 1), weights.take(some, 1) * pull[some], strict=True):
+                    total += np.bincount(corner, share, n)
+                    move += [np.bincount(corner, share * along, n) for along in off]
+            move *= STRIDE / (total + LAZY * total.mean())
+            self.lod.points = _unfolded(self.lod.points, self._along(move), self.lod.corners)
+            self.measure()
+
+    def _along(self, move) -> np.ndarray:
+        """The points moved, those on seams only along their normals: no triangle leaves its side."""
+        points, corners = self.lod.points, self.lod.corners
+        held = np.unique(self.seams)
+        if len(held):
+            flat = normals(*(points.take(c, 1) for c in corners))
+            normal = np.stack([sum(np.bincount(c, x, points.shape[1]) for c in corners) for x in flat]).take(held, 1)
+            normal /= length(normal) + 1e-300
+            move[:, held] = normal * np.einsum("dn,dn->n", normal, move.take(held, 1))
+        return points + move
+
+    def flip(self) -> None:
+        """Flip sides where that lessens the local worst distance; no seams."""
+        points, corners, before = self.lod.points, self.lod.corners, self.__dict__.copy()
+        n, m = points.shape[1], corners.shape[1]
+        errors = np.zeros(m)
+        np.maximum.at(errors, self.face, self.distance)
+        np.maximum.at(errors, self.own_face, self.own_distance)
+        one, two, keys = _double(corners, n)
+        a, b, c = (corners[(one // m + k) % 3, one % m] for k in (1, 2, 0))
+        d, one, two = corners[two // m, two % m], one % m, two % m
+        was = np.maximum(errors[one], errors[two])
+        fine = (was > FLIPPED * self.worst) & ~np.isin(edge_keys(np.stack([c, d]), n), keys)
+        fine &= ~np.isin(edge_keys(np.stack([a, b]), n), edge_keys(self.seams, n))
+        pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
+        mean = normals(pc, pa, pb) + normals(pd, pb, pa)
+        for now in (normals(pc, pa, pd), normals(pd, pb, pc)):
+            along = np.einsum("dn,dn->n", now, mean)
+            fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
+        a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
+        now = self._flipped(a, b, c, d, one, two)
+        good = np.flatnonzero(now < FLIP * was)
+        taken, made, chosen = np.zeros(m, bool), set(), []
+        for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
+            side = frozenset((c[g], d[g]))
+            if not (taken[one[g]] or taken[two[g]] or side in made):
+                taken[[one[g], two[g]]] = True
+                made.add(side)
+                chosen.append(g)
+        if not chosen:
+            return
+        a, b, c, d, one, two = (each[chosen] for each in (a, b, c, d, one, two))
+        start, corners = self.lod.corner(self.face, self.weights), corners.copy()
+        corners[:, one], corners[:, two] = (c, a, d), (d, b, c)
+        self.lod = Walkable(points, corners)
+        self.face, self.weights, self.hit, self.hit_weights = (
+            each.copy() for each in (self.face, self.weights, self.hit, self.hit_weights)
+        )
+        new = np.flatnonzero(taken[self.face])
+        self.face[new], self.weights[:, new] = self.lod.walk(start[new], self.there.take(new, 1))
+        own = self._own()
+        new = np.flatnonzero(taken[self.own_face])
+        start = self.source.corner(self.hit[new], self.hit_weights.take(new, 1))
+        self.hit[new], self.hit_weights[:, new] = self.source.walk(start, own.take(new, 1))
+        self._doubt(own)
+        if self.worst > WORSE * before["worst"]:
+            self.__dict__.update(before)
+
+    def _flipped(self, a, b, c, d, one, two) -> np.ndarray:
+        """The worst distance (k,) at the triangles cad and dbc, in place of `one` and `two` (k,), each (k,)."""
+        points = self.lod.points
+        order = np.argsort(self.face, kind="stable")
+        first = np.searchsorted(self.face[order], np.arange(self.lod.corners.shape[1] + 1))
+        worst = np.zeros(len(a))
+        for face in (one, two):
+            count = first[face + 1] - first[face]
+            which = np.repeat(np.arange(len(face)), count)
+            there = self.there.take(order[np.arange(len(which)) + np.repeat(first[face] - np.cumsum(count) + count, count)], 1)
+            least = np.full(len(which), np.inf)
+            for triangle in ((c, a, d), (d, b, c)):
+                corner = [points.take(each[which], 1) for each in triangle]
+                at = barycentric(there, *corner)
+                least = np.minimum(least, length(there - sum(p * w for p, w in zip(corner, at, strict=True))))
+            np.maximum.at(worst, which, least)
+        pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
+        for face, middle in ((one, (pc + pd) / 2), (one, (pc + pa + pd) / 3), (two, (pc + pb + pd) / 3)):
+            start = self.source.corner(self.hit[face], self.hit_weights.take(face, 1))
+            worst = np.maximum(worst, length(middle - self.source.at(*self.source.walk(start, middle))))
+        return worst
 
 
-def split(points, triangles, landed, error, on, source, count) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n + j, 3), triangles (m + 2 j, 3), landed (k,)): j <= `count` of the LOD's sides split, at the source's points
-    that are farthest off. The rest as `fit` takes and gives it; each point keeps the source's point nearest to it.
-    """
-    half = triangles[:, [1, 2, 2, 0, 0, 1]].reshape(-1, 2)  # side 3 t + i is opposite of corner i of triangle t
-    keys = edge_keys(half.T, len(points))
+def _double(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(one, two (k,): the sides of two triangles, as seen from each; keys of all sides). Side i m + t is that of triangle t
+    opposite of its corner i."""
+    keys = edge_keys(np.stack([np.roll(corners, -1, axis=0).ravel(), np.roll(corners, -2, axis=0).ravel()]), n)
     order = np.argsort(keys, kind="stable")
-    double = np.flatnonzero(keys[order][1:] == keys[order][:-1])
-    twin = np.full(len(keys), -1)
-    twin[order[double]], twin[order[double + 1]] = order[double + 1], order[double]
-    away = np.where(landed < 0, np.inf, _length(source - points[landed]))
-    nearest = np.lexsort((away, landed))
-    free = on[:, 0] >= 0
-    free[nearest[np.unique(landed[nearest], return_index=True)[1]]] = False
-    landed, taken, put, new = landed.copy(), np.zeros(len(triangles), bool), [], []
-    worst = np.flatnonzero(free)
-    for p in worst[np.argsort(-error[worst], kind="stable")][: 20 * count]:
-        side = 3 * on[p, 0] + on[p, 1]
-        sides = np.array([side, twin[side]])
-        if len(put) == count or twin[side] < 0 or taken[sides // 3].any():
-            continue
-        (a, b), c = half[sides].T, triangles.ravel()[sides]
-        was = np.cross(points[a] - points[c], points[b] - points[c])
-        halves = [np.cross(source[p] - points[c], points[b] - points[c]), np.cross(points[a] - points[c], source[p] - points[c])]
-        if any((np.einsum("nd,nd->n", was, now) < 0.3 * _length(was) * _length(now) + 0.02 * _length(was) ** 2).any() for now in halves):
-            continue
-        taken[sides // 3] = True
-        landed[np.isin(on[:, 0], sides // 3) & free & (_length(source - source[p]) < away)] = middle = len(points) + len(put)
-        put.append(source[p])
-        new += [corners for k in range(2) for corners in ((c[k], a[k], middle), (c[k], middle, b[k]))]
-    new = np.array(new, triangles.dtype).reshape(-1, 3)
-    return np.concatenate([points, np.reshape(put, (-1, 3))]), np.concatenate([triangles[~taken], new]), landed
+    _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
+    double = first[count == 2]
+    return order[double], order[double + 1], keys
 
 
-def _again(points, triangles, stars, face, at, others) -> None:
-    """Bring `face` and `at` up to date for those of `others` that are farthest from them."""
-    distance = _length(others - _mix(points, triangles[face], at))
-    far = np.flatnonzero(distance > FAR * distance.max())
-    start = triangles[face[far], at[far].argmax(axis=1)]
-    face[far], at[far] = _walk(points, triangles, stars, start, others[far])
+def _grid(fine: int) -> np.ndarray:
+    """Barycentric weights (3, g): the middle of a triangle, points inside it, and those on its sides up to their middles."""
+    inside = [(i, j, fine - i - j) for i in range(1, fine) for j in range(1, fine - i) if 3 * i != fine or 3 * j != fine]
+    sides = [np.roll((fine - i, i, 0), k) for k in range(3) for i in range(1, fine // 2 + 1)]
+    return np.concatenate([[(1 / 3, 1 / 3, 1 / 3)], np.reshape([*inside, *sides], (-1, 3)) / fine]).T
 
 
-def _walk(points, triangles, stars, start, others) -> tuple[np.ndarray, np.ndarray]:
-    """(triangle (k,), barycentric coordinates on it (k, 3)) nearest to each of `others` (k, 3), found by going from the
-    point `start` (k,) to the nearest of the triangles round it, to its nearest corner, and on while that gets nearer."""
-    face, at = _nearest(points, triangles, stars, start, others)
-    going = np.arange(len(start))
-    for _ in range(WALKS):
-        corner = triangles[face[going], at[going].argmax(axis=1)]
-        going, corner = going[corner != start[going]], corner[corner != start[going]]
-        if not len(going):
-            break
-        start[going] = corner
-        face[going], at[going] = _nearest(points, triangles, stars, corner, others[going])
-    return face, at
+GRID = _grid(2)
 
 
-def _nearest(points, triangles, stars, start, others) -> tuple[np.ndarray, np.ndarray]:
-    """(triangle (k,), barycentric coordinates on it (k, 3)) nearest to each of `others` (k, 3), of the triangles round the
-    points `start` (k,)."""
-    star, first = stars
-    count = (first[1:] - first[:-1])[start]
-    begin = np.cumsum(count) - count
-    which = np.repeat(np.arange(len(start)), count)
-    face = star[np.arange(len(which)) + np.repeat(first[start] - begin, count)]
-    corners = triangles[face]
-    at = _barycentric(others[which], *(points[corners[:, i]] for i in range(3)))
-    off = others[which] - _mix(points, corners, at)
-    distance = np.einsum("nd,nd->n", off, off)
-    hit = np.flatnonzero(distance == np.repeat(np.minimum.reduceat(distance, begin), count))
-    hit = hit[np.searchsorted(which[hit], np.arange(len(start)))]
-    return face[hit], at[hit]
-
-
-def _samples(triangles, stars) -> tuple[np.ndarray, np.ndarray]:
-    """(triangle (k,), barycentric coordinates (k, 3)) of the middles of all triangles and sides, and of the points."""
-    star, first = stars
-    every, at = [np.arange(len(triangles))], [np.full((len(triangles), 3), 1 / 3)]
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        every.append(np.flatnonzero(triangles[:, i] < triangles[:, j]))  # a side of two triangles once
-        at.append(np.tile((np.arange(3) == i) / 2 + (np.arange(3) == j) / 2, (len(every[-1]), 1)))
-    one = star[first[:-1]]
-    return np.concatenate([*every, one]), np.concatenate([*at, triangles[one] == np.arange(len(first) - 1)[:, None]])
-
-
-def _stars(triangles, n) -> tuple[np.ndarray, np.ndarray]:
-    """The triangles of each of n points, one point's after another's, and where each one's begin (n + 1,)."""
-    corner = triangles.ravel()
-    return np.argsort(corner, kind="stable") // 3, np.concatenate([[0], np.cumsum(np.bincount(corner, minlength=n))])
-
-
-def _length(vectors) -> np.ndarray:
-    return np.sqrt(np.einsum("nd,nd->n", vectors, vectors))
-
-
-def _mix(points, corners, at) -> np.ndarray:
-    """The points (k, 3) at barycentric coordinates (k, 3) of the corners (k, 3)."""
-    return sum(at[:, i, None] * points[corners[:, i]] for i in range(3))
-
-
-def _barycentric(p, a, b, c) -> np.ndarray:
-    """Barycentric coordinates (k, 3) of the points of the triangles abc nearest to p, each (k, 3).
-
-    Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
-    """
-    u, v, w = b - a, c - a, p - a
-    uu, uv, vv, wu, wv = (np.einsum("nd,nd->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v)))
-    area = uu * vv - uv * uv + 1e-300
-    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
-    out = np.flatnonzero((s < 0) | (t < 0) | (s + t > 1))
-    uu, uv, vv, wu, wv = uu[out], uv[out], vv[out], wu[out], wv[out]
-    # the nearest points on the sides, and the nearest of these
-    ab, ac = (wu / (uu + 1e-300)).clip(0, 1), (wv / (vv + 1e-300)).clip(0, 1)
-    bc = ((wv - wu + uu - uv) / (uu - 2 * uv + vv + 1e-300)).clip(0, 1)
-    side_s, side_t = np.stack([ab, 0 * ab, 1 - bc]), np.stack([0 * ac, ac, bc])
-    away = side_s**2 * uu + 2 * side_s * side_t * uv + side_t**2 * vv - 2 * (side_s * wu + side_t * wv)
-    side = away.argmin(axis=0), np.arange(len(out))
-    s[out], t[out] = side_s[side], side_t[side]
-    return np.stack([1 - s - t, s, t], axis=1)
-
-
-def _unfolded(old, new, triangles) -> np.ndarray:
-    """`new` but for the points of triangles that would turn over or shrink to slivers: those stay at `old`."""
-    normal = lambda p: np.cross(p[triangles[:, 1]] - p[triangles[:, 0]], p[triangles[:, 2]] - p[triangles[:, 0]])  # noqa: E731
-    was = normal(old)
-    for _ in range(20):
-        now = normal(new)
-        along = np.einsum("nd,nd->n", was, now)
-        bad = (along < 0.8 * _length(was) * _length(now)) | (along < 0.2 * (was**2).sum(axis=1))
-        stay = np.unique(triangles[bad])
-        stay = stay[(new[stay] != old[stay]).any(axis=1)]
+def _unfolded(old, new, corners) -> np.ndarray:
+    """`new` but for the points of triangles that would turn or shrink to slivers: those go less far, or not at all."""
+    was = normals(*(old.take(c, 1) for c in corners))
+    size = np.einsum("dn,dn->n", was, was)
+    for k in range(20):
+        now = normals(*(new.take(c, 1) for c in corners))
+        along = np.einsum("dn,dn->n", was, now)
+        bad = (along < 0.8 * np.sqrt(size) * length(now)) | (along < 0.2 * size)
+        stay = np.unique(corners[:, bad])
+        stay = stay[(new[:, stay] != old[:, stay]).any(axis=0)]
         if not len(stay):
             return new
-        new[stay] = old[stay]
+        new[:, stay] = (new[:, stay] + old[:, stay]) / 2 if k < HALVES else old[:, stay]
     return old

@@ -33,9 +33,9 @@ class Skin:
         """That of the mesh moved by -origin and divided by size."""
         return Skin((self.rest - origin) / size, (self.place - origin) / size, self.frame)
 
-    def telling(self, triangles: np.ndarray, most: int = MOST) -> "Skin":
+    def telling(self, triangles: np.ndarray, most: int = MOST) -> "Skin | None":
         """At most `most` of the poses: each time the one that bends the triangles (m, 3) most unlike those before and the
-        rest; none that is like one of them."""
+        rest; none that is like one of them. None if nothing bends."""
         a, b = triangles[:, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
@@ -47,4 +47,4 @@ class Skin:
                 break
             chosen.append(int(unlike.argmax()))
             new = turns[chosen[-1]]
-        return Skin(self.rest, self.place[chosen], self.frame[chosen])
+        return Skin(self.rest, self.place[chosen], self.frame[chosen]) if chosen else None
