@@ -11,8 +11,9 @@ from .errors import CrowdError
 from .refine import SAMPLES, Fit
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
+SEAMED = 30_000  # triangles of a mesh with seams that it leaves, which does not keep them
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT = 200_000  # samples to go through, some second's worth: two to collapse a triangle, two to begin, half a round
+EFFORT = 180_000  # samples to go through, some second's worth: two to collapse a triangle, two to begin, half a round
 ROUNDS = 40  # of moves, at most
 FLIPS = 2  # of these rounds begin with flips
 STEPS = 5  # moves of all points in a round
@@ -93,7 +94,7 @@ def _best(points, triangles, quadrics, seams, target: int) -> tuple[np.ndarray, 
 
     Work is counted, not timed: the same mesh gives the same LOD."""
     part, facing = _parts(len(points), triangles), normals_of(points, triangles)
-    start, some, landed = _bulk(points, triangles, part, BULK * target)
+    start, some, landed = _bulk(points, triangles, part, max(BULK * target, SEAMED if len(seams) else 0))
     rows = np.stack([np.bincount(landed, row, len(start)) for row in (*quadrics, *facing.T)])
     new_points, new_triangles, end = collapse(start, some, rows[:11], rows[11:].T, target)
     new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
