@@ -12,8 +12,9 @@ from .refine import SAMPLES, Fit
 from .skin import Skin
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
+SEAMED = 30_000  # triangles of a mesh with seams that it leaves, which does not keep them
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT = 200_000  # samples to go through, some second's worth: two to collapse a triangle, two to begin, half a round
+EFFORT = 180_000  # samples to go through, some second's worth: two to collapse a triangle, two to begin, half a round
 ROUNDS = 40  # of moves, at most
 POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
 FLIPS = 2  # of these rounds begin with flips
@@ -109,7 +110,9 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> tuple[np.
     a straight elbow first; and so would flips."""
     part, facing = _parts(len(points), triangles), normals_of(points, triangles)
     quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
-    start, some, landed = (points, triangles, np.arange(len(points))) if bent else _bulk(points, triangles, part, BULK * target)
+    start, some, landed = points, triangles, np.arange(len(points))
+    if not bent:
+        start, some, landed = _bulk(points, triangles, part, max(BULK * target, SEAMED if len(seams) else 0))
     rows = np.stack([np.bincount(landed, row, len(start)) for row in (*quadrics, *facing.T)])
     new_points, new_triangles, end, follows = collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_triangles = _largest_parts(points, triangles, part, new_triangles, target)

@@ -125,15 +125,20 @@ class Fit:
             self.lod.points = _unfolded(self.lod.points, self._along(move), self.lod.corners)
             self.measure()
 
-    def _along(self, move) -> np.ndarray:
-        """The points moved, those on seams only along their normals: no triangle leaves its side."""
-        points, corners = self.lod.points, self.lod.corners
-        held = np.unique(self.seams)
+    def _along(self, move: np.ndarray) -> np.ndarray:
+        """The points moved; those on seams along their normals and the seam only, or triangles would reach across it."""
+        points, (a, b) = self.lod.points, self.seams
+        held, ends = np.unique(self.seams, return_inverse=True)
         if len(held):
-            flat = normals(*(points.take(c, 1) for c in corners))
-            normal = np.stack([sum(np.bincount(c, x, points.shape[1]) for c in corners) for x in flat]).take(held, 1)
+            flat = normals(*(points.take(c, 1) for c in self.lod.corners))
+            normal = np.stack([sum(np.bincount(c, x, points.shape[1]) for c in self.lod.corners) for x in flat]).take(held, 1)
             normal /= length(normal) + 1e-300
-            move[:, held] = normal * np.einsum("dn,dn->n", normal, move.take(held, 1))
+            side = points.take(b, 1) - points.take(a, 1)
+            side = np.tile(side / (length(side) + 1e-300), 2)
+            slide = np.einsum("dn,dn->n", side, move.take(np.append(a, b), 1))
+            ends = ends.ravel()
+            slid = np.stack([np.bincount(ends, along * slide) for along in side]) / np.bincount(ends)
+            move[:, held] = normal * np.einsum("dn,dn->n", normal, move.take(held, 1)) + slid
         return points + move
 
     def flip(self) -> None:
