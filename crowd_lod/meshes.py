@@ -12,7 +12,7 @@ from .refine import SAMPLES, Fit
 from .skin import Skin
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
-SEAMED = 30_000  # triangles of a mesh with seams that it leaves, which does not keep them
+SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 BULK_AGGRESSION = 3  # with this care; its default is 7
 EFFORT = 180_000  # samples to go through, some second's worth: two to collapse a triangle, two to begin, half a round
 ROUNDS = 40  # of moves, at most
@@ -106,14 +106,13 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> tuple[np.
     """(points (k, 3), triangles (m, 3), landed (n,): the new point of each, or -1; follows (k,): with a skin the point that
     each moves with): collapsed, then fitted while EFFORT lasts.
 
-    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, it takes the rings of
-    a straight elbow first; and so would flips."""
+    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification and flips know no poses, and take the
+    rings of a straight elbow first: the one goes less far, in the pose that bends most, the other are left out."""
     part, facing = _parts(len(points), triangles), normals_of(points, triangles)
     quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
-    start, some, landed = points, triangles, np.arange(len(points))
-    if not bent:
-        start, some, landed = _bulk(points, triangles, part, max(BULK * target, SEAMED if len(seams) else 0))
-    rows = np.stack([np.bincount(landed, row, len(start)) for row in (*quadrics, *facing.T)])
+    spared = BENT if bent else SEAMED if len(seams) else 0
+    start, some, landed = _bulk(points, triangles, part, max(BULK * target, spared), skin.place[0] if bent else points)
+    rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
     new_points, new_triangles, end, follows = collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
@@ -138,9 +137,9 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> tuple[np.
     return new_points, new_triangles, landed, follows[kept]
 
 
-def _bulk(points, triangles, part, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3), triangles, landed (n,)) about `target` triangles by fast-simplification; the mesh itself where that
-    would lose a part or open, double or join faces."""
+def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(points (n, 3), triangles, landed (n,)) about `target` triangles by fast-simplification, which chooses what to collapse
+    with the points at `seen` (n, 3); the mesh itself where that would lose a part or open, double or join faces."""
     import fast_simplification
 
     same = points, triangles, np.arange(len(points))
@@ -149,7 +148,7 @@ def _bulk(points, triangles, part, target: int) -> tuple[np.ndarray, np.ndarray,
     faces = np.ascontiguousarray(triangles, np.int32)
     with _one_at_a_time:
         _, _, collapses = fast_simplification.simplify(
-            points, faces, target_count=target, agg=BULK_AGGRESSION, return_collapses=True
+            seen, faces, target_count=target, agg=BULK_AGGRESSION, return_collapses=True
         )
         some_points, some, landed = fast_simplification.replay_simplification(points, faces, collapses)
     # it numbers the points anew: each takes back the number of the first that landed on it

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 MOST = 3  # poses, besides the one at rest, that decimation heeds
+LOOKED_AT = 5_000  # triangles that tell poses apart, about
 STIFF = 1e-3  # mean change of a side's turn below which poses are alike
 
 
@@ -36,7 +37,7 @@ class Skin:
     def telling(self, triangles: np.ndarray, most: int = MOST) -> "Skin | None":
         """At most `most` of the poses: each time the one that bends the triangles (m, 3) most unlike those before and the
         rest; none that is like one of them. None if nothing bends."""
-        a, b = triangles[:, [0, 1]].T
+        a, b = triangles[:: len(triangles) // LOOKED_AT + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
         unlike, chosen = np.full(len(turns), np.inf), []
