@@ -26,11 +26,13 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+from crowd_lod_extension.operators.compute import Planner
 from crowd_lod_extension.operators.report import machine_name
 
 SIZES = (2500, 1000, 118)  # the chapter's last number is lost; 118 is its co-author's later characters'
 PERSON = Group("person", 0.9, 1.0, 1.25, 1.0, SIZES, tuple(2 * n for n in SIZES))
 POLICY = LevelPolicy((0.1, 0.35))
+PEERS = ("naive", "six_planes", "geometry_nodes", "c_loop", "gpu")  # each does what the core does
 CHAPTER = {"Agents": "agents", "t": "t_ms", "LOD0": "lod0", "LOD1": "lod1", "LOD2": "lod2", "Vertices": "vertices_millions"}
 CHAPTER |= {"Visible %": "visible_percent", "Culled %": "culled_percent"}
 
@@ -69,16 +71,21 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
     still = replace(trajectory, seconds_per_frame=0.0, _kept={})
     crowd, begin = trajectory.start, limits(POLICY, camera(side, 0), np.ones(1))[0]
     nodes = peers.Nodes(crowd, PERSON, begin)
+    planner = Planner(trajectory) if peers.has_gpu() else None
     c_cull = loop.library() and loop.Cull(crowd, PERSON, begin)
     c_step = loop.library() and loop.Step(crowd, trajectory.machine, trajectory.world, (PERSON,), 1 / 24)
     took: dict[str, list[float]] = {}
     still.at(1)
     for repeat in range(repeats + 1):
         view = camera(side, 0.2 + 0.3 * repeat / repeats, 0.2 * np.sin(repeat))
-        moving = plan(trajectory, view, POLICY, 1 + repeat).milliseconds
-        same = plan(still, view, POLICY, 1)
+        frame, same = plan(trajectory, view, POLICY, 1 + repeat), plan(still, view, POLICY, 1)
+        moving = frame.milliseconds
         once = {"behaviour": moving["behaviour"], "culling": moving["culling"] + moving["levels"], "sorting": moving["sorting"]}
-        once["core"] = sum(ms for name, ms in moving.items() if name != "behaviour")
+        once["core"] = sum(moving.values()) - moving["behaviour"]
+        if planner:
+            there = plan(trajectory, view, POLICY, 1 + repeat, sorter=planner)
+            once["gpu"] = sum(there.milliseconds.values()) - there.milliseconds["behaviour"]
+            assert there.buckets.order.tobytes() == frame.buckets.order.tobytes()
         for name in ("naive", "six_planes"):
             once[name], found = taken(getattr(peers, name), crowd, PERSON, view, begin)
             assert [len(each) for each in found] == same.buckets.counts.tolist(), name
@@ -90,7 +97,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
             assert (counts == same.buckets.counts).all()
             once["c_step"], _ = taken(c_step)
             once["behaviour / c_step"] = once["behaviour"] / once["c_step"]
-        once |= {f"core / {name}": once["core"] / once[name] for name in ("naive", "six_planes", "geometry_nodes", "c_loop") if name in once}
+        once |= {f"core / {name}": once["core"] / once[name] for name in PEERS if name in once}
         if repeat:  # the first warms up
             for name, value in once.items():
                 took.setdefault(name, []).append(value)
@@ -160,7 +167,7 @@ def main(arguments: list[str] | None = None) -> None:
     machine = f"{machine_name()}; medians of {repeats} runs"
     print(machine, flush=True)
     one = [stages(n, repeats, args.seed) for n in ((1000, 32_000, 1_000_000) if args.quick else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000))]
-    heads = ("agents", "behaviour", "culling", "sorting", "core", "naive", "six_planes", "geometry_nodes", "c_loop", "c_step")
+    heads = ("agents", "behaviour", "culling", "sorting", "core", *PEERS, "c_step")
     print("\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same")
     print(table(one, {name.replace("_", " "): name for name in heads}))
     ratios = [name for name in one[0] if "/" in name and not name.endswith(("q1", "q3"))]
@@ -192,7 +199,7 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     figure.suptitle(machine, fontsize=7, color="#444444")
     sets = {
         "Test 1 (figure 1.6): stages": ("behaviour", "culling", "sorting"),
-        "Culling, LOD and sorting, beside other ways": ("core", "naive", "six_planes", "geometry_nodes", "c_loop"),
+        "Culling, LOD and sorting, beside other ways": ("core", *PEERS),
     }
     for place, (title, names) in enumerate(sets.items()):
         axes = figure.add_subplot(1, 2, place + 1)

@@ -1,5 +1,7 @@
 """Other ways to cull, give LODs and sort, each on the same crowd: what the core is measured beside."""
 
+from functools import cache
+
 import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.agents import Crowd, Group
@@ -30,6 +32,18 @@ def six_planes(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -
     level = np.searchsorted(limits, signed[6, seen], side="right").astype(np.uint8)
     seen = seen[np.argsort(level, kind="stable")]
     return np.split(seen, np.cumsum(np.bincount(level, minlength=len(limits) + 1))[:-1])
+
+
+@cache
+def has_gpu() -> bool:
+    """Whether compute shaders run here: before Blender 5.1 they need its window."""
+    import gpu
+
+    try:
+        gpu.init()
+    except (AttributeError, SystemError):
+        return False
+    return gpu.capabilities.compute_shader_support_get()
 
 
 class Nodes:
