@@ -319,9 +319,11 @@ class Trajectory:
         frame = min(frame, 1) if STILL in self.left_out else frame - frame % self.every
         made, found = self._blocks
         if made != self.first_frame + frame:
+            self._blocks, found = (None, None), None  # let go before others are made
             ordered = frame - frame % (ORDERED * self.every)
             known, order = self._order
             if known != ordered:
+                self._order, order = (None, None), None
                 crowd = self._kept[ordered]
                 order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
                 self._order = ordered, order

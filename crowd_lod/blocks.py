@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import curve
 from .agents import Crowd, Group
 from .camera import Camera, planes, stretch
 from .machine import StateMachine
@@ -99,37 +100,47 @@ def blocks_of(
     size = LEAF
     while count > size * FIRST:
         size *= FAN
-    full = np.full(-(-count // size) * size, order[-1], np.int32)
-    full[:count] = order
-    rows = full.reshape(-1, LEAF)
-    group = crowd.group[rows[:, [0, -1]].T]
+    leaves = -(-count // size) * (size // LEAF)
+    begins = np.arange(leaves) * LEAF
+    group = np.array([crowd.group[order.take(begins + at, mode="clip")] for at in (0, LEAF - 1)])
     centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "radius"))
-    low, high = np.empty((2, 3, len(rows)))
+    boxes = np.empty((8, leaves))
+    low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):
         floor = float(crowd.z[0]) if flat and crowd.z.min() == crowd.z.max() else None
         low[2], high[2] = floor or 0.0, floor or 0.0
-        for at in range(0, len(rows), COLUMNS):
-            some = slice(at, at + COLUMNS)
-            agents = rows[some].T.astype(np.intp, order="C")  # a block a column: many blocks are compared at a time
+        for at in range(0, leaves, COLUMNS // 4):
+            some = slice(at, at + COLUMNS // 4)
+            # a block a column: many blocks are compared at a time
+            agents = order.take(begins[some] + np.arange(LEAF)[:, None], mode="clip").astype(np.intp)
             for axis, column in enumerate((crowd.x, crowd.y, crowd.z)[: 2 if floor is not None else 3]):
                 place = column[agents]
                 low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
         _stay(low, high, area, wraps)
         low[2] += _over(centre, np.minimum)[*group]
         high[2] += _over(centre, np.maximum)[*group]
-        radii = np.array([_over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]])
-        extent = float(np.abs([low, high]).max())
-        tiers = []
-        while True:
-            tiers.insert(0, (full.size // low.shape[1], np.concatenate([(low + high) / 2, (high - low) / 2, radii]), group))
-            if full.size == size * low.shape[1]:
-                break
-            part = (-1, low.shape[1] // FAN, FAN)
-            low, high = low.reshape(part).min(axis=2), high.reshape(part).max(axis=2)
-            radii = np.array([radii[0].reshape(part[1:]).min(axis=1), radii[1].reshape(part[1:]).max(axis=1)])
-            group = np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
-    sizes = np.bincount(crowd.group, minlength=len(groups)) if len(groups) > 1 else [count]
+        radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
+        extent = float(max(np.abs(low).max(), np.abs(high).max()))
+        tiers = [(LEAF, boxes, group)]
+        while tiers[0][0] < size:
+            tiers.insert(0, _joined(*tiers[0]))
+        for _, boxes, _ in tiers:  # the two corners become centre and half width, in place
+            low, high = boxes[:3], boxes[3:6]
+            half = (high - low) / 2
+            low[:] = (low + high) / 2
+            high[:] = half
+    sizes = [count]
+    if len(groups) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
+        parts = (crowd.group[at : at + curve.BLOCK] for at in range(0, count, curve.BLOCK))
+        sizes = sum(np.bincount(part, minlength=len(groups)) for part in parts)
     return Blocks(order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
+
+
+def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """The next larger tier: every FAN blocks in one. boxes: (8, b) with the least and the greatest corner for centre and half width."""
+    parts = boxes.reshape(8, -1, FAN)
+    least, most = parts.min(axis=2), parts.max(axis=2)
+    return size * FAN, np.concatenate([least[:3], most[3:6], least[6:7], most[7:]]), np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
 
 
 def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None) -> None:
