@@ -328,11 +328,10 @@ class Trajectory:
                 order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
                 self._order = ordered, order
             crowd = self._kept[frame]
-            if self.heights is not None:
-                crowd = replace(crowd, z=self.heights.at(crowd.x, crowd.y))
             longest = self.seconds_per_frame * np.array([-SHUTTER, self.every + SHUTTER])
             wraps = self._pace.between(longest) if self.machine.edge == "wrap" else None
-            found = blocks.blocks_of(crowd, order, self.groups, self.world.area, wraps, self.heights is None)
+            about = self.groups, self.world.area, wraps, self.heights is None, self.heights
+            found = blocks.blocks_of(crowd, order, *about)
             made = self.first_frame + frame
             self._blocks = made, found
         return made, found
