@@ -13,11 +13,13 @@ import sys
 import time
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import loop
 import numpy as np
 import peers
+import walkers
 from crowd_lod_extension.crowd_lod import report
 from crowd_lod_extension.crowd_lod.agents import Group, populate
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
@@ -150,6 +152,34 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
     return row
 
 
+def whole(agents: int, repeats: int, seed: int) -> dict:
+    """A row of the whole frame: from behaviour to points that the dependency graph holds, by Crowd LOD and by geometry nodes
+    that do the same, in turn. The processor's time counts all threads: it says what the work costs, the other how long it
+    takes."""
+    trajectory, side = crowd_of(agents, seed)
+    points, nodes = walkers.Points(trajectory, POLICY), walkers.Walkers(trajectory, PERSON, limits(POLICY, camera(side, 0), np.ones(1))[0])
+    took: dict[str, list[float]] = {}
+    for repeat in range(repeats + 2):
+        view = camera(side, 0.2 + 0.3 * repeat / repeats)
+        nodes.aim(view)
+        once = {}
+        for name, job in (("crowd_lod", partial(points, view)), ("geometry_nodes", nodes.frame)):
+            work = time.process_time()
+            once[name], _ = taken(job, 2 + repeat)
+            once[f"{name}_processor"] = 1000 * (time.process_time() - work)
+        assert np.abs(nodes.counts(3) - points.counts()).sum() <= 1e-3 * agents + 2  # their steps are not cut at the map's edge
+        once["ratio"], once["ratio_processor"] = (once[f"crowd_lod{k}"] / once[f"geometry_nodes{k}"] for k in ("", "_processor"))
+        if repeat > 1:  # the first two warm up
+            for name, value in once.items():
+                took.setdefault(name, []).append(value)
+    row = {"agents": agents, "visible": int(points.counts().sum())}
+    for name, values in took.items():
+        row[name], row[f"{name} q1"], row[f"{name} q3"] = quartiles(values)
+    points.close()
+    nodes.close()
+    return row
+
+
 def table(rows: list[dict], columns: dict[str, str]) -> str:
     """The rows as text, `columns` by heading."""
     cells = [list(columns), *([f"{row.get(key, ''):,}" if key in row else "" for key in columns.values()] for row in rows)]
@@ -176,7 +206,10 @@ def main(arguments: list[str] | None = None) -> None:
     for which in "AB":
         print(f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; vertices in millions")
         print(table([row for row in two if row["perspective"] == which], CHAPTER), flush=True)
-    results = {"machine": machine, "test_1": one, "test_2": two}
+    three = [whole(n, repeats, args.seed) for n in ((10_000, 100_000) if args.quick else (10_000, 100_000, 1_000_000))]
+    print("\nThe whole frame, behaviour to points in Blender: milliseconds, and of the processor's time")
+    print(table(three, {name.replace("_", " "): name for name in three[0] if not name.endswith(("q1", "q3"))}), flush=True)
+    results = {"machine": machine, "test_1": one, "test_2": two, "whole_frame": three}
     if not args.quick:
         results["growth"] = [growth(n, 9, args.seed) for n in (100_000, 1_000_000, 10_000_000)]
         print(f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}")
