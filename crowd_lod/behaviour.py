@@ -117,12 +117,17 @@ def advance(
     agents = slice(None)  # those still on the move; their own arrays follow
     column, row = world.cells(x, y)
     rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
+    # NumPy is several times faster along rows than across pairs
+    table = np.ascontiguousarray(machine.velocity.reshape(-1, 2).T)
+    per_metre, per_second = np.ascontiguousarray(cycles.T)
+    cell = np.array(world.cell)[:, None]
+    timed = machine.timed
     while len(rest):
-        if machine.timed:
+        if timed:
             _time_out(machine, agents, state, wait, key)
         old = state[agents]
         label = world.labels[:1, 0] if ONE_LABEL in leave else world.labels[row, column]
-        velocity = machine.velocity[:, label[0]][old] if ONE_LABEL in leave else machine.velocity[old, label]
+        velocity = table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
         if UNCHANGING in leave:
             changed = np.zeros(len(rest), bool)
         else:
@@ -131,19 +136,19 @@ def advance(
             state[agents] = new
         reads += len(rest)
         if reflects:
-            velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)], axis=1)
+            velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)])
             mirror[agents] *= ~changed
         if draws:
             key[agents] = chance.moved_on(key[agents], changed)
             into = np.flatnonzero(changed) if isinstance(agents, slice) else agents[changed]
             wait[into] = machine.waits(state[into], key[into])
         if machine.edge == "stop":
-            velocity[_leaves_map(x[agents], y[agents], velocity, area)] = 0
-        span = np.minimum(rest, wait[agents]) if machine.timed else rest.copy()
+            velocity[:, _leaves_map(x[agents], y[agents], velocity, area)] = 0
+        span = np.minimum(rest, wait[agents]) if timed else rest.copy()
         if exact:
             span[changed] = 0
         # where the span leads; those who would leave their cell go to its border
-        to_x, to_y = x[agents] + velocity[:, 0] * span, y[agents] + velocity[:, 1] * span
+        to_x, to_y = x[agents] + velocity[0] * span, y[agents] + velocity[1] * span
         to_column, to_row = world.cells(to_x, to_y)
         leaves = (to_column != column) | (to_row != row)
         if machine.edge != "clamp":
@@ -153,7 +158,7 @@ def advance(
             leaves |= _on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
         c = np.flatnonzero(leaves)
         if len(c):
-            at = x[agents][c], y[agents][c], column[c], row[c], velocity[c], span[c]
+            at = x[agents][c], y[agents][c], column[c], row[c], velocity[:, c], span[c]
             span[c], to_x[c], to_y[c], column[c], row[c], flips = _to_border(*at, world, machine.edge)
             if reflects:
                 mirror[np.arange(len(x))[agents][c]] ^= flips
@@ -163,16 +168,16 @@ def advance(
                 key[agents] = chance.moved_on(key[agents], entered)
         x[agents] = np.clip(to_x, area.x_min, area.x_max)
         y[agents] = np.clip(to_y, area.y_min, area.y_max)
-        speed = np.hypot(velocity[:, 0], velocity[:, 1])
-        heading[agents] = np.where(speed > 0, np.arctan2(velocity[:, 1], velocity[:, 0]), heading[agents])
-        per_metre, per_second = cycles[0 if ONE_ACTION in leave else crowd.group[agents]].T
-        phase[agents] = (phase[agents] + span * (per_metre * speed + per_second)) % 1.0
-        if machine.timed:
+        speed = np.hypot(*velocity)
+        heading[agents] = np.where(speed > 0, np.arctan2(velocity[1], velocity[0]), heading[agents])
+        group = 0 if ONE_ACTION in leave else crowd.group[agents]
+        phase[agents] = (phase[agents] + span * (per_metre[group] * speed + per_second[group])) % 1.0
+        if timed:
             wait[agents] -= span
         rest = rest - span
         # who goes on, and who has been at it too long without getting anywhere
         j = np.flatnonzero(leaves | changed) if exact else c
-        slow = span[j] * np.abs(velocity[j] / np.array(world.cell)).max(axis=1) <= PROGRESS
+        slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= PROGRESS
         before, idle = idle, np.zeros_like(idle)
         idle[j] = np.where(slow, before[j] + 1, 0)
         goes = rest > 0
@@ -185,7 +190,7 @@ def advance(
             agents, goes = agents[~gives_up[goes]], goes & ~gives_up
         rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
     phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
-    wait = wait.astype(np.float32) if machine.timed else crowd.wait
+    wait = wait.astype(np.float32) if timed else crowd.wait
     moved = replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase, wait=wait, key=key, mirror=mirror)
     return moved, Tally(reads, held)
 
@@ -199,14 +204,14 @@ def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
 
 
 def _borders(x, y, column, row, velocity, world: LabelMap):
-    """Of the cells column, row (c,), the borders ahead of agents at x, y with `velocity` (c, 2).
+    """Of the cells column, row (c,), the borders ahead of agents at x, y with `velocity` (2, c).
 
     Each (2, c), x and y: place; cell; way, -1, 0 or 1; the cell beyond; whether that is off the map; the border.
     """
     place, cell = np.stack([x, y]), np.stack([column, row])
     size = np.array(world.cell)[:, None]
     low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-    way = np.sign(velocity.T).astype(np.intp)
+    way = np.sign(velocity).astype(np.intp)
     beyond = cell + way
     out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
     return place, cell, way, beyond, out, np.where(out, np.where(way > 0, high, low), low + (cell + (way > 0)) * size)
@@ -227,13 +232,13 @@ def _to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str):
     """
     place, cell, way, beyond, out, border = _borders(x, y, column, row, velocity, world)
     with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity.T, 0))
+        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity, 0))
     if edge == "clamp":
         time[out] = np.inf
     axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
     one = np.arange(len(axis))
     taken = np.minimum(time.min(axis=0), span)
-    place = place + velocity.T * taken
+    place = place + velocity * taken
     leaves_map = out[axis, one]
     if edge == "wrap":
         low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
@@ -251,8 +256,8 @@ def _outside(x, y, area) -> np.ndarray:
 
 
 def _leaves_map(x, y, velocity, area) -> np.ndarray:
-    """Whether agents at x, y (m,) on the area's border, or beyond it, would move outwards at `velocity` (m, 2)."""
-    vx, vy = velocity.T
+    """Whether agents at x, y (m,) on the area's border, or beyond it, would move outwards at `velocity` (2, m)."""
+    vx, vy = velocity
     return (
         ((x <= area.x_min) & (vx < 0)) | ((x >= area.x_max) & (vx > 0))
         | ((y <= area.y_min) & (vy < 0)) | ((y >= area.y_max) & (vy > 0))
