@@ -3,9 +3,10 @@
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
-same (peers.py, loop.c), each taken in turn in the same run. Test 2: the whole plan from perspective A, which sees nearly
-all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; it does not draw. Growth: time and
-memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
+same (peers.py, loop.c, the GPU), each taken in turn in the same run. Test 2: the plan from perspective A, which sees nearly
+all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; then the same drawn (drawn.py), with
+and without LODs, with and without culling. The whole frame: from behaviour to points in Blender, beside geometry nodes
+(walkers.py). Growth: time and memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
 """
 
 import argparse
@@ -16,6 +17,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+import drawn
 import loop
 import numpy as np
 import peers
@@ -30,6 +32,7 @@ from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
 from crowd_lod_extension.operators.compute import Planner
 from crowd_lod_extension.operators.report import machine_name
+from matplotlib.image import imsave
 
 SIZES = (2500, 1000, 118)  # the chapter's last number is lost; 118 is its co-author's later characters'
 PERSON = Group("person", 0.9, 1.0, 1.25, 1.0, SIZES, tuple(2 * n for n in SIZES))
@@ -37,6 +40,8 @@ POLICY = LevelPolicy((0.1, 0.35))
 PEERS = ("naive", "six_planes", "geometry_nodes", "c_loop", "gpu")  # each does what the core does
 CHAPTER = {"Agents": "agents", "t": "t_ms", "LOD0": "lod0", "LOD1": "lod1", "LOD2": "lod2", "Vertices": "vertices_millions"}
 CHAPTER |= {"Visible %": "visible_percent", "Culled %": "culled_percent"}
+DRAWN = {"Agents": "agents", "t": "t_ms", "t, no culling": "t_ms_no_culling", "t, no LOD": "t_ms_no_lod", "t, neither": "t_ms_neither"}
+DRAWN |= {"Vertices": "vertices_millions", "Vertices, neither": "vertices_millions_neither"}
 
 
 def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
@@ -128,6 +133,31 @@ def perspective(agents: int, which: str, repeats: int, seed: int) -> dict:
     }  # fmt: skip
 
 
+def pictures(agents: int, which: str, repeats: int, seed: int, path: Path) -> dict:
+    """A row of test 2, drawn: milliseconds from plan to pixels by the overlay, with and without LODs and culling. The
+    picture goes to `path`."""
+    trajectory, side = crowd_of(agents, seed)
+    screen = drawn.Screen(PERSON)
+    view = camera(side, -0.1, half=1.5) if which == "A" else camera(side, 0.9)
+    ways = {"": (True, True), "_no_culling": (True, False), "_no_lod": (False, True), "_neither": (False, False)}
+    took, row, seen = {name: [] for name in ways}, {"perspective": which, "agents": agents}, {}
+    for repeat in range(repeats + 1):
+        for name, way in ways.items():
+            trajectory.at(1 + repeat)  # its steps are test 1's
+            begun = time.perf_counter()
+            frame = drawn.planned(trajectory, view, POLICY, 1 + repeat, *way)
+            seen[name] = screen(frame)
+            took[name].append(1000 * (time.perf_counter() - begun))
+            row[f"vertices_millions{name}"] = round(frame.vertices / 1e6, 3)
+    for one, other in (("", "_no_culling"), ("_no_lod", "_neither")):  # culling shows in no pixel but for ties in depth
+        assert (seen[one] != seen[other]).any(axis=2).mean() < 1e-3
+    screen.free()
+    for name, values in took.items():
+        row[f"t_ms{name}"], row[f"t_q1{name}"], row[f"t_q3{name}"] = quartiles(values[1:])
+    imsave(path, seen[""][::-1])
+    return row
+
+
 def growth(agents: int, repeats: int, seed: int) -> dict:
     """Time and memory an agent. Memory is what Python asks for: the state; what it takes to make the blocks anew, which
     then hold 9 bytes; and a plan's results, of a camera that sees nearly all, with what it takes to make them."""
@@ -187,6 +217,12 @@ def table(rows: list[dict], columns: dict[str, str]) -> str:
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)
 
 
+def gpu_name() -> str:
+    import gpu
+
+    return f"{gpu.platform.renderer_get()}, {gpu.platform.backend_type_get()}"
+
+
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth.")
     parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute")
@@ -214,6 +250,14 @@ def main(arguments: list[str] | None = None) -> None:
         results["growth"] = [growth(n, 9, args.seed) for n in (100_000, 1_000_000, 10_000_000)]
         print(f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}")
     with report.staged(args.out.absolute()) as stage:
+        if peers.has_gpu():
+            sizes, times = ((1024,), 3) if args.quick else ((1024, 4096, 8192), 5)
+            results["drawn"] = [pictures(n, which, times, args.seed, stage / f"perspective_{which}.png") for n in sizes for which in "AB"]
+            for which in "AB":
+                print(f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions")
+                print(table([row for row in results["drawn"] if row["perspective"] == which], DRAWN), flush=True)
+        else:
+            print("\nTest 2 is not drawn: this Blender has no GPU without a window.")
         (stage / "bench.json").write_text(report.to_json(results), encoding="utf-8")
         for name, rows in results.items():
             if name != "machine":
