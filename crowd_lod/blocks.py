@@ -307,10 +307,13 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.n
     left, slack = [places[:0]], max(test.slack for test in tests)
     centre, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
+    begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
+    # agents lie group by group: to tell theirs, none is asked
+    groups = np.repeat(np.arange(len(centre), dtype=np.uint8), np.diff(np.searchsorted(places, blocks.groups)))
     for start in range(0, len(places), COLUMNS):
         some = places[start : start + COLUMNS]
         agents = blocks.order[some].astype(np.intp)
-        group = crowd.group[agents] if len(centre) > 1 else 0
+        group = groups[start : start + COLUMNS] if len(centre) > 1 else 0
         spheres = np.empty((5, len(some)))
         spheres[0], spheres[1] = crowd.x[agents], crowd.y[agents]
         spheres[2] = (crowd.z[agents] if blocks.floor is None else blocks.floor) + centre[group]
@@ -320,13 +323,9 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.n
             out, within, other = test.alone(spheres)
             outside, inside, distance = outside & out, inside | within, np.minimum(distance, other)
         shown = np.flatnonzero(inside)
-        distance, level, unsure = distance[shown], np.zeros(len(shown), np.uint8), np.zeros(len(shown), bool)
-        for begin in limits.T:
-            beyond = distance - (begin[0] if uniform else begin[group[shown]])
-            level += beyond >= 0
-            unsure |= np.abs(beyond) <= slack
-        levels[some[shown]] = level
-        inside[shown[unsure]] = False
+        beyond = distance[shown] - (begin if uniform else begin.take(group[shown], axis=1))
+        levels[some[shown]] = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
+        inside[shown[(np.abs(beyond) <= slack).any(axis=0)]] = False
         left.append(some[~(outside | inside)])
     return np.concatenate(left)
 
@@ -353,6 +352,6 @@ def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray)
                 nearest, farthest = np.minimum(nearest, near), np.minimum(farthest, far)
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
     for latest, earliest in steps:
-        finest += nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)
-        coarsest += farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)
+        finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(np.uint8)
+        coarsest += (farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)).view(np.uint8)
     return outside, np.where(inside & (finest == coarsest), finest, np.uint8(CULLED))
