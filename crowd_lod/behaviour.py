@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from . import blocks, chance, curve
+from . import blocks, borders, chance, curve
 from .agents import Crowd, Group
 from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
@@ -114,6 +114,8 @@ def advance(
     # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it goes on, it has met one twice
     patience = 4 * len(machine.states) + 4 if exact else HOLD
     held, reads = np.zeros(len(x), bool), 0
+    # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
+    repeats, met = not (exact or draws or reflects), np.full((7, len(x)), np.nan)
     agents = slice(None)  # those still on the move; their own arrays follow
     column, row = world.cells(x, y)
     rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
@@ -143,7 +145,7 @@ def advance(
             into = np.flatnonzero(changed) if isinstance(agents, slice) else agents[changed]
             wait[into] = machine.waits(state[into], key[into])
         if machine.edge == "stop":
-            velocity[:, _leaves_map(x[agents], y[agents], velocity, area)] = 0
+            velocity[:, borders.leaves_map(x[agents], y[agents], velocity, area)] = 0
         span = np.minimum(rest, wait[agents]) if timed else rest.copy()
         if exact:
             span[changed] = 0
@@ -152,14 +154,14 @@ def advance(
         to_column, to_row = world.cells(to_x, to_y)
         leaves = (to_column != column) | (to_row != row)
         if machine.edge != "clamp":
-            leaves |= _outside(to_x, to_y, area)
+            leaves |= borders.outside(to_x, to_y, area)
         if exact or not isinstance(agents, slice):
             # on a border and heading out: however short the move, even if rounding loses it, it leaves the cell
-            leaves |= _on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
+            leaves |= borders.on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
         c = np.flatnonzero(leaves)
         if len(c):
             at = x[agents][c], y[agents][c], column[c], row[c], velocity[:, c], span[c]
-            span[c], to_x[c], to_y[c], column[c], row[c], flips = _to_border(*at, world, machine.edge)
+            span[c], to_x[c], to_y[c], column[c], row[c], flips = borders.to_border(*at, world, machine.edge)
             if reflects:
                 mirror[np.arange(len(x))[agents][c]] ^= flips
             if draws:
@@ -180,6 +182,11 @@ def advance(
         slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= PROGRESS
         before, idle = idle, np.zeros_like(idle)
         idle[j] = np.where(slow, before[j] + 1, 0)
+        if repeats and len(j):
+            now = np.stack([x[agents], y[agents], state[agents], phase[agents], column, row, rest])[:, j]
+            skipped = borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
+            idle[j] += skipped
+            reads += int(skipped.sum())
         goes = rest > 0
         gives_up = goes & (idle >= patience)
         agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]
@@ -201,67 +208,6 @@ def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
     state[out] = machine.timed_out(state[out], key[out])
     key[out] = chance.moved_on(key[out], np.ones(len(out), bool))
     wait[out] = machine.waits(state[out], key[out])
-
-
-def _borders(x, y, column, row, velocity, world: LabelMap):
-    """Of the cells column, row (c,), the borders ahead of agents at x, y with `velocity` (2, c).
-
-    Each (2, c), x and y: place; cell; way, -1, 0 or 1; the cell beyond; whether that is off the map; the border.
-    """
-    place, cell = np.stack([x, y]), np.stack([column, row])
-    size = np.array(world.cell)[:, None]
-    low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-    way = np.sign(velocity).astype(np.intp)
-    beyond = cell + way
-    out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
-    return place, cell, way, beyond, out, np.where(out, np.where(way > 0, high, low), low + (cell + (way > 0)) * size)
-
-
-def _on_border(x, y, column, row, velocity, world: LabelMap, edge: str) -> np.ndarray:
-    """Whether agents stand on the border ahead, (c,); arguments as in `_borders`."""
-    place, _, way, _, out, border = _borders(x, y, column, row, velocity, world)
-    touches = np.abs(border - place) <= 4 * np.spacing(np.abs(border) + np.abs(place))
-    return (touches & (way != 0) & ~(out & (edge == "clamp"))).any(axis=0)
-
-
-def _to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str):
-    """Agents that leave their cell within `span`, taken to its border; arguments as in `_borders`.
-
-    Gives the seconds to the border, x, y, column, row of the cell entered, and the bits of `mirror` that the map's edge
-    flips, each (c,).
-    """
-    place, cell, way, beyond, out, border = _borders(x, y, column, row, velocity, world)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity, 0))
-    if edge == "clamp":
-        time[out] = np.inf
-    axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
-    one = np.arange(len(axis))
-    taken = np.minimum(time.min(axis=0), span)
-    place = place + velocity * taken
-    leaves_map = out[axis, one]
-    if edge == "wrap":
-        low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-        beyond %= np.array(world.labels.shape[::-1])[:, None]
-        border = np.where(out, np.where(way > 0, low, high), border)
-    place[axis, one] = border[axis, one]
-    enters = ~leaves_map | (edge == "wrap")
-    cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
-    flips = np.where(leaves_map & (edge == "reflect"), 1 << axis, 0).astype(np.uint8)
-    return taken, *world.into(*place, *cell), *cell, flips
-
-
-def _outside(x, y, area) -> np.ndarray:
-    return (x < area.x_min) | (x > area.x_max) | (y < area.y_min) | (y > area.y_max)
-
-
-def _leaves_map(x, y, velocity, area) -> np.ndarray:
-    """Whether agents at x, y (m,) on the area's border, or beyond it, would move outwards at `velocity` (2, m)."""
-    vx, vy = velocity
-    return (
-        ((x <= area.x_min) & (vx < 0)) | ((x >= area.x_max) & (vx > 0))
-        | ((y <= area.y_min) & (vy < 0)) | ((y >= area.y_max) & (vy > 0))
-    )  # fmt: skip
 
 
 def cycles_of(groups: tuple[Group, ...]) -> np.ndarray:
