@@ -45,9 +45,10 @@ DRAWN |= {"Vertices": "vertices_millions", "Vertices, neither": "vertices_millio
 
 
 def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
-    """(trajectory, side in metres) of the chapter's crowd, 6 agents a square metre, at 24 frames a second."""
+    """(trajectory, side in metres) of the chapter's crowd, 6 agents a square metre, half of them in either state, at 24 frames
+    a second."""
     side = (agents / 6) ** 0.5
-    area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), load_preset("chapter")
+    area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), replace(load_preset("chapter"), start=np.array([0.5, 0.5]))
     world = edge_map(area, machine.labels)
     return Trajectory(populate(agents, seed, 1, machine, world), machine, world, (PERSON,), 1 / 24), side
 

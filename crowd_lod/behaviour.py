@@ -36,6 +36,8 @@ FEW = 3000
 SHUTTER = 2
 # The blocks are put into a new order every so many makings.
 ORDERED = 4
+# Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
+MOST_KEPT = 2**30
 
 
 @dataclass(frozen=True)
@@ -220,7 +222,8 @@ class Trajectory:
     """The crowd at any time: a pure function of the frame, cached forward from the first.
 
     Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
-    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one crowd is kept, so that going back is cheap;
+    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one crowd is kept, so that going back is cheap (of a
+    long shot of a large crowd fewer, see MOST_KEPT);
     Blender may ask from several threads. leave: what may be left out where the scene does not need it (lean.py).
     """
 
@@ -275,10 +278,10 @@ class Trajectory:
             known, order = self._order
             if known != ordered:
                 self._order, order = (None, None), None
-                crowd = self._kept[ordered]
+                crowd = self._kept_at(ordered)
                 order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
                 self._order = ordered, order
-            crowd = self._kept[frame]
+            crowd = self._kept_at(frame)
             longest = self.seconds_per_frame * np.array([-SHUTTER, self.every + SHUTTER])
             wraps = self._pace.between(longest) if self.machine.edge == "wrap" else None
             about = self.groups, self.world.area, wraps, self.heights is None, self.heights
@@ -314,6 +317,23 @@ class Trajectory:
         phase[phase >= 1] = 0
         return replace(crowd, phase=phase)
 
+    def _kept_at(self, frame: int) -> Crowd:
+        """The crowd at a frame from which blocks are made, counted from 0; it may have been let go in between."""
+        crowd = self._kept.get(frame)
+        return self._at_whole(frame) if crowd is None else crowd
+
+    def _keep(self, frame: int, crowd: Crowd) -> None:
+        """Keep the crowd at `frame`. Of too many, those between two orders of the blocks go together, every other such part,
+        but the first and this one's: whoever asks for a frame of a part again then comes by all of it."""
+        self._kept[frame] = crowd
+        own = sum(column.nbytes for name, column in vars(crowd).items() if column is not getattr(self.start, name))
+        if len(self._kept) * own > MOST_KEPT:
+            part = ORDERED * self.every
+            parts = sorted({kept // part for kept in self._kept} - {0, frame // part})
+            for gone in parts[::2]:
+                for kept in [kept for kept in self._kept if kept // part == gone]:
+                    del self._kept[kept]
+
     def _at_whole(self, target: int) -> Crowd:
         with self._lock:
             frame, crowd = self._latest
@@ -323,6 +343,6 @@ class Trajectory:
             while frame < target:
                 frame, crowd = frame + 1, self._step(crowd, 1.0)
                 if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
-                    self._kept[frame] = crowd
+                    self._keep(frame, crowd)
             self._latest = frame, crowd
             return crowd
