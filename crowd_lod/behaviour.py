@@ -1,9 +1,10 @@
 """Behaviour: agents step through the state machine over the labelled map (chapter listing 1.1).
 
 The listing, exactly: an agent reads the label under it; its next state and its velocity are both those of the OLD state
-and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move.
+and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move. So is that into the cell at its
+side, if that bears the same label.
 
-A step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the listing
+Any other step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the listing
 again, with the label of the cell just entered. So no cell on an agent's way goes unread, however fast it is: substeps
 follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed first.
 The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
@@ -161,6 +162,13 @@ def advance(
             # on a border and heading out: however short the move, even if rounding loses it, it leaves the cell
             leaves |= borders.on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
         c = np.flatnonzero(leaves)
+        if len(c) and not exact:  # into a cell of the same label at its side nothing is read that is not known
+            on = c[borders.same_beside(column[c], row[c], to_column[c], to_row[c], world) & ~changed[c]]
+            if machine.edge != "clamp":
+                on = on[~borders.outside(to_x[on], to_y[on], area)]
+            column[on], row[on], leaves[on] = to_column[on], to_row[on], False
+            reads += len(on)
+            c = np.flatnonzero(leaves)
         if len(c):
             at = x[agents][c], y[agents][c], column[c], row[c], velocity[:, c], span[c]
             span[c], to_x[c], to_y[c], column[c], row[c], flips = borders.to_border(*at, world, machine.edge)

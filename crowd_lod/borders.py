@@ -53,6 +53,12 @@ def to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str):
     return taken, *world.into(*place, *cell), *cell, flips
 
 
+def same_beside(column, row, to_column, to_row, world: LabelMap) -> np.ndarray:
+    """(c,) bool: whether the cells to_column, to_row (c,) lie at a side of column, row (c,), and bear the same label."""
+    beside = np.abs(to_column - column) + np.abs(to_row - row) == 1
+    return beside & (world.labels[row, column] == world.labels[to_row, to_column])
+
+
 def outside(x: np.ndarray, y: np.ndarray, area: Area) -> np.ndarray:
     """Whether places x, y (n,) lie outside the area, (n,) bool."""
     return (x < area.x_min) | (x > area.x_max) | (y < area.y_min) | (y > area.y_max)
