@@ -57,7 +57,8 @@ class Screen:
         """Draw the frame and wait for it: the picture (height, width, 4) uint8, bottom row first."""
         import gpu
 
-        batches = Batches(drawing(frame, (self.group,), Style("MESHES", culled=False)), self.cast)
+        what = drawing(frame, (self.group,), Style("MESHES", culled=False))
+        batches = Batches(replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0]), self.cast)
         with self.canvas.bind():
             buffer = gpu.state.active_framebuffer_get()
             buffer.clear(color=(0, 0, 0, 1), depth=1.0)
