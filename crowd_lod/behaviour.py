@@ -1,13 +1,13 @@
 """Behaviour: agents step through the state machine over the labelled map (chapter listing 1.1).
 
 The listing, exactly: an agent reads the label under it; its next state and its velocity are both those of the OLD state
-and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move. So is that into the cell at its
-side, if that bears the same label.
+and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move. So is a
+step into the cell at its side, if that bears the same label.
 
-Any other step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the listing
-again, with the label of the cell just entered. So no cell on an agent's way goes unread, however fast it is: substeps
-follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed first.
-The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
+Any other step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the
+listing again, with the label of the cell just entered. So no cell on an agent's way goes unread, however fast it is:
+substeps follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed
+first. The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
 cells touch at their corners only. A timer that ends within a step cuts it too.
 """
 
@@ -230,9 +230,9 @@ class Trajectory:
     """The crowd at any time: a pure function of the frame, cached forward from the first.
 
     Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
-    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one crowd is kept, so that going back is cheap (of a
-    long shot of a large crowd fewer, see MOST_KEPT);
-    Blender may ask from several threads. leave: what may be left out where the scene does not need it (lean.py).
+    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one
+    crowd is kept, so that going back is cheap (of a long shot of a large crowd fewer, see MOST_KEPT); Blender may ask from
+    several threads. leave: what may be left out where the scene does not need it (lean.py).
     """
 
     start: Crowd

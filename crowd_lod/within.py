@@ -1,9 +1,9 @@
 """Steps within a cell: what nearly all agents do in nearly all steps, done for all at once.
 
-An agent whose step changes no state, and leaves no cell of the map but for one of the same label at its side, reads the table once and moves once; all that the step
-does to it follows from its state, its label, and its character group. It is looked up in tables made for the step, block
-by block. Who changes state, draws, waits for less than a step, or comes to another label or to the border of the map goes the
-long way (behaviour.advance), with the same result to the bit.
+An agent whose step changes no state, and leaves no cell of the map but for one of the same label at its side, reads the
+table once and moves once; all that the step does to it follows from its state, its label, and its character group. It is
+looked up in tables made for the step, block by block. Who changes state, draws, waits for less than a step, or comes to
+another label or to the border of the map goes the long way (behaviour.advance), with the same result to the bit.
 """
 
 from dataclasses import replace

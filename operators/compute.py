@@ -1,14 +1,15 @@
 """Culling, LOD assignment and LOD sorting as compute shaders: the chapter's own way, with NumPy's results to the bit.
 
-The GPU has float32. It decides whom no rounding can put on the other side of a plane or of a LOD's border; the others, some
-ten in a million, it gives in a bucket of their own, which `radar` and `assign` then part. Positions go up relative to the
-area's middle, once for all cameras that look at the same crowd.
+The GPU has float32. It decides whom no rounding can put on the other side of a plane or of a LOD's border; the others,
+some ten in a million, it gives in a bucket of their own, which `radar` and `assign` then part. Positions go up relative to
+the area's middle, once for all cameras that look at the same crowd.
 
-Blender's gpu module has neither storage buffers, nor indirect draws, nor memory that threads share: agents go up as textures,
-runs of agents are summed in passes, and the order is read back.
+Blender's gpu module has neither storage buffers, nor indirect draws, nor memory that threads share: agents go up as
+textures, runs of agents are summed in passes, and the order is read back.
 """
 
 import statistics
+import sys
 from functools import cache
 
 import numpy as np
@@ -17,6 +18,7 @@ from ..crowd_lod.agents import Crowd
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera, planes
 from ..crowd_lod.culling import radar
+from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import LevelPolicy, assign
 from .programs import TEXELS, source
@@ -34,7 +36,7 @@ TRIES, WORTH = 4, 1.0
 VIEW = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
 # Of each pass, in their order: what it reads, what it writes, and the numbers that it is told.
 PASSES = {
-    "levels": (("agents", "spheres", "x", "y", "z"), ("kinds", "counts"), ("runs", "count")),
+    "levels": (("agents", "spheres", "feet_x", "feet_y", "feet_z"), ("kinds", "counts"), ("runs", "count")),
     "sums": (("counts",), ("sums",), ("total",)),
     "offsets": (("counts", "sums"), ("offsets",), ("total",)),
     "sorting": (("kinds", "offsets"), ("places",), ("runs", "count")),
@@ -72,7 +74,8 @@ class Planner:
     def __init__(self, trajectory: Trajectory):
         area = trajectory.world.area
         self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
-        self.spheres = tuple(np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
+        groups = trajectory.groups
+        self.spheres = np.array([group.centre for group in groups]), np.array([group.radius for group in groups])
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
 
@@ -91,8 +94,10 @@ class Planner:
         textures = {name: _texture(size) for name, size in sizes.items()}
         textures |= self._places | {"agents": self._agents, "spheres": _texture(spheres.size // 4, "RGBA32F", spheres)}
         view = GPUUniformBuf(Buffer("FLOAT", view.size, view))
-        for name, threads in (("levels", runs), ("sums", sizes["sums"]), ("offsets", sizes["sums"]), ("sorting", runs)):
-            _dispatch(name, levels, policy.metric == "RADIAL", threads, textures, view, {"runs": runs, "count": count, "total": total})
+        numbers, radial = {"runs": runs, "count": count, "total": total}, policy.metric == "RADIAL"
+        for name in PASSES:
+            threads = runs if "runs" in PASSES[name][2] else sizes["sums"]
+            _dispatch(program(name, levels, radial), name, threads, textures, view, numbers)
         ends = _read(textures["offsets"], total)[::runs].astype(np.intp)
         places = _read(textures["places"], count)[: ends[-1]]
         return _settled(places, ends, *self.spheres, crowd, order, camera, policy, begin)
@@ -106,16 +111,16 @@ class Planner:
             agents[:, 1] = crowd.group if order is None else crowd.group[order]
             self._agents, self._asked = _texture(len(crowd), "RG32F", agents), asked
         columns = crowd.x, crowd.y, crowd.z
-        for name, new, old, at in zip("xyz", columns, self._columns, self.middle, strict=True):
+        for axis, new, old, at in zip("xyz", columns, self._columns, self.middle, strict=True):
             if new is not old:
                 with np.errstate(over="ignore", invalid="ignore"):
-                    self._places[name] = _texture(len(new), "R32F", new, at)
+                    self._places[f"feet_{axis}"] = _texture(len(new), "R32F", new, at)
         self._columns = columns
 
 
-def _inputs(middle: np.ndarray, centre: np.ndarray, radius: np.ndarray, camera: Camera, policy: LevelPolicy, begin: np.ndarray):
-    """(the shader's CrowdPlan (36,), spheres (G * n, 4)), float32: planes and origin relative to `middle`; of each group
-    the height of the centre, the reach and the size of both, then where its LODs begin."""
+def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) -> tuple[np.ndarray, np.ndarray]:
+    """(the shader's CrowdPlan (36,), spheres (G * n, 4)), float32: planes and origin relative to `middle` (3,); of each
+    group the height of the centre, the reach and the size of both, then where its LODs begin."""
     frustum = planes(camera)
     fixed = (policy.margin or 0.0) * np.append(frustum.fixed[:4], (0, 0))
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
@@ -144,10 +149,9 @@ def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, 
     return GPUTexture(size, format=form, data=Buffer("FLOAT", texels.size, texels))
 
 
-def _dispatch(name: str, levels: int, radial: bool, threads: int, textures: dict, view, numbers: dict[str, int]) -> None:
+def _dispatch(shader, name: str, threads: int, textures: dict, view, numbers: dict[str, int]) -> None:
     from gpu.compute import dispatch
 
-    shader = program(name, levels, radial and name == "levels")
     reads, writes, told = PASSES[name]
     shader.bind()
     for each in reads:
@@ -183,9 +187,11 @@ def _settled(places, ends, centre, radius, crowd, order, camera, policy, begin) 
 
 class Faster:
     """Plans frames in whichever way has measured faster for the crowd: on the GPU, or as frame.plan does. Both give the
-    same. A software renderer is not tried: its GPU is the same processor, and takes many times as long."""
+    same. A software renderer is not tried: its GPU is the same processor, and takes many times as long. Nor is a driver
+    again that failed. usable: whether the GPU may be tried, None if not known."""
 
-    def __init__(self):
+    def __init__(self, usable: bool | None = None):
+        self.usable = usable
         self.forget()
 
     def forget(self) -> None:
@@ -197,13 +203,20 @@ class Faster:
         """frame.plan(trajectory, *arguments)."""
         import gpu
 
+        if self.usable is None:
+            self.usable = gpu.platform.device_type_get() != "SOFTWARE"
         if self._trajectory is not trajectory:
-            self._trajectory, self._planner = trajectory, None
+            self._trajectory, self._planner = trajectory, Planner(trajectory)
             self._took = [], []
-        on_gpu = worth_the_gpu(*self._took) and gpu.platform.device_type_get() != "SOFTWARE"
-        if on_gpu and self._planner is None:
-            self._planner = Planner(trajectory)
-        frame = plan(trajectory, *arguments, sorter=self._planner if on_gpu else None)
+        on_gpu = self.usable and worth_the_gpu(*self._took)
+        try:
+            frame = plan(trajectory, *arguments, sorter=self._planner if on_gpu else None)
+        except Exception as error:  # whatever a driver makes of compute shaders, NumPy plans on
+            if isinstance(error, CrowdError) or not on_gpu:
+                raise
+            print(f"Crowd LOD plans without the GPU, which failed: {error}", file=sys.stderr)
+            self.usable = on_gpu = False
+            frame = plan(trajectory, *arguments)
         took = self._took[on_gpu]
         took.append(sum(ms for stage, ms in frame.milliseconds.items() if stage != "behaviour"))
         del took[:-TRIES]
@@ -211,8 +224,8 @@ class Faster:
 
 
 def worth_the_gpu(here: list[float], there: list[float]) -> bool:
-    """Whether the next plan is to be made on the GPU. here, there: milliseconds of the last plans without and with it; a
-    median leaves out the first of each, which makes blocks or compiles."""
+    """Whether the next plan is to be made on the GPU. here, there: milliseconds of the last plans without and with it;
+    their medians leave out the first of each, which makes blocks or compiles."""
     if len(here) < TRIES or statistics.median(here) < WORTH:
         return False
     return len(there) < TRIES or statistics.median(there) < statistics.median(here)

@@ -130,8 +130,32 @@ def test_the_faster_way_is_taken():
     assert not compute.worth_the_gpu([3.0] * compute.TRIES, [900.0, 9.0, 9.0, 9.0])
 
 
-def test_frames_of_the_faster_way_are_the_plans_own():
-    faster, camera = compute.Faster(), random_camera(np.random.default_rng(3), "normal")
-    for trajectory in (shot(walking(), count=3000), shot(walking(), count=300)):
-        for time in range(1, 2 * compute.TRIES + 3):
-            assert raw(faster.plan(trajectory, camera, LevelPolicy((0.3,)), time)) == raw(plan(trajectory, camera, LevelPolicy((0.3,)), time))
+def ways_of(faster, trajectory, camera):
+    """Which of the first frames are planned on the GPU; all are what frame.plan makes."""
+    policy, on_gpu = LevelPolicy((0.3,)), []
+    for time in range(1, 2 * compute.TRIES + 1):
+        frame = faster.plan(trajectory, camera, policy, time)
+        assert raw(frame) == raw(plan(trajectory, camera, policy, time))
+        on_gpu.append(not any(item.stage == "culling" for item in frame.left_out))
+    return on_gpu
+
+
+def test_both_ways_are_tried_for_each_crowd_but_for_a_software_renderers(tally, monkeypatch):
+    monkeypatch.setattr(compute, "WORTH", 0.0)
+    software = gpu.platform.device_type_get() == "SOFTWARE"
+    camera = straight(offset=(0, -30, 0))
+    for faster, tried in ((compute.Faster(), not software), (compute.Faster(usable=True), True)):
+        for trajectory in (shot(walking(), count=3000), shot(walking(), count=300)):
+            assert ways_of(faster, trajectory, camera) == [False] * compute.TRIES + [tried] * compute.TRIES
+    assert tally.asked == (3300 if software else 6600) * compute.TRIES
+
+
+def test_a_driver_that_fails_is_told_once_and_not_tried_again(tally, monkeypatch, capsys):
+    def broken(*_):
+        raise ValueError("no such uniform")
+
+    monkeypatch.setattr(compute, "WORTH", 0.0)
+    monkeypatch.setattr(compute, "_dispatch", broken)
+    faster = compute.Faster(usable=True)
+    assert not any(ways_of(faster, shot(walking(), count=3000), straight(offset=(0, -30, 0))))
+    assert capsys.readouterr().err.count("no such uniform") == 1 and not faster.usable and tally.asked == 0
