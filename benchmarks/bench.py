@@ -3,9 +3,10 @@
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
-same (peers.py, loop.c), each taken in turn in the same run. Test 2: the whole plan from perspective A, which sees nearly
-all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; it does not draw. Growth: time and
-memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
+same (peers.py, loop.c, the GPU), each taken in turn in the same run. Test 2: the plan from perspective A, which sees nearly
+all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; then the same drawn (drawn.py), with
+and without LODs, with and without culling. The whole frame: from behaviour to points in Blender, beside geometry nodes
+(walkers.py). Growth: time and memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
 """
 
 import argparse
@@ -13,11 +14,14 @@ import sys
 import time
 import tracemalloc
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
+import drawn
 import loop
 import numpy as np
 import peers
+import walkers
 from crowd_lod_extension.crowd_lod import report
 from crowd_lod_extension.crowd_lod.agents import Group, populate
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
@@ -26,19 +30,25 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+from crowd_lod_extension.operators.compute import Planner
 from crowd_lod_extension.operators.report import machine_name
+from matplotlib.image import imsave
 
 SIZES = (2500, 1000, 118)  # the chapter's last number is lost; 118 is its co-author's later characters'
 PERSON = Group("person", 0.9, 1.0, 1.25, 1.0, SIZES, tuple(2 * n for n in SIZES))
 POLICY = LevelPolicy((0.1, 0.35))
+PEERS = ("naive", "six_planes", "geometry_nodes", "c_loop", "gpu")  # each does what the core does
 CHAPTER = {"Agents": "agents", "t": "t_ms", "LOD0": "lod0", "LOD1": "lod1", "LOD2": "lod2", "Vertices": "vertices_millions"}
 CHAPTER |= {"Visible %": "visible_percent", "Culled %": "culled_percent"}
+DRAWN = {"Agents": "agents", "t": "t_ms", "t, no culling": "t_ms_no_culling", "t, no LOD": "t_ms_no_lod", "t, neither": "t_ms_neither"}
+DRAWN |= {"Vertices": "vertices_millions", "Vertices, neither": "vertices_millions_neither"}
 
 
 def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
-    """(trajectory, side in metres) of the chapter's crowd, 6 agents a square metre, at 24 frames a second."""
+    """(trajectory, side in metres) of the chapter's crowd, 6 agents a square metre, half of them in either state, at 24 frames
+    a second."""
     side = (agents / 6) ** 0.5
-    area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), load_preset("chapter")
+    area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), replace(load_preset("chapter"), start=np.array([0.5, 0.5]))
     world = edge_map(area, machine.labels)
     return Trajectory(populate(agents, seed, 1, machine, world), machine, world, (PERSON,), 1 / 24), side
 
@@ -69,16 +79,21 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
     still = replace(trajectory, seconds_per_frame=0.0, _kept={})
     crowd, begin = trajectory.start, limits(POLICY, camera(side, 0), np.ones(1))[0]
     nodes = peers.Nodes(crowd, PERSON, begin)
+    planner = Planner(trajectory) if peers.has_gpu() else None
     c_cull = loop.library() and loop.Cull(crowd, PERSON, begin)
     c_step = loop.library() and loop.Step(crowd, trajectory.machine, trajectory.world, (PERSON,), 1 / 24)
     took: dict[str, list[float]] = {}
     still.at(1)
     for repeat in range(repeats + 1):
         view = camera(side, 0.2 + 0.3 * repeat / repeats, 0.2 * np.sin(repeat))
-        moving = plan(trajectory, view, POLICY, 1 + repeat).milliseconds
-        same = plan(still, view, POLICY, 1)
+        frame, same = plan(trajectory, view, POLICY, 1 + repeat), plan(still, view, POLICY, 1)
+        moving = frame.milliseconds
         once = {"behaviour": moving["behaviour"], "culling": moving["culling"] + moving["levels"], "sorting": moving["sorting"]}
-        once["core"] = sum(ms for name, ms in moving.items() if name != "behaviour")
+        once["core"] = sum(moving.values()) - moving["behaviour"]
+        if planner:
+            there = plan(trajectory, view, POLICY, 1 + repeat, sorter=planner)
+            once["gpu"] = sum(there.milliseconds.values()) - there.milliseconds["behaviour"]
+            assert there.buckets.order.tobytes() == frame.buckets.order.tobytes()
         for name in ("naive", "six_planes"):
             once[name], found = taken(getattr(peers, name), crowd, PERSON, view, begin)
             assert [len(each) for each in found] == same.buckets.counts.tolist(), name
@@ -90,7 +105,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
             assert (counts == same.buckets.counts).all()
             once["c_step"], _ = taken(c_step)
             once["behaviour / c_step"] = once["behaviour"] / once["c_step"]
-        once |= {f"core / {name}": once["core"] / once[name] for name in ("naive", "six_planes", "geometry_nodes", "c_loop") if name in once}
+        once |= {f"core / {name}": once["core"] / once[name] for name in PEERS if name in once}
         if repeat:  # the first warms up
             for name, value in once.items():
                 took.setdefault(name, []).append(value)
@@ -119,6 +134,31 @@ def perspective(agents: int, which: str, repeats: int, seed: int) -> dict:
     }  # fmt: skip
 
 
+def pictures(agents: int, which: str, repeats: int, seed: int, path: Path) -> dict:
+    """A row of test 2, drawn: milliseconds from plan to pixels by the overlay, with and without LODs and culling. The
+    picture goes to `path`."""
+    trajectory, side = crowd_of(agents, seed)
+    screen = drawn.Screen(PERSON)
+    view = camera(side, -0.1, half=1.5) if which == "A" else camera(side, 0.9)
+    ways = {"": (True, True), "_no_culling": (True, False), "_no_lod": (False, True), "_neither": (False, False)}
+    took, row, seen = {name: [] for name in ways}, {"perspective": which, "agents": agents}, {}
+    for repeat in range(repeats + 1):
+        for name, way in ways.items():
+            trajectory.at(1 + repeat)  # its steps are test 1's
+            begun = time.perf_counter()
+            frame = drawn.planned(trajectory, view, POLICY, 1 + repeat, *way)
+            seen[name] = screen(frame)
+            took[name].append(1000 * (time.perf_counter() - begun))
+            row[f"vertices_millions{name}"] = round(frame.vertices / 1e6, 3)
+    for one, other in (("", "_no_culling"), ("_no_lod", "_neither")):  # culling shows in no pixel but for ties in depth
+        assert (seen[one] != seen[other]).any(axis=2).mean() < 1e-3
+    screen.free()
+    for name, values in took.items():
+        row[f"t_ms{name}"], row[f"t_q1{name}"], row[f"t_q3{name}"] = quartiles(values[1:])
+    imsave(path, seen[""][::-1])
+    return row
+
+
 def growth(agents: int, repeats: int, seed: int) -> dict:
     """Time and memory an agent. Memory is what Python asks for: the state; what it takes to make the blocks anew, which
     then hold 9 bytes; and a plan's results, of a camera that sees nearly all, with what it takes to make them."""
@@ -143,11 +183,45 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
     return row
 
 
+def whole(agents: int, repeats: int, seed: int) -> dict:
+    """A row of the whole frame: from behaviour to points that the dependency graph holds, by Crowd LOD and by geometry nodes
+    that do the same, in turn. The processor's time counts all threads: it says what the work costs, the other how long it
+    takes."""
+    trajectory, side = crowd_of(agents, seed)
+    points, nodes = walkers.Points(trajectory, POLICY), walkers.Walkers(trajectory, PERSON, limits(POLICY, camera(side, 0), np.ones(1))[0])
+    took: dict[str, list[float]] = {}
+    for repeat in range(repeats + 2):
+        view = camera(side, 0.2 + 0.3 * repeat / repeats)
+        nodes.aim(view)
+        once = {}
+        for name, job in (("crowd_lod", partial(points, view)), ("geometry_nodes", nodes.frame)):
+            work = time.process_time()
+            once[name], _ = taken(job, 2 + repeat)
+            once[f"{name}_processor"] = 1000 * (time.process_time() - work)
+        assert np.abs(nodes.counts(3) - points.counts()).sum() <= 1e-3 * agents + 2  # their steps are not cut at the map's edge
+        once["ratio"], once["ratio_processor"] = (once[f"crowd_lod{k}"] / once[f"geometry_nodes{k}"] for k in ("", "_processor"))
+        if repeat > 1:  # the first two warm up
+            for name, value in once.items():
+                took.setdefault(name, []).append(value)
+    row = {"agents": agents, "visible": int(points.counts().sum())}
+    for name, values in took.items():
+        row[name], row[f"{name} q1"], row[f"{name} q3"] = quartiles(values)
+    points.close()
+    nodes.close()
+    return row
+
+
 def table(rows: list[dict], columns: dict[str, str]) -> str:
     """The rows as text, `columns` by heading."""
     cells = [list(columns), *([f"{row.get(key, ''):,}" if key in row else "" for key in columns.values()] for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(columns))]
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)
+
+
+def gpu_name() -> str:
+    import gpu
+
+    return f"{gpu.platform.renderer_get()}, {gpu.platform.backend_type_get()}"
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -160,7 +234,7 @@ def main(arguments: list[str] | None = None) -> None:
     machine = f"{machine_name()}; medians of {repeats} runs"
     print(machine, flush=True)
     one = [stages(n, repeats, args.seed) for n in ((1000, 32_000, 1_000_000) if args.quick else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000))]
-    heads = ("agents", "behaviour", "culling", "sorting", "core", "naive", "six_planes", "geometry_nodes", "c_loop", "c_step")
+    heads = ("agents", "behaviour", "culling", "sorting", "core", *PEERS, "c_step")
     print("\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same")
     print(table(one, {name.replace("_", " "): name for name in heads}))
     ratios = [name for name in one[0] if "/" in name and not name.endswith(("q1", "q3"))]
@@ -169,11 +243,22 @@ def main(arguments: list[str] | None = None) -> None:
     for which in "AB":
         print(f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; vertices in millions")
         print(table([row for row in two if row["perspective"] == which], CHAPTER), flush=True)
-    results = {"machine": machine, "test_1": one, "test_2": two}
+    three = [whole(n, repeats, args.seed) for n in ((10_000, 100_000) if args.quick else (10_000, 100_000, 1_000_000))]
+    print("\nThe whole frame, behaviour to points in Blender: milliseconds, and of the processor's time")
+    print(table(three, {name.replace("_", " "): name for name in three[0] if not name.endswith(("q1", "q3"))}), flush=True)
+    results = {"machine": machine, "test_1": one, "test_2": two, "whole_frame": three}
     if not args.quick:
         results["growth"] = [growth(n, 9, args.seed) for n in (100_000, 1_000_000, 10_000_000)]
         print(f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}")
     with report.staged(args.out.absolute()) as stage:
+        if peers.has_gpu():
+            sizes, times = ((1024,), 3) if args.quick else ((1024, 4096, 8192), 5)
+            results["drawn"] = [pictures(n, which, times, args.seed, stage / f"perspective_{which}.png") for n in sizes for which in "AB"]
+            for which in "AB":
+                print(f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions")
+                print(table([row for row in results["drawn"] if row["perspective"] == which], DRAWN), flush=True)
+        else:
+            print("\nTest 2 is not drawn: this Blender has no GPU without a window.")
         (stage / "bench.json").write_text(report.to_json(results), encoding="utf-8")
         for name, rows in results.items():
             if name != "machine":
@@ -192,7 +277,7 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     figure.suptitle(machine, fontsize=7, color="#444444")
     sets = {
         "Test 1 (figure 1.6): stages": ("behaviour", "culling", "sorting"),
-        "Culling, LOD and sorting, beside other ways": ("core", "naive", "six_planes", "geometry_nodes", "c_loop"),
+        "Culling, LOD and sorting, beside other ways": ("core", *PEERS),
     }
     for place, (title, names) in enumerate(sets.items()):
         axes = figure.add_subplot(1, 2, place + 1)

@@ -1,5 +1,7 @@
 """Other ways to cull, give LODs and sort, each on the same crowd: what the core is measured beside."""
 
+from functools import cache
+
 import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.agents import Crowd, Group
@@ -32,72 +34,113 @@ def six_planes(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -
     return np.split(seen, np.cumsum(np.bincount(level, minlength=len(limits) + 1))[:-1])
 
 
-class Nodes:
-    """A geometry-node tree that deletes the points outside six planes and stores the others' LOD, in a scene of its own.
-    No buckets: a tree of its own a LOD would still have to part them."""
+@cache
+def has_gpu() -> bool:
+    """Whether compute shaders run here: before Blender 5.1 they need its window."""
+    import gpu
 
-    def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
-        self.group = group
-        self.scene = bpy.data.scenes.new("cull")
-        mesh = bpy.data.meshes.new("agents")
-        mesh.vertices.add(len(crowd))
-        places = np.stack([crowd.x, crowd.y, crowd.z + group.centre], axis=1).astype(np.float32)
-        mesh.vertices.foreach_set("co", places.ravel())
-        self.object = bpy.data.objects.new("agents", mesh)
-        self.scene.collection.objects.link(self.object)
-        self.planes, self.tree = [], bpy.data.node_groups.new("cull", "GeometryNodeTree")
-        self._wire(self.tree, limits)
-        self.object.modifiers.new("cull", "NODES").node_group = self.tree
-        self.layer = self.scene.view_layers[0]
+    try:
+        gpu.init()
+    except (AttributeError, SystemError):
+        return False
+    return True
 
-    def _wire(self, tree, limits: np.ndarray) -> None:
+
+def points_of(name: str, crowd: Crowd, height: float) -> bpy.types.Object:
+    """An object with a vertex an agent, `height` metres above its feet."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.vertices.add(len(crowd))
+    places = np.stack([crowd.x, crowd.y, crowd.z + height], axis=1).astype(np.float32)
+    mesh.vertices.foreach_set("co", places.ravel())
+    return bpy.data.objects.new(name, mesh)
+
+
+class Tree:
+    """A tree of geometry nodes in the making, with a geometry in and out."""
+
+    def __init__(self, name: str):
+        self.group = bpy.data.node_groups.new(name, "GeometryNodeTree")
         for in_out in ("INPUT", "OUTPUT"):
-            tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+            self.group.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+        self.geometry = self.group.nodes.new("NodeGroupInput").outputs[0]
 
-        def node(kind: str, *values, **settings):
-            made = tree.nodes.new(kind)
-            for name, value in settings.items():
-                setattr(made, name, value)
-            for socket, value in zip(made.inputs, values, strict=False):
-                if isinstance(value, bpy.types.NodeSocket):
-                    tree.links.new(value, socket)
-                else:
-                    socket.default_value = value
-            return made
+    def node(self, kind: str, *values, **settings) -> bpy.types.Node:
+        """A node with `settings`; values: of its inputs, sockets to link or numbers; None leaves one as it is."""
+        made = self.group.nodes.new(kind)
+        for name, value in settings.items():
+            setattr(made, name, value)
+        for socket, value in zip(made.inputs, values, strict=False):
+            if isinstance(value, bpy.types.NodeSocket):
+                self.group.links.new(value, socket)
+            elif value is not None:
+                socket.default_value = value
+        return made
 
-        place = node("GeometryNodeInputPosition").outputs[0]
-        outside = depth = None
+    def math(self, operation: str, *values) -> bpy.types.NodeSocket:
+        return self.node("ShaderNodeMath", *values, operation=operation).outputs[0]
+
+    def store(self, name: str, kind: str, value: bpy.types.NodeSocket) -> None:
+        """Give the geometry a point attribute."""
+        store = self.node("GeometryNodeStoreNamedAttribute", self.geometry, data_type=kind, domain="POINT")
+        store.inputs["Name"].default_value = name
+        self.group.links.new(value, store.inputs["Value"])
+        self.geometry = store.outputs[0]
+
+    def finish(self) -> None:
+        self.group.links.new(self.geometry, self.group.nodes.new("NodeGroupOutput").inputs[0])
+
+
+class Cull:
+    """The part of a tree that deletes the points outside six planes and stores the others' LOD."""
+
+    def __init__(self, tree: Tree, limits: np.ndarray):
+        place = tree.node("GeometryNodeInputPosition").outputs[0]
+        self.planes, outside, depth = [], None, None
         for _ in range(7):  # six planes and the depth
-            dot = node("ShaderNodeVectorMath", place, operation="DOT_PRODUCT")
+            dot = tree.node("ShaderNodeVectorMath", place, operation="DOT_PRODUCT")
             self.planes.append([dot.inputs[1], None])
             depth = dot.outputs["Value"]
             if len(self.planes) < 7:
-                beyond = node("ShaderNodeMath", depth, operation="GREATER_THAN")
+                beyond = tree.node("ShaderNodeMath", depth, operation="GREATER_THAN")
                 self.planes[-1][1] = beyond.inputs[1]
-                outside = beyond.outputs[0] if outside is None else node("ShaderNodeMath", outside, beyond.outputs[0], operation="MAXIMUM").outputs[0]
-        depth_from = node("ShaderNodeMath", depth, operation="SUBTRACT")
+                outside = beyond.outputs[0] if outside is None else tree.math("MAXIMUM", outside, beyond.outputs[0])
+        depth_from = tree.node("ShaderNodeMath", depth, operation="SUBTRACT")
         self.planes[6][1] = depth_from.inputs[1]
-        level = None
+        level = tree.math("ADD", 0.0, 0.0)
         for limit in limits:
-            step = node("ShaderNodeMath", depth_from.outputs[0], float(limit) * (1 - 1e-7), operation="GREATER_THAN").outputs[0]
-            level = step if level is None else node("ShaderNodeMath", level, step, operation="ADD").outputs[0]
-        delete = tree.nodes.new("GeometryNodeDeleteGeometry")
-        store = tree.nodes.new("GeometryNodeStoreNamedAttribute")
-        store.data_type, store.domain = "INT", "POINT"
-        store.inputs["Name"].default_value = "lod"
-        tree.links.new(tree.nodes.new("NodeGroupInput").outputs[0], delete.inputs["Geometry"])
-        tree.links.new(outside, delete.inputs["Selection"])
-        tree.links.new(delete.outputs[0], store.inputs["Geometry"])
-        if level is not None:
-            tree.links.new(level, store.inputs["Value"])
-        tree.links.new(store.outputs[0], tree.nodes.new("NodeGroupOutput").inputs[0])
+            level = tree.math("ADD", level, tree.math("GREATER_THAN", depth_from.outputs[0], float(limit) * (1 - 1e-7)))
+        tree.geometry = tree.node("GeometryNodeDeleteGeometry", tree.geometry, outside).outputs[0]
+        tree.store("lod", "INT", level)
+
+    def aim(self, camera: Camera, radius: float) -> None:
+        frustum = planes(camera)
+        offsets = np.append(frustum.offsets + frustum.normals @ camera.origin + radius, camera.Z @ camera.origin)
+        for (normal, offset), n, o in zip(self.planes, [*frustum.normals, camera.Z], offsets, strict=True):
+            normal.default_value, offset.default_value = n, o
+
+
+class Nodes:
+    """Geometry nodes that cull and give LODs, in a scene of their own. No buckets: a tree of its own a LOD would still
+    have to part them."""
+
+    def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
+        self.radius = group.radius
+        self.scene = bpy.data.scenes.new("cull")
+        self.object = points_of("agents", crowd, group.centre)
+        self.scene.collection.objects.link(self.object)
+        self.tree = Tree("cull")
+        self.prepare(self.tree)
+        self.cull = Cull(self.tree, limits)
+        self.tree.finish()
+        self.object.modifiers.new("cull", "NODES").node_group = self.tree.group
+        self.layer = self.scene.view_layers[0]
+
+    def prepare(self, tree: Tree) -> None:
+        """What the tree does before it culls."""
 
     def aim(self, camera: Camera) -> None:
         """Set the planes; what follows, `update`, is the time that counts."""
-        frustum = planes(camera)
-        offsets = np.append(frustum.offsets + frustum.normals @ camera.origin + self.group.radius, camera.Z @ camera.origin)
-        for (normal, offset), n, o in zip(self.planes, [*frustum.normals, camera.Z], offsets, strict=True):
-            normal.default_value, offset.default_value = n, o
+        self.cull.aim(camera, self.radius)
 
     def update(self) -> None:
         self.layer.update()
@@ -114,4 +157,4 @@ class Nodes:
         """Leave the file as it was."""
         mesh = self.object.data
         bpy.data.scenes.remove(self.scene)
-        bpy.data.batch_remove([self.object, mesh, self.tree])
+        bpy.data.batch_remove([self.object, mesh, self.tree.group])

@@ -1,12 +1,13 @@
 """Behaviour: agents step through the state machine over the labelled map (chapter listing 1.1).
 
 The listing, exactly: an agent reads the label under it; its next state and its velocity are both those of the OLD state
-and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move.
+and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move. So is a
+step into the cell at its side, if that bears the same label.
 
-A step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the listing
-again, with the label of the cell just entered. So no cell on an agent's way goes unread, however fast it is: substeps
-follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed first.
-The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
+Any other step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the
+listing again, with the label of the cell just entered. So no cell on an agent's way goes unread, however fast it is:
+substeps follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed
+first. The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
 cells touch at their corners only. A timer that ends within a step cuts it too.
 """
 
@@ -16,7 +17,7 @@ from functools import cached_property
 
 import numpy as np
 
-from . import blocks, chance, curve
+from . import blocks, borders, chance, curve
 from .agents import Crowd, Group
 from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
@@ -36,6 +37,8 @@ FEW = 3000
 SHUTTER = 2
 # The blocks are put into a new order every so many makings.
 ORDERED = 4
+# Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
+MOST_KEPT = 2**30
 
 
 @dataclass(frozen=True)
@@ -114,15 +117,22 @@ def advance(
     # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it goes on, it has met one twice
     patience = 4 * len(machine.states) + 4 if exact else HOLD
     held, reads = np.zeros(len(x), bool), 0
+    # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
+    repeats, met = not (exact or draws or reflects), np.full((7, len(x)), np.nan)
     agents = slice(None)  # those still on the move; their own arrays follow
     column, row = world.cells(x, y)
     rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
+    # NumPy is several times faster along rows than across pairs
+    table = np.ascontiguousarray(machine.velocity.reshape(-1, 2).T)
+    per_metre, per_second = np.ascontiguousarray(cycles.T)
+    cell = np.array(world.cell)[:, None]
+    timed = machine.timed
     while len(rest):
-        if machine.timed:
+        if timed:
             _time_out(machine, agents, state, wait, key)
         old = state[agents]
         label = world.labels[:1, 0] if ONE_LABEL in leave else world.labels[row, column]
-        velocity = machine.velocity[:, label[0]][old] if ONE_LABEL in leave else machine.velocity[old, label]
+        velocity = table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
         if UNCHANGING in leave:
             changed = np.zeros(len(rest), bool)
         else:
@@ -131,30 +141,37 @@ def advance(
             state[agents] = new
         reads += len(rest)
         if reflects:
-            velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)], axis=1)
+            velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)])
             mirror[agents] *= ~changed
         if draws:
             key[agents] = chance.moved_on(key[agents], changed)
             into = np.flatnonzero(changed) if isinstance(agents, slice) else agents[changed]
             wait[into] = machine.waits(state[into], key[into])
         if machine.edge == "stop":
-            velocity[_leaves_map(x[agents], y[agents], velocity, area)] = 0
-        span = np.minimum(rest, wait[agents]) if machine.timed else rest.copy()
+            velocity[:, borders.leaves_map(x[agents], y[agents], velocity, area)] = 0
+        span = np.minimum(rest, wait[agents]) if timed else rest.copy()
         if exact:
             span[changed] = 0
         # where the span leads; those who would leave their cell go to its border
-        to_x, to_y = x[agents] + velocity[:, 0] * span, y[agents] + velocity[:, 1] * span
+        to_x, to_y = x[agents] + velocity[0] * span, y[agents] + velocity[1] * span
         to_column, to_row = world.cells(to_x, to_y)
         leaves = (to_column != column) | (to_row != row)
         if machine.edge != "clamp":
-            leaves |= _outside(to_x, to_y, area)
+            leaves |= borders.outside(to_x, to_y, area)
         if exact or not isinstance(agents, slice):
             # on a border and heading out: however short the move, even if rounding loses it, it leaves the cell
-            leaves |= _on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
+            leaves |= borders.on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
         c = np.flatnonzero(leaves)
+        if len(c) and not exact:  # into a cell of the same label at its side nothing is read that is not known
+            on = c[borders.same_beside(column[c], row[c], to_column[c], to_row[c], world) & ~changed[c]]
+            if machine.edge != "clamp":
+                on = on[~borders.outside(to_x[on], to_y[on], area)]
+            column[on], row[on], leaves[on] = to_column[on], to_row[on], False
+            reads += len(on)
+            c = np.flatnonzero(leaves)
         if len(c):
-            at = x[agents][c], y[agents][c], column[c], row[c], velocity[c], span[c]
-            span[c], to_x[c], to_y[c], column[c], row[c], flips = _to_border(*at, world, machine.edge)
+            at = x[agents][c], y[agents][c], column[c], row[c], velocity[:, c], span[c]
+            span[c], to_x[c], to_y[c], column[c], row[c], flips = borders.to_border(*at, world, machine.edge)
             if reflects:
                 mirror[np.arange(len(x))[agents][c]] ^= flips
             if draws:
@@ -163,18 +180,23 @@ def advance(
                 key[agents] = chance.moved_on(key[agents], entered)
         x[agents] = np.clip(to_x, area.x_min, area.x_max)
         y[agents] = np.clip(to_y, area.y_min, area.y_max)
-        speed = np.hypot(velocity[:, 0], velocity[:, 1])
-        heading[agents] = np.where(speed > 0, np.arctan2(velocity[:, 1], velocity[:, 0]), heading[agents])
-        per_metre, per_second = cycles[0 if ONE_ACTION in leave else crowd.group[agents]].T
-        phase[agents] = (phase[agents] + span * (per_metre * speed + per_second)) % 1.0
-        if machine.timed:
+        speed = np.hypot(*velocity)
+        heading[agents] = np.where(speed > 0, np.arctan2(velocity[1], velocity[0]), heading[agents])
+        group = 0 if ONE_ACTION in leave else crowd.group[agents]
+        phase[agents] = (phase[agents] + span * (per_metre[group] * speed + per_second[group])) % 1.0
+        if timed:
             wait[agents] -= span
         rest = rest - span
         # who goes on, and who has been at it too long without getting anywhere
         j = np.flatnonzero(leaves | changed) if exact else c
-        slow = span[j] * np.abs(velocity[j] / np.array(world.cell)).max(axis=1) <= PROGRESS
+        slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= PROGRESS
         before, idle = idle, np.zeros_like(idle)
         idle[j] = np.where(slow, before[j] + 1, 0)
+        if repeats and len(j):
+            now = np.stack([x[agents], y[agents], state[agents], phase[agents], column, row, rest])[:, j]
+            skipped = borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
+            idle[j] += skipped
+            reads += int(skipped.sum())
         goes = rest > 0
         gives_up = goes & (idle >= patience)
         agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]
@@ -185,7 +207,7 @@ def advance(
             agents, goes = agents[~gives_up[goes]], goes & ~gives_up
         rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
     phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
-    wait = wait.astype(np.float32) if machine.timed else crowd.wait
+    wait = wait.astype(np.float32) if timed else crowd.wait
     moved = replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase, wait=wait, key=key, mirror=mirror)
     return moved, Tally(reads, held)
 
@@ -198,67 +220,6 @@ def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
     wait[out] = machine.waits(state[out], key[out])
 
 
-def _borders(x, y, column, row, velocity, world: LabelMap):
-    """Of the cells column, row (c,), the borders ahead of agents at x, y with `velocity` (c, 2).
-
-    Each (2, c), x and y: place; cell; way, -1, 0 or 1; the cell beyond; whether that is off the map; the border.
-    """
-    place, cell = np.stack([x, y]), np.stack([column, row])
-    size = np.array(world.cell)[:, None]
-    low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-    way = np.sign(velocity.T).astype(np.intp)
-    beyond = cell + way
-    out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
-    return place, cell, way, beyond, out, np.where(out, np.where(way > 0, high, low), low + (cell + (way > 0)) * size)
-
-
-def _on_border(x, y, column, row, velocity, world: LabelMap, edge: str) -> np.ndarray:
-    """Whether agents stand on the border ahead, (c,); arguments as in `_borders`."""
-    place, _, way, _, out, border = _borders(x, y, column, row, velocity, world)
-    touches = np.abs(border - place) <= 4 * np.spacing(np.abs(border) + np.abs(place))
-    return (touches & (way != 0) & ~(out & (edge == "clamp"))).any(axis=0)
-
-
-def _to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str):
-    """Agents that leave their cell within `span`, taken to its border; arguments as in `_borders`.
-
-    Gives the seconds to the border, x, y, column, row of the cell entered, and the bits of `mirror` that the map's edge
-    flips, each (c,).
-    """
-    place, cell, way, beyond, out, border = _borders(x, y, column, row, velocity, world)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity.T, 0))
-    if edge == "clamp":
-        time[out] = np.inf
-    axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
-    one = np.arange(len(axis))
-    taken = np.minimum(time.min(axis=0), span)
-    place = place + velocity.T * taken
-    leaves_map = out[axis, one]
-    if edge == "wrap":
-        low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-        beyond %= np.array(world.labels.shape[::-1])[:, None]
-        border = np.where(out, np.where(way > 0, low, high), border)
-    place[axis, one] = border[axis, one]
-    enters = ~leaves_map | (edge == "wrap")
-    cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
-    flips = np.where(leaves_map & (edge == "reflect"), 1 << axis, 0).astype(np.uint8)
-    return taken, *world.into(*place, *cell), *cell, flips
-
-
-def _outside(x, y, area) -> np.ndarray:
-    return (x < area.x_min) | (x > area.x_max) | (y < area.y_min) | (y > area.y_max)
-
-
-def _leaves_map(x, y, velocity, area) -> np.ndarray:
-    """Whether agents at x, y (m,) on the area's border, or beyond it, would move outwards at `velocity` (m, 2)."""
-    vx, vy = velocity.T
-    return (
-        ((x <= area.x_min) & (vx < 0)) | ((x >= area.x_max) & (vx > 0))
-        | ((y <= area.y_min) & (vy < 0)) | ((y >= area.y_max) & (vy > 0))
-    )  # fmt: skip
-
-
 def cycles_of(groups: tuple[Group, ...]) -> np.ndarray:
     """(G, 2) float64: how many cycles of the action each group plays per metre walked, and per second."""
     return np.array([(1 / g.stride, 0.0) if g.stride > 0 else (0.0, 1 / g.period if g.period > 0 else 0.0) for g in groups])
@@ -269,8 +230,9 @@ class Trajectory:
     """The crowd at any time: a pure function of the frame, cached forward from the first.
 
     Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
-    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one crowd is kept, so that going back is cheap;
-    Blender may ask from several threads. leave: what may be left out where the scene does not need it (lean.py).
+    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one
+    crowd is kept, so that going back is cheap (of a long shot of a large crowd fewer, see MOST_KEPT); Blender may ask from
+    several threads. leave: what may be left out where the scene does not need it (lean.py).
     """
 
     start: Crowd
@@ -319,18 +281,19 @@ class Trajectory:
         frame = min(frame, 1) if STILL in self.left_out else frame - frame % self.every
         made, found = self._blocks
         if made != self.first_frame + frame:
+            self._blocks, found = (None, None), None  # let go before others are made
             ordered = frame - frame % (ORDERED * self.every)
             known, order = self._order
             if known != ordered:
-                crowd = self._kept[ordered]
+                self._order, order = (None, None), None
+                crowd = self._kept_at(ordered)
                 order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
                 self._order = ordered, order
-            crowd = self._kept[frame]
-            if self.heights is not None:
-                crowd = replace(crowd, z=self.heights.at(crowd.x, crowd.y))
+            crowd = self._kept_at(frame)
             longest = self.seconds_per_frame * np.array([-SHUTTER, self.every + SHUTTER])
             wraps = self._pace.between(longest) if self.machine.edge == "wrap" else None
-            found = blocks.blocks_of(crowd, order, self.groups, self.world.area, wraps, self.heights is None)
+            about = self.groups, self.world.area, wraps, self.heights is None, self.heights
+            found = blocks.blocks_of(crowd, order, *about)
             made = self.first_frame + frame
             self._blocks = made, found
         return made, found
@@ -362,6 +325,23 @@ class Trajectory:
         phase[phase >= 1] = 0
         return replace(crowd, phase=phase)
 
+    def _kept_at(self, frame: int) -> Crowd:
+        """The crowd at a frame from which blocks are made, counted from 0; it may have been let go in between."""
+        crowd = self._kept.get(frame)
+        return self._at_whole(frame) if crowd is None else crowd
+
+    def _keep(self, frame: int, crowd: Crowd) -> None:
+        """Keep the crowd at `frame`. Of too many, those between two orders of the blocks go together, every other such part,
+        but the first and this one's: whoever asks for a frame of a part again then comes by all of it."""
+        self._kept[frame] = crowd
+        own = sum(column.nbytes for name, column in vars(crowd).items() if column is not getattr(self.start, name))
+        if len(self._kept) * own > MOST_KEPT:
+            part = ORDERED * self.every
+            parts = sorted({kept // part for kept in self._kept} - {0, frame // part})
+            for gone in parts[::2]:
+                for kept in [kept for kept in self._kept if kept // part == gone]:
+                    del self._kept[kept]
+
     def _at_whole(self, target: int) -> Crowd:
         with self._lock:
             frame, crowd = self._latest
@@ -371,6 +351,6 @@ class Trajectory:
             while frame < target:
                 frame, crowd = frame + 1, self._step(crowd, 1.0)
                 if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
-                    self._kept[frame] = crowd
+                    self._keep(frame, crowd)
             self._latest = frame, crowd
             return crowd

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import curve
 from .agents import Crowd, Group
 from .camera import Camera, planes, stretch
 from .machine import StateMachine
@@ -90,46 +91,67 @@ def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
 
 
 def blocks_of(
-    crowd: Crowd, order: np.ndarray, groups: Sequence[Group], area: Area, wraps: tuple | None = None, flat: bool = False
+    crowd: Crowd,
+    order: np.ndarray,
+    groups: Sequence[Group],
+    area: Area,
+    wraps: tuple | None = None,
+    flat: bool = False,
+    heights: HeightMap | None = None,
 ) -> Blocks:
     """The blocks of `crowd`, its agents in `order`. They hold as well for agents beyond `area` once these are taken onto
     it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the area come
-    back at its other side. flat: no agent's height changes."""
+    back at its other side. flat: no agent's height changes. heights: what agents stand on, not at their own z. Takes some
+    9 bytes an agent at most, of which the result keeps 5."""
     count = len(order)
     size = LEAF
     while count > size * FIRST:
         size *= FAN
-    full = np.full(-(-count // size) * size, order[-1], np.int32)
-    full[:count] = order
-    rows = full.reshape(-1, LEAF)
-    group = crowd.group[rows[:, [0, -1]].T]
+    leaves = -(-count // size) * (size // LEAF)
+    begins = np.arange(leaves) * LEAF
+    group = np.array([crowd.group[order.take(begins + at, mode="clip")] for at in (0, LEAF - 1)])
     centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "radius"))
-    low, high = np.empty((2, 3, len(rows)))
+    boxes = np.empty((8, leaves))
+    low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):
         floor = float(crowd.z[0]) if flat and crowd.z.min() == crowd.z.max() else None
         low[2], high[2] = floor or 0.0, floor or 0.0
-        for at in range(0, len(rows), COLUMNS):
-            some = slice(at, at + COLUMNS)
-            agents = rows[some].T.astype(np.intp, order="C")  # a block a column: many blocks are compared at a time
-            for axis, column in enumerate((crowd.x, crowd.y, crowd.z)[: 2 if floor is not None else 3]):
-                place = column[agents]
+        for at in range(0, leaves, COLUMNS // 4):
+            some = slice(at, at + COLUMNS // 4)
+            # a block a column: many blocks are compared at a time
+            agents = order.take(begins[some] + np.arange(LEAF)[:, None], mode="clip").astype(np.intp)
+            places = [column[agents] for column in (crowd.x, crowd.y)]
+            if heights is not None:
+                places.append(heights.at(*map(np.ravel, places)).reshape(agents.shape))
+            elif floor is None:
+                places.append(crowd.z[agents])
+            for axis, place in enumerate(places):
                 low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
         _stay(low, high, area, wraps)
         low[2] += _over(centre, np.minimum)[*group]
         high[2] += _over(centre, np.maximum)[*group]
-        radii = np.array([_over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]])
-        extent = float(np.abs([low, high]).max())
-        tiers = []
-        while True:
-            tiers.insert(0, (full.size // low.shape[1], np.concatenate([(low + high) / 2, (high - low) / 2, radii]), group))
-            if full.size == size * low.shape[1]:
-                break
-            part = (-1, low.shape[1] // FAN, FAN)
-            low, high = low.reshape(part).min(axis=2), high.reshape(part).max(axis=2)
-            radii = np.array([radii[0].reshape(part[1:]).min(axis=1), radii[1].reshape(part[1:]).max(axis=1)])
-            group = np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
-    sizes = np.bincount(crowd.group, minlength=len(groups)) if len(groups) > 1 else [count]
+        radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
+        extent = float(max(np.abs(low).max(), np.abs(high).max()))
+        tiers = [(LEAF, boxes, group)]
+        while tiers[0][0] < size:
+            tiers.insert(0, _joined(*tiers[0]))
+        for _, boxes, _ in tiers:  # the two corners become centre and half width, in place
+            low, high = boxes[:3], boxes[3:6]
+            half = (high - low) / 2
+            low[:] = (low + high) / 2
+            high[:] = half
+    sizes = [count]
+    if len(groups) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
+        parts = (crowd.group[at : at + curve.BLOCK] for at in range(0, count, curve.BLOCK))
+        sizes = sum(np.bincount(part, minlength=len(groups)) for part in parts)
     return Blocks(order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
+
+
+def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """The next larger tier: every FAN blocks in one. boxes: (8, b) with the least and the greatest corner for centre and half width."""
+    parts = boxes.reshape(8, -1, FAN)
+    least, most = parts.min(axis=2), parts.max(axis=2)
+    return size * FAN, np.concatenate([least[:3], most[3:6], least[6:7], most[7:]]), np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
 
 
 def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None) -> None:
@@ -285,10 +307,13 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.n
     left, slack = [places[:0]], max(test.slack for test in tests)
     centre, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
+    begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
+    # agents lie group by group: to tell theirs, none is asked
+    groups = np.repeat(np.arange(len(centre), dtype=np.uint8), np.diff(np.searchsorted(places, blocks.groups)))
     for start in range(0, len(places), COLUMNS):
         some = places[start : start + COLUMNS]
         agents = blocks.order[some].astype(np.intp)
-        group = crowd.group[agents] if len(centre) > 1 else 0
+        group = groups[start : start + COLUMNS] if len(centre) > 1 else 0
         spheres = np.empty((5, len(some)))
         spheres[0], spheres[1] = crowd.x[agents], crowd.y[agents]
         spheres[2] = (crowd.z[agents] if blocks.floor is None else blocks.floor) + centre[group]
@@ -298,13 +323,9 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.n
             out, within, other = test.alone(spheres)
             outside, inside, distance = outside & out, inside | within, np.minimum(distance, other)
         shown = np.flatnonzero(inside)
-        distance, level, unsure = distance[shown], np.zeros(len(shown), np.uint8), np.zeros(len(shown), bool)
-        for begin in limits.T:
-            beyond = distance - (begin[0] if uniform else begin[group[shown]])
-            level += beyond >= 0
-            unsure |= np.abs(beyond) <= slack
-        levels[some[shown]] = level
-        inside[shown[unsure]] = False
+        beyond = distance[shown] - (begin if uniform else begin.take(group[shown], axis=1))
+        levels[some[shown]] = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
+        inside[shown[(np.abs(beyond) <= slack).any(axis=0)]] = False
         left.append(some[~(outside | inside)])
     return np.concatenate(left)
 
@@ -331,6 +352,6 @@ def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray)
                 nearest, farthest = np.minimum(nearest, near), np.minimum(farthest, far)
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
     for latest, earliest in steps:
-        finest += nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)
-        coarsest += farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)
+        finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(np.uint8)
+        coarsest += (farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)).view(np.uint8)
     return outside, np.where(inside & (finest == coarsest), finest, np.uint8(CULLED))

@@ -6,27 +6,33 @@ from .maps import Area
 
 # Agents that share a cell of the curve, about, and the most bits of a cell's column or row.
 SHARE, MOST_BITS = 4, 12
+# Agents whose places along the curve are found at a time.
+BLOCK = 16_384
 # A crowd of fewer agents is tested faster agent by agent: it needs no order.
 FEWEST = 40_000
 
 
 def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.ndarray:
     """(n,) int32: the agents at x, y (n,) group by group, group (n,) uint8, along the curve over the part of `area` that
-    they cover; those beyond it count as on its border."""
+    they cover; those beyond it count as on its border. Takes 12 bytes an agent at most, its result included."""
     bits = int(np.clip(np.ceil(np.log2(max(1, len(x) / SHARE)) / 2), 1, MOST_BITS))
-    code = np.zeros(len(x), np.uint32)
-    for shift, (place, low, high) in enumerate(((x, area.x_min, area.x_max), (y, area.y_min, area.y_max))):
-        place = np.clip(place, low, high)
-        low, high = np.fmin.reduce(place), np.fmax.reduce(place)
-        scale = (1 << bits) / ((high - low) or 1.0)
-        cell = np.nan_to_num((place - low) * scale).astype(np.uint32)
-        code |= _spread(bits)[np.minimum(cell, (1 << bits) - 1)] << np.uint32(shift)
-    # radix sorts, the last digit first: NumPy has them for 16 bits and fewer
-    order = np.argsort(code.astype(np.uint16), kind="stable").astype(np.int32)
-    for digit in ((code >> np.uint32(16)).astype(np.uint8), group):
-        if digit.any():
-            order = order[np.argsort(digit[order], kind="stable")]
-    return order
+    spread, sides = _spread(bits), []
+    for place, low, high in ((x, area.x_min, area.x_max), (y, area.y_min, area.y_max)):
+        low, high = np.clip((np.fmin.reduce(place), np.fmax.reduce(place)), low, high)
+        sides.append((place, low, high, (1 << bits) / ((high - low) or 1.0)))
+    # group, place along the curve, and agent in one number: sorted in place, and in a defined order
+    keys = np.empty(len(x), np.uint64)
+    for at in range(0, len(x), BLOCK):
+        block = slice(at, at + BLOCK)
+        code = group[block].astype(np.uint32) << np.uint32(2 * MOST_BITS)
+        for shift, (place, low, high, scale) in enumerate(sides):
+            cell = np.nan_to_num((place[block].clip(low, high) - low) * scale).astype(np.uint32)
+            code |= spread[np.minimum(cell, (1 << bits) - 1)] << np.uint32(shift)
+        keys[block] = code
+        keys[block] <<= np.uint64(32)
+        keys[block] |= np.arange(at, at + len(code), dtype=np.uint64)
+    keys.sort()
+    return keys.astype(np.uint32).view(np.int32)
 
 
 def _spread(bits: int) -> np.ndarray:

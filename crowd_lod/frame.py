@@ -4,7 +4,7 @@ import operator
 import time as clock
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -28,6 +28,11 @@ from .lean import (
 )
 from .levels import Bias, LevelPolicy, assign, limits
 from .sorting import Buckets, sort, sort_in_order
+
+# Another way to cull, give LODs and sort, of the same agents and LODs: (crowd, order, camera, policy, begin) -> (places (m,)
+# int32, offsets (n + 1,) intp). Where in `order`, agent indices (n,) or None for agent order, the visible agents of LOD k
+# stand is places[offsets[k]:offsets[k + 1]], rising. See operators/compute.py.
+Sorter = Callable[[Crowd, np.ndarray | None, Camera, LevelPolicy, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -79,13 +84,15 @@ def plan(
     shutter: Sequence[tuple[float, Sequence[Camera]]] = (),
     bias: Bias | None = None,
     lean: bool = True,
+    sorter: Sorter | None = None,
 ) -> Frame:
     """The plan of the frame at `time`: a pure function of its arguments, whichever frame came before.
 
     camera: one, or the eyes of a stereo picture. shutter: with motion blur, (time in frames, the eyes' cameras from
     camera.opened) at each sample of the open shutter, in order: what is seen at any of them is visible. LODs are those
     of `time`. With a fixed margin nothing is grown for it but what the cameras move. bias: painted layer. lean: leave out
-    what the scene does not need.
+    what the scene does not need. sorter: makes the buckets, where it can: for one camera, no panorama, without shutter, bias,
+    or blur of the lens.
     """
     trajectory = trajectory if lean else trajectory.full
     leave, left = trajectory.leave, set(trajectory.left_out)
@@ -114,6 +121,10 @@ def plan(
     begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
     views = [(time, cameras, radius), *((sample, eyes, grown) for sample, eyes in shutter)]
     way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
+    plain = len(views) == len(cameras) == 1 and bias is None and not cameras[0].turn and cameras[0].kind != "PANO"
+    if sorter is not None and plain:
+        left -= {item for item in left if item.stage == "culling"}
+        way = partial(_elsewhere, sorter)
     buckets, find_levels, counted, dropped, items = way(trajectory, crowd, views, policy, begin, bias, ticks)
     left |= items
     if ONE_BUCKET in leave and np.count_nonzero(buckets.counts) <= 1:
@@ -202,16 +213,35 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     ticks.append(clock.perf_counter())
     buckets = sort_in_order(levels, blocks.order, policy.count)
     ticks.append(clock.perf_counter())
-
-    def find_levels() -> np.ndarray:
-        _, distance = radar(crowd, views[0][1], centre, radius, policy.margin, radial, trajectory.left_out, True)
-        return assign(distance, begin, crowd.group, None if bias is None else bias.at(crowd.x, crowd.y))
-
     items = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
     items[ONE_LEVEL] = bias is None and np.count_nonzero(buckets.counts) <= 1
     decided = trajectory.leave if not len(places) else NOTHING
     counted = blocks.count(levels, policy.count), np.diff(blocks.groups)
+    find_levels = partial(_levels, trajectory, crowd, views, policy, begin, bias)
     return buckets, find_levels, counted, gone, {item for item, holds in items.items() if holds and item in decided}
+
+
+def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
+    """The same, made by `sorter`: all of it counts as culling."""
+    made = trajectory.blocks(views[0][0])
+    gone = 0 if made is not None and made[1].finite else _lost(crowd, policy)
+    order = None if made is None else made[1].order
+    places, offsets = sorter(crowd, order, views[0][1][0], policy, begin)
+    counted = None
+    if made is not None:
+        edges = [np.searchsorted(places[a:b], made[1].groups) for a, b in zip(offsets[:-1], offsets[1:], strict=True)]
+        counted = np.diff(edges, axis=1), np.diff(made[1].groups)
+    buckets = Buckets(places if order is None else order[places], offsets)
+    ticks += [clock.perf_counter()] * 3
+    return buckets, partial(_levels, trajectory, crowd, views, policy, begin, bias), counted, gone, set()
+
+
+def _levels(trajectory, crowd, views, policy, begin, bias) -> np.ndarray:
+    """The LODs (n,) uint8 of all agents, also of those culled."""
+    centre = np.array([g.centre for g in trajectory.groups])
+    about = (centre, views[0][2], policy.margin, policy.metric == "RADIAL", trajectory.left_out)
+    _, distance = radar(crowd, views[0][1], *about, True)
+    return assign(distance, begin, crowd.group, None if bias is None else bias.at(crowd.x, crowd.y))
 
 
 def _lost(crowd: Crowd, policy: LevelPolicy) -> int:

@@ -130,7 +130,7 @@ def assign(
             step = step[group]
         elif step.ndim:
             step = step[0]
-        ids += distance >= step
+        ids += (distance >= step).view(np.uint8)  # bools would be cast one by one
     return ids
 
 

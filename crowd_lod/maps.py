@@ -6,6 +6,9 @@ import numpy as np
 
 from .errors import CrowdError
 
+# Agents that are looked up at a time: their columns stay in the processor's cache.
+BLOCK = 8192
+
 
 @dataclass(frozen=True)
 class Area:
@@ -108,8 +111,12 @@ class HeightMap:
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """World z (n,) float64 of the ground at the world positions x, y (n,)."""
-        (a, b, c, d), u, v, _ = self._corners(x, y)
-        return self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+        z = np.empty(len(x))
+        for begin in range(0, len(x), BLOCK):
+            block = slice(begin, begin + BLOCK)
+            (a, b, c, d), u, v, _ = self._corners(x[block], y[block])
+            z[block] = self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+        return z
 
     def slope(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); on a border between pixels that to its right."""

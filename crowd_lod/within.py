@@ -1,9 +1,9 @@
 """Steps within a cell: what nearly all agents do in nearly all steps, done for all at once.
 
-An agent whose step changes no state and leaves no cell of the map reads the table once and moves once; all that the step
-does to it follows from its state, its label, and its character group. It is looked up in tables made for the step, block
-by block. Who changes state, draws, waits for less than a step, or comes to the border of a cell or of the map goes the
-long way (behaviour.advance), with the same result to the bit.
+An agent whose step changes no state, and leaves no cell of the map but for one of the same label at its side, reads the
+table once and moves once; all that the step does to it follows from its state, its label, and its character group. It is
+looked up in tables made for the step, block by block. Who changes state, draws, waits for less than a step, or comes to
+another label or to the border of the map goes the long way (behaviour.advance), with the same result to the bit.
 """
 
 from dataclasses import replace
@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from .agents import Crowd
+from .borders import same_beside
 from .lean import ONE_LABEL, LeftOut
 from .machine import StateMachine
 from .maps import LabelMap
@@ -77,7 +78,7 @@ def within(
         else:
             case += labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
         case = case.astype(np.intp)
-        other = np.zeros(len(case), bool)
+        other, leaves = np.zeros((2, len(case)), bool)
         for (old, new, way, low, high, size, _), cell in zip(sides, cells, strict=True):
             to = np.add(old[block], way.take(case, mode="clip"), out=new[block])
             if not (low <= to.min() and to.max() <= high):
@@ -85,7 +86,7 @@ def within(
                     np.clip(to, low, high, out=to)
                 else:
                     other |= (to < low) | (to > high)
-            other |= np.floor((to - low) / size) != cell
+            leaves |= np.floor((to - low) / size) != cell
         if machine.edge == "stop":  # who stands on the map's border does not head out
             for old, _, _, low, high, _, _ in sides:
                 other |= (old[block] <= low) | (old[block] >= high)
@@ -93,6 +94,12 @@ def within(
             waits = crowd.wait[block].astype(np.float64)
             other |= waits < seconds
             wait[block] = waits - seconds
+        if leaves.any():
+            c = np.flatnonzero(leaves & ~other)
+            c = c[~np.isnan(x[block][c])]  # their state changes
+            to = world.cells(x[block][c], y[block][c])
+            leaves[c] = ~same_beside(*(cell[c].astype(np.intp) for cell in cells), *to, world)
+            other |= leaves
         if heading is not crowd.heading:
             _turn(crowd.heading[block], tables, case, heading[block])
         if phase is not crowd.phase:

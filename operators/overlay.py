@@ -12,11 +12,11 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.fading import fades_of
-from ..crowd_lod.frame import Frame, plan
+from ..crowd_lod.frame import Frame
 from ..crowd_lod.levels import Bias, LevelPolicy
 from ..crowd_lod.live import held
 from ..crowd_lod.picking import Account, account
-from . import casts, colours, hud, inset, programs
+from . import casts, colours, compute, hud, inset, programs
 from . import scene as io
 from .cameras import read_cameras, read_shutter
 from .drawing import Batches, Cast, paint
@@ -63,6 +63,7 @@ _shown: dict[int, Shown] = {}  # by the scene's session_uid
 # Of scenes with motion blur, by session_uid: what an open shutter is asked for, and (that, read_shutter's answer).
 _asked: dict[int, tuple] = {}
 _shutters: dict[int, tuple] = {}
+_faster = compute.Faster()
 _failure: str | None = None
 
 
@@ -103,6 +104,7 @@ def forget(*_) -> None:
     """load_pre: let go all that is kept of scenes, on the GPU too."""
     for kept in (_shown, _asked, _shutters):
         kept.clear()
+    _faster.forget()
     casts.forget()
 
 
@@ -234,7 +236,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if trajectory is known and bias is before.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
-        frame = plan(trajectory, eyes, policy, time, shutter, bias)
+        frame = _faster.plan(trajectory, eyes, policy, time, shutter, bias)
         same_view = before is not None and before.frame_inputs[:1] == (own,)
         if policy.hysteresis and same_view and before.trajectory is trajectory:
             frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)

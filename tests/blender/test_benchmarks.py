@@ -16,7 +16,7 @@ def bench(monkeypatch):
     import bench
 
     yield bench
-    for name in ("bench", "peers", "loop"):
+    for name in ("bench", "peers", "loop", "walkers", "drawn"):
         sys.modules.pop(name, None)
 
 
@@ -27,6 +27,19 @@ def test_peers_find_what_the_core_finds_and_leave_the_file_as_it_was(bench, agen
     assert row["agents"] == agents and {"behaviour", "core", "naive", "six_planes", "geometry_nodes"} <= set(row)
     assert ("c_loop" in row) == (bench.loop.library() is not None)
     assert set(bpy.data.user_map()) == before
+
+
+def test_nodes_that_walk_find_what_the_core_finds_and_leave_the_file_as_it_was(bench):
+    before, scene = set(bpy.data.user_map()), bpy.context.window.scene
+    row = bench.whole(700, 4, 1)
+    assert row["agents"] == 700 and 0 < row["visible"] < 700
+    assert set(bpy.data.user_map()) == before and bpy.context.window.scene == scene
+
+
+def test_nodes_that_stand_still_are_noticed(bench, monkeypatch):
+    monkeypatch.setattr(bench.walkers.Walkers, "prepare", lambda self, tree: None)
+    with pytest.raises(AssertionError):
+        bench.whole(20_000, 60, 1)
 
 
 def test_a_peer_that_is_wrong_is_noticed(bench, monkeypatch):

@@ -5,13 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import behaviour, lean, within
+from crowd_lod_extension.crowd_lod import behaviour, borders, lean, within
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.behaviour import advance, cycles_of, step
 from crowd_lod_extension.crowd_lod.machine import load_preset, preset_names
 from crowd_lod_extension.crowd_lod.maps import LabelMap
 
-from .test_lean import AREA, IDLER, ground, random_table, walker
+from .test_lean import AREA, IDLER, ground, machine, random_table, walker
 
 
 @pytest.fixture(autouse=True)
@@ -74,3 +74,25 @@ def test_most_agents_go_the_short_way_and_columns_that_stay_are_shared():
     assert len(rest) < 50
     assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
     assert (moved.x != crowd.x).all() and moved.x is not crowd.x
+
+
+@pytest.mark.parametrize("edge", ["clamp", "stop", "wrap"])
+def test_rounds_of_trapped_agents_are_left_out_to_the_bit(edge, monkeypatch):
+    states = {
+        "a": {"color": "#ff0000", "start": 1, "on": {"*": {"move": [3, 0.5]}, "wall": {"next": "b", "move": [-2, 0]}}},
+        "b": {"color": "#00ff00", "start": 1, "on": {"*": {"move": [-3, 0]}, "ground": {"next": "c", "move": [0, 2]}}},
+        "c": {"color": "#0000ff", "on": {"*": {"next": "a", "move": [0, -2]}}},
+    }
+    table, random = machine(states, edge), np.random.default_rng(2)
+    world = LabelMap(random.integers(2, size=(60, 50), dtype=np.uint8), AREA)
+    quick = slow = populate(1000, 1, 1, table, world)
+    def one_by_one(now, met, agents, idle, patience):
+        return np.zeros_like(idle)
+
+    for _ in range(4):
+        quick, tally = advance(quick, table, world, cycles_of(GROUPS[:1]), 0.8)
+        with monkeypatch.context() as patch:
+            patch.setattr(borders, "rounds", one_by_one)
+            slow, told = advance(slow, table, world, cycles_of(GROUPS[:1]), 0.8)
+        assert same(quick, slow) and tally.reads == told.reads and (tally.held == told.held).all()
+        assert tally.held.sum() > 20

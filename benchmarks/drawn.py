@@ -1,0 +1,91 @@
+"""The whole pipeline, drawn: the overlay's own way from plan to pixels, into a picture without a window."""
+
+from dataclasses import replace
+
+import bpy  # noqa: F401  bmesh and gpu come with it
+import numpy as np
+from crowd_lod_extension.crowd_lod.agents import Group
+from crowd_lod_extension.crowd_lod.animation import SkinnedMesh
+from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.camera import Camera
+from crowd_lod_extension.crowd_lod.frame import Frame, cost, plan
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy
+from crowd_lod_extension.crowd_lod.sorting import sort
+from crowd_lod_extension.operators.drawing import Batches, Cast, paint
+from crowd_lod_extension.operators.joints import Character
+from crowd_lod_extension.operators.points import Style, drawing
+
+SIZE = 900, 900  # the chapter's viewport
+JOINTS, FRAMES = 20, 24
+
+
+def figure(vertices: int, group: Group) -> SkinnedMesh:
+    """A person's worth of vertices on an ellipsoid, each moved by four joints."""
+    import bmesh
+
+    k = np.arange(vertices) + 0.5
+    turn, high = k * np.pi * (3 - 5**0.5), 1 - 2 * k / vertices
+    unit = np.column_stack([np.cos(turn) * np.sqrt(1 - high**2), np.sin(turn) * np.sqrt(1 - high**2), high])
+    points = (unit * (0.25, 0.25, group.centre) + (0, 0, group.centre)).astype(np.float32)
+    hull = bmesh.new()
+    for point in points:
+        hull.verts.new(point)
+    bmesh.ops.convex_hull(hull, input=hull.verts)
+    hull.verts.index_update()
+    triangles = np.array([[vertex.index for vertex in face.verts] for face in hull.faces], np.uint32)
+    hull.free()
+    near = np.clip((high[:, None] + 1) / 2 * JOINTS + (-1, 0, 1, 2), 0, JOINTS - 1).astype(np.uint16)
+    weights = np.full((vertices, 4), 0.25, np.float32)
+    grey, none = np.full((vertices, 3), 0.5, np.float32), np.full(vertices, -1, np.float32)
+    return SkinnedMesh(points, unit.astype(np.float32), near, weights, np.zeros((vertices, 2), np.float32), grey, none, triangles, True)
+
+
+class Screen:
+    """A picture that the crowd is drawn into."""
+
+    def __init__(self, group: Group):
+        import gpu
+
+        joints = np.tile(np.eye(3, 4, dtype=np.float32), (FRAMES, JOINTS, 1, 1))
+        meshes = tuple(figure(vertices, group) for vertices in group.vertices)
+        images = np.empty((0, 1, 1, 4), np.uint8)
+        self.group = group
+        self.cast = Cast((group,), (Character("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),))
+        self.canvas = gpu.types.GPUOffScreen(*SIZE, format="RGBA8")
+
+    def __call__(self, frame: Frame) -> np.ndarray:
+        """Draw the frame and wait for it: the picture (height, width, 4) uint8, bottom row first."""
+        import gpu
+
+        what = drawing(frame, (self.group,), Style("MESHES", culled=False))
+        batches = Batches(replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0]), self.cast)
+        with self.canvas.bind():
+            buffer = gpu.state.active_framebuffer_get()
+            buffer.clear(color=(0, 0, 0, 1), depth=1.0)
+            paint(batches, *matrices(frame.camera), SIZE, 1.0)
+            pixels = buffer.read_color(0, 0, *SIZE, 4, 0, "UBYTE")
+        return np.asarray(memoryview(pixels)).reshape(SIZE[1], SIZE[0], 4)
+
+    def free(self) -> None:
+        self.canvas.free()
+
+
+def matrices(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(view, projection), (4, 4) each, of a perspective camera."""
+    view, projection, w = np.eye(4), np.zeros((4, 4)), camera.window
+    view[:3, :3] = camera.X, camera.Y, -camera.Z
+    view[:3, 3] = -view[:3, :3] @ camera.origin
+    across, up, deep = w.right - w.left, w.top - w.bottom, camera.far - camera.near
+    projection[0, 0], projection[0, 2], projection[1, 1], projection[1, 2] = 2 / across, (w.right + w.left) / across, 2 / up, (w.top + w.bottom) / up
+    projection[2, 2], projection[2, 3], projection[3, 2] = -(camera.far + camera.near) / deep, -2 * camera.far * camera.near / deep, -1
+    return view, projection
+
+
+def planned(trajectory: Trajectory, camera: Camera, policy: LevelPolicy, time: float, lods: bool, culling: bool) -> Frame:
+    """The plan, or what is left of it without LODs (all the finest) or without culling (all drawn)."""
+    frame = plan(trajectory, camera, policy if lods else replace(policy, thresholds=()), time)
+    if culling:
+        return frame
+    buckets = sort(np.ones(len(frame.crowd), bool), frame.levels, len(frame.buckets.counts))
+    vertices, _ = cost(frame.crowd, buckets, [group.vertices for group in trajectory.groups])
+    return replace(frame, buckets=buckets, vertices=vertices)

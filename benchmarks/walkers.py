@@ -1,0 +1,118 @@
+"""The whole frame: agents that walk, are culled, given LODs, and become points that Blender can instance; by Crowd LOD, and
+by geometry nodes that do the same."""
+
+import bpy
+import numpy as np
+from crowd_lod_extension.crowd_lod import chance
+from crowd_lod_extension.crowd_lod.agents import Group
+from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.camera import Camera
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy
+from crowd_lod_extension.operators import follow
+from crowd_lod_extension.operators import scene as io
+from peers import Nodes, Tree
+
+POSES = 8  # of each LOD's action, as the build makes them
+
+
+class Points:
+    """Crowd LOD as the build does it: a point object a LOD, written every frame."""
+
+    def __init__(self, trajectory: Trajectory, policy: LevelPolicy):
+        self.trajectory, self.policy = trajectory, policy
+        self.scene = bpy.data.scenes.new("points")
+        self.objects = [bpy.data.objects.new(f"LOD {k}", bpy.data.meshes.new(f"LOD {k}")) for k in range(policy.count)]
+        for each in self.objects:
+            self.scene.collection.objects.link(each)
+
+    def __call__(self, camera: Camera, frame: int) -> None:
+        """The frame, from behaviour to points that the dependency graph holds."""
+        found = plan(self.trajectory, camera, self.policy, frame)
+        poses = np.full(len(self.trajectory.groups), POSES)
+        for level, each in enumerate(self.objects):
+            columns = follow.columns_of(self.trajectory, found.crowd, found.crowd, found.buckets[level], poses, False)
+            io.write_points(each.data, columns)
+        self.scene.view_layers[0].update()
+
+    def counts(self) -> np.ndarray:
+        return np.array([len(each.data.vertices) for each in self.objects])
+
+    def close(self) -> None:
+        """Leave the file as it was."""
+        meshes = [each.data for each in self.objects]
+        bpy.data.scenes.remove(self.scene)
+        bpy.data.batch_remove([*self.objects, *meshes])
+
+
+class Walkers(Nodes):
+    """Geometry nodes that do the same, for the chapter's table and map: a simulation zone reads the label under each point
+    from an image, changes its state, moves and turns it, and plays its action; then it is culled and given a LOD. One
+    object: parting the LODs is left to what instances them. They step when the scene's frame goes on by one."""
+
+    def __init__(self, trajectory: Trajectory, group: Group, limits: np.ndarray):
+        self.trajectory, self.person = trajectory, group
+        labels = trajectory.world.labels
+        self.image = bpy.data.images.new("labels", labels.shape[1], labels.shape[0], float_buffer=True, is_data=True)
+        self.image.pixels.foreach_set(np.repeat(labels.astype(np.float32).ravel(), 4))
+        super().__init__(trajectory.start, group, limits)
+        crowd, mesh = trajectory.start, self.object.data
+        columns = {"state": crowd.state.astype(np.int32), "phase": crowd.phase, "group": crowd.group.astype(np.int32)}
+        columns |= {"id": np.arange(len(crowd), dtype=np.int32), "looks": chance.uniform(crowd.key, chance.LOOKS).astype(np.float32)}
+        for name, values in columns.items():
+            kind = "INT" if values.dtype == np.int32 else "FLOAT"
+            mesh.attributes.new(name, kind, "POINT").data.foreach_set("value", values)
+        # simulations run in the window's scene alone
+        self.before, bpy.context.window.scene = bpy.context.window.scene, self.scene
+        bpy.context.evaluated_depsgraph_get()
+        self.frame(1)
+
+    def prepare(self, tree: Tree) -> None:
+        area, machine = self.trajectory.world.area, self.trajectory.machine
+        width, depth = area.size
+        speed = float(machine.velocity[0, 0, 0])
+        entry, leave = (tree.group.nodes.new(f"GeometryNodeSimulation{end}") for end in ("Input", "Output"))
+        entry.pair_with_output(leave)
+        tree.group.links.new(tree.geometry, entry.inputs["Geometry"])
+        tree.geometry, seconds = entry.outputs["Geometry"], entry.outputs["Delta Time"]
+
+        def attribute(name: str, kind: str) -> bpy.types.NodeSocket:
+            node = tree.node("GeometryNodeInputNamedAttribute", name, data_type=kind)
+            return next(socket for socket in node.outputs if socket.enabled and socket.name == "Attribute")
+
+        place = tree.node("ShaderNodeSeparateXYZ", tree.node("GeometryNodeInputPosition").outputs[0]).outputs
+        u = tree.math("MULTIPLY", tree.math("SUBTRACT", place[0], area.x_min), 1 / width)
+        v = tree.math("MULTIPLY", tree.math("SUBTRACT", place[1], area.y_min), 1 / depth)
+        at = tree.node("ShaderNodeCombineXYZ", u, v).outputs[0]
+        label = tree.node("GeometryNodeImageTexture", self.image, at, interpolation="Closest", extension="EXTEND").outputs["Color"]
+        on = {name: tree.math("COMPARE", label, machine.labels.index(name), 0.5) for name in ("left edge", "right edge")}
+        state = attribute("state", "INT")  # 0 walks right, 1 left
+        stays = tree.math("MULTIPLY", state, tree.math("SUBTRACT", 1.0, on["left edge"]))
+        state = tree.math("MAXIMUM", stays, on["right edge"])
+        walked = tree.math("MULTIPLY", seconds, speed)
+        moves = tree.math("MULTIPLY", walked, tree.math("MULTIPLY_ADD", state, -2.0, 1.0))
+        cycles = tree.math("MULTIPLY", walked, 1 / self.person.stride)
+        phase = tree.math("FRACT", tree.math("ADD", attribute("phase", "FLOAT"), cycles))
+        heading, pose = tree.math("MULTIPLY", state, np.pi), tree.math("FLOOR", tree.math("MULTIPLY", phase, POSES))
+        # all are read from the points as they were: what is written changes no field before the zone's end
+        captured = tree.node("GeometryNodeCaptureAttribute", tree.geometry, domain="POINT")
+        tree.geometry = captured.outputs[0]
+        kept = {}
+        for name, kind, value in (("state", "INT", state), ("phase", "FLOAT", phase), ("heading", "FLOAT", heading), ("pose", "INT", pose), ("moves", "FLOAT", moves)):
+            captured.capture_items.new(kind, name)
+            tree.group.links.new(value, captured.inputs[name])
+            kept[name] = kind, captured.outputs[name]
+        way = tree.node("ShaderNodeCombineXYZ", kept.pop("moves")[1]).outputs[0]
+        tree.geometry = tree.node("GeometryNodeSetPosition", tree.geometry, None, None, way).outputs[0]
+        for name, (kind, value) in kept.items():
+            tree.store(name, kind, value)
+        tree.group.links.new(tree.geometry, leave.inputs["Geometry"])
+        tree.geometry = leave.outputs["Geometry"]
+
+    def frame(self, number: int) -> None:
+        self.scene.frame_set(number)
+
+    def close(self) -> None:
+        bpy.context.window.scene = self.before
+        super().close()
+        bpy.data.images.remove(self.image)

@@ -1,0 +1,59 @@
+"""Memory an agent, its peaks included."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod import behaviour, curve, lean
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy
+from crowd_lod_extension.crowd_lod.maps import HeightMap
+
+from .crowds import walker
+from .test_culling import straight
+from .test_lean import AREA, raw, shot, walking
+
+COUNT = 500_000
+
+
+def peak(job) -> float:
+    """Bytes an agent that the job took at most."""
+    tracemalloc.start()
+    job()
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return taken / COUNT
+
+
+HILLS = HeightMap(np.random.default_rng(1).uniform(0, 5, (9, 9)).astype(np.float32), AREA)
+
+
+@pytest.mark.parametrize("groups, edge, heights", [(1, "clamp", None), (3, "clamp", None), (3, "wrap", None), (1, "clamp", HILLS)])
+def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights):
+    trajectory = shot(walking(edge), groups=(walker(),) * groups, count=COUNT, heights=heights)
+    assert sum(column.nbytes for column in vars(trajectory.start).values()) <= 48 * COUNT
+    camera, policy = straight(offset=(0, -30, 0)), LevelPolicy((0.3, 0.6))
+    plan(trajectory, camera, policy, 63)
+    trajectory.at(65)
+    assert peak(lambda: trajectory.blocks(65)) <= 16  # in a new order
+    trajectory.at(81)
+    assert peak(lambda: trajectory.blocks(81)) <= 16  # in the same order
+    frames = []
+    assert peak(lambda: frames.append(plan(trajectory, camera, policy, 81))) <= 16
+    frame = frames[0]
+    assert lean.BLOCKS in frame.left_out and len(frame.buckets.order) > 0.3 * COUNT
+    assert peak(lambda: (frame.visible, frame.levels)) <= 16
+    assert np.count_nonzero(frame.visible) == len(frame.buckets.order)
+
+
+def test_a_long_shot_keeps_few_crowds_and_stays_a_function_of_the_frame(monkeypatch):
+    monkeypatch.setattr(curve, "FEWEST", 1)
+    camera, policy = straight(offset=(0, -30, 0)), LevelPolicy((0.3, 0.6))
+    times = 700, 130, 500, 65, 64.5, 300, 129, 1, 499.25, 700
+    free = shot(walking("wrap"), count=300)
+    right = [raw(plan(free, camera, policy, time)) for time in times]
+    monkeypatch.setattr(behaviour, "MOST_KEPT", 300 * 30 * 10)
+    tight = shot(walking("wrap"), count=300)
+    for time, expected in zip(times, right, strict=True):
+        assert raw(plan(tight, camera, policy, time)) == expected
+        assert len(tight._kept) <= 16 < len(free._kept)
