@@ -1,6 +1,7 @@
 """The chapter's two tests and the growth with the crowd, in the chapter's tables, with CSV, JSON and figure 1.6.
 
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
+./crowd-lod bench --worth [--quick] [--out DIR]     renders instead: worth.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
 same (peers.py, loop.c), each taken in turn in the same run. Test 2: the whole plan from perspective A, which sees nearly
@@ -152,10 +153,15 @@ def table(rows: list[dict], columns: dict[str, str]) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth.")
-    parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute")
+    parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: some minutes)")
+    parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: a quarter of an hour")
     parser.add_argument("--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="another crowd of the same kind")
     args = parser.parse_args(arguments)
+    if args.worth:
+        import worth
+
+        return worth.main(args.out.absolute(), args.quick)
     repeats = 7 if args.quick else 21
     machine = f"{machine_name()}; medians of {repeats} runs"
     print(machine, flush=True)

@@ -134,6 +134,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
     library = next((child for child in top.children if LIBRARY in child), None)
     if library is None:
         library = _library(top, "Crowd LOD Poses", -1)
+        library.hide_render = library.hide_viewport = True  # else a view layer that the user adds later would show them
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             _exclude(view_layer.layer_collection, library)
