@@ -146,9 +146,13 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
 
 def table(rows: list[dict], columns: dict[str, str]) -> str:
     """The rows as text, `columns` by heading."""
-    cells = [list(columns), *([f"{row.get(key, ''):,}" if key in row else "" for key in columns.values()] for row in rows)]
+    cells = [list(columns), *([_text(row.get(key, "")) for key in columns.values()] for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(columns))]
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)
+
+
+def _text(value: str | int | float | None) -> str:
+    return "" if value is None else value if isinstance(value, str) else f"{value:,}"
 
 
 def main(arguments: list[str] | None = None) -> None:

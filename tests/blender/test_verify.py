@@ -137,8 +137,8 @@ def test_every_way_to_film_is_proven_as_it_is_rendered(lit, tmp_path, filmed):
     assert not [name for name in os.listdir(tmp_path / "out") if "_L" in name or "_R" in name]
 
 
-def test_agents_are_blurred_and_one_dropped_within_the_shutter_is_found_out(lit, tmp_path):
-    """Without the shutter's say culling would drop agents who cross the picture's edge while it is open."""
+def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
+    """They cross the picture's edge while the shutter is open, and come back from the other side of the map."""
     blurred(lit)
     lit.camera.animation_data_clear()
     lit.crowd_lod.machine = bpy.data.texts.new("fast")
