@@ -28,6 +28,7 @@ PICTURES = {
 }
 AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
 SILHOUETTE_SAMPLES = 16  # a pixel
+PAIRS = bpy.app.version >= (5, 2, 0)  # Blender 4.5 does not read back the values that it writes of two eyes
 LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
 MOST_IN_SHEET = 8  # frames on the contact sheet
 RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
@@ -89,7 +90,7 @@ def _stage(scene: bpy.types.Scene, wanted: Verify) -> bpy.types.Scene:
     stage = stage_of(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
     stage.name = "Crowd LOD verify"
     render, cycles, own = stage.render, stage.cycles, scene.render
-    render.use_motion_blur, render.use_multiview = own.use_motion_blur, own.use_multiview
+    render.use_motion_blur, render.use_multiview = own.use_motion_blur, own.use_multiview and PAIRS
     render.motion_blur_shutter = min(own.motion_blur_shutter, LONGEST_SHUTTER)
     render.use_border = own.use_border and scene.crowd_lod.cull_to_border
     render.image_settings.views_format = "INDIVIDUAL"
@@ -284,8 +285,10 @@ def _left_out(scene: bpy.types.Scene, stage: bpy.types.Scene, rows: list[dict], 
     said = []
     if scene.render.use_motion_blur and scene.render.motion_blur_shutter > LONGEST_SHUTTER:
         said.append(f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {scene.render.motion_blur_shutter:g}.")
+    if scene.render.use_multiview and not PAIRS:
+        said.append("One eye was looked at: this Blender does not read back pictures of two.")
     if any(row["predicted_shift"] is None for row in rows):
-        said.append("Silhouettes were not judged: no distance of the camera's bounds the LODs' pixels, or its lens bends the picture.")
+        said.append("Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture.")
     mirrors = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, io.time_of(stage)).mirrors
     if wanted.bounces > 1 and len(mirrors) > 1:
         said.append("What one mirror shows in another is not looked for: there pixels may differ.")
