@@ -1,6 +1,7 @@
 """The chapter's two tests and the growth with the crowd, in the chapter's tables, with CSV, JSON and figure 1.6.
 
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
+./crowd-lod bench --worth [--quick] [--out DIR]     renders instead: worth.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
 same (peers.py, loop.c, the GPU), each taken in turn in the same run. Test 2: the plan from perspective A, which sees nearly
@@ -213,7 +214,7 @@ def whole(agents: int, repeats: int, seed: int) -> dict:
 
 def table(rows: list[dict], columns: dict[str, str]) -> str:
     """The rows as text, `columns` by heading."""
-    cells = [list(columns), *([f"{row.get(key, ''):,}" if key in row else "" for key in columns.values()] for row in rows)]
+    cells = [list(columns), *([_text(row.get(key, "")) for key in columns.values()] for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(columns))]
     return "\n".join("  ".join(cell.rjust(width) for cell, width in zip(row, widths, strict=True)) for row in cells)
 
@@ -224,12 +225,21 @@ def gpu_name() -> str:
     return f"{gpu.platform.renderer_get()}, {gpu.platform.backend_type_get()}"
 
 
+def _text(value: str | int | float | None) -> str:
+    return "" if value is None else value if isinstance(value, str) else f"{value:,}"
+
+
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth.")
-    parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute")
+    parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: some minutes)")
+    parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: a quarter of an hour")
     parser.add_argument("--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="another crowd of the same kind")
     args = parser.parse_args(arguments)
+    if args.worth:
+        import worth
+
+        return worth.main(args.out.absolute(), args.quick)
     repeats = 7 if args.quick else 21
     machine = f"{machine_name()}; medians of {repeats} runs"
     print(machine, flush=True)

@@ -18,13 +18,14 @@ VISIBLE = 2 / 255
 @dataclass(frozen=True)
 class Difference:
     """pixels: that differ at all, in any bit. visible: that differ by more than VISIBLE in a linear channel. share: the
-    visible ones' part of the picture. largest, mean: of the absolute difference, over pixels and channels."""
+    visible ones' part of the picture. largest, mean, rms: of the absolute difference, over pixels and channels."""
 
     pixels: int
     visible: int
     share: float
     largest: float
     mean: float
+    rms: float
 
 
 def between(a: np.ndarray, b: np.ndarray) -> Difference:
@@ -36,7 +37,8 @@ def between(a: np.ndarray, b: np.ndarray) -> Difference:
     most = off.max(axis=2)
     visible = int((most > VISIBLE).sum())
     finite = np.minimum(off, np.finfo(np.float32).max)
-    return Difference(int((most > 0).sum()), visible, visible / most.size, float(finite.max()), float(finite.mean(dtype=np.float64)))
+    mean, rms = finite.mean(dtype=np.float64), np.sqrt(np.square(finite, dtype=np.float64).mean())
+    return Difference(int((most > 0).sum()), visible, visible / most.size, float(finite.max()), float(mean), float(rms))
 
 
 def shift(a: np.ndarray, b: np.ndarray) -> float:

@@ -5,7 +5,8 @@ import numpy as np
 from .camera import Camera
 
 # Fewer poses would save next to nothing. More than MOST, a second's walk in steps of a third of a frame, only serve one
-# who asks for a tolerance; then memory sets the bound.
+# who asks for a tolerance, and then only LODs of so few vertices that they take no more memory than LOD 0 in MOST poses: a
+# renderer holds a mesh for each pose that it shows.
 LEAST, MOST, MOST_ASKED = 8, 64, 256
 TOLERANCE = 1.0  # pixels, where the LODs have none of their own
 
@@ -25,14 +26,18 @@ def path_pixels(path: np.ndarray, begin: np.ndarray, radius: np.ndarray, camera:
     return np.minimum(path, 1e9)[:, None] * camera.pixels_per_unit / distance  # an unknown way is infinite
 
 
-def pose_counts(pixels: np.ndarray, tolerance: float | None = None) -> np.ndarray:
-    """(G, n) intp: poses in a cycle of each group's action, for each LOD, from path_pixels (G, n).
+def pose_counts(pixels: np.ndarray, vertices: np.ndarray, tolerance: float | None = None) -> np.ndarray:
+    """(G, n) intp: poses in a cycle of each group's action, for each LOD, from path_pixels (G, n) and its vertices (G, n).
 
-    From one of `count` poses to the next a vertex shows at most pixels / count: the smallest power of two keeps that
-    within the tolerance (pixels, TOLERANCE if None), but for the bounds. So the poses of a far LOD are among those of a
-    near one. An action that moves nothing has one.
+    An agent shows the nearest of `count` poses, in which a vertex is at most pixels / (2 count) from its place: the
+    smallest power of two keeps that within the tolerance (pixels, TOLERANCE if None), but for the bounds. So the poses of a
+    far LOD are among those of a near one. An action that moves nothing has one.
     """
-    needed = np.clip(pixels / (tolerance or TOLERANCE), LEAST, MOST_ASKED if tolerance else MOST)
+    most = np.full(pixels.shape, MOST)
+    if tolerance:
+        spare = vertices[:, :1] / np.maximum(vertices, 1)
+        most = np.clip(MOST * 2 ** np.rint(np.log2(np.maximum(spare, 1))), MOST, MOST_ASKED)
+    needed = np.clip(pixels / (2 * (tolerance or TOLERANCE)), LEAST, most)
     counts = 2 ** np.ceil(np.log2(needed)).astype(np.intp)
     return np.where(pixels > 0, counts, 1)
 

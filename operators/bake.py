@@ -5,7 +5,10 @@ from collections.abc import Iterator, Sequence
 import bpy
 import numpy as np
 
+from ..crowd_lod.agents import Crowd
+from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame
 from . import cameras, lights
 from . import scene as io
 from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
@@ -13,6 +16,7 @@ from .follow import columns_of, members, opening
 from .populate import frame_of, trajectory_of
 from .poses import make_poses
 
+LONGEST = 1.0  # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
 
 
@@ -25,7 +29,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     closes.
     """
     check_levels(scene)
-    if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= 1:
+    if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= LONGEST:
         raise CrowdError(
             f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "
             "a time, so set it below 1, or render with Crowd LOD installed."
@@ -39,8 +43,8 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     finally:
         if posed is not None and not done:
             bpy.data.batch_remove(list(posed.names))
-    top, render = install(scene, posed), scene.render
-    top[BAKED] = [render.frame_map_new / render.frame_map_old, opening(render), float(frames[0]), float(frames[-1])]
+    top = install(scene, posed)
+    mark(scene, frames)
     for name, item in points_of(top).items():
         columns = rows[name][0].keys()
         io.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
@@ -59,6 +63,13 @@ def share(steps: Iterator[float], begin: float, end: float) -> Iterator[float]:
         yield begin + (end - begin) * progress
 
 
+def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
+    """Say of the build of `scene` that it is baked, and how its points' frames are those of the timeline."""
+    render = scene.render
+    rate = render.frame_map_new / render.frame_map_old
+    scene.crowd_lod.build[BAKED] = [rate, opening(render), float(frames[0]), float(frames[-1])]
+
+
 def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> Iterator[float]:
     """The points of each bucket, by its name, frame by frame; counts: (G, n), the poses. Yields the progress."""
     render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
@@ -69,16 +80,9 @@ def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> 
         time = io.remapped(render, number)
         around = lights.read_surroundings(scene, None, time)
         frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory, around)
-        shutter = [(part, trajectory.at(io.remapped(render, number + part))) for part in _shutter(render)]
+        shutter = shutter_of(scene, trajectory, number)
         for name, agents in members(frame).items():
-            poses = counts[:, levels[name]]
-            columns = columns_of(trajectory, frame.crowd, frame.crowd, agents, poses, tilt)
-            for part, crowd in shutter:
-                then = columns_of(trajectory, crowd, frame.crowd, agents, poses, tilt)
-                when = "before" if part < 0 else "after"
-                columns[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
-                columns[f"turn_{when}"] = _turn(columns, then) / np.float32(part)
-            rows[name].append(columns | {"frame": np.full(len(agents), number, np.int32)})
+            rows[name].append(columns_in_time(trajectory, frame, number, shutter, agents, counts[:, levels[name]], tilt))
             points[name] += len(agents)
             if points[name] > MOST_POINTS:
                 raise CrowdError(
@@ -88,12 +92,36 @@ def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> 
     return rows
 
 
-def _shutter(render: bpy.types.RenderSettings) -> list[float]:
-    """When the shutter opens and closes, in frames from its frame, where that is another time."""
+def shutter_of(scene: bpy.types.Scene, trajectory: Trajectory, number: int) -> list[tuple[float, Crowd]]:
+    """With motion blur, when the shutter of the frame `number` opens and closes, in frames of the timeline from that frame
+    where that is another time, and the crowd then."""
+    render = scene.render
     if not render.use_motion_blur:
         return []
     opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position]
-    return [part for part in (-opens * render.motion_blur_shutter, (1 - opens) * render.motion_blur_shutter) if part]
+    parts = -opens * render.motion_blur_shutter, (1 - opens) * render.motion_blur_shutter
+    return [(part, trajectory.at(io.remapped(render, number + part))) for part in parts if part]
+
+
+def columns_in_time(
+    trajectory: Trajectory,
+    frame: Frame,
+    number: int,
+    shutter: list[tuple[float, Crowd]],
+    agents: np.ndarray,
+    counts: np.ndarray,
+    tilt: bool,
+) -> dict[str, np.ndarray]:
+    """The point attributes of `agents` (m,) for the tree of nodes/baked.py: follow.columns_of, the frame's `number` and,
+    from the `shutter` of shutter_of, velocities."""
+    columns = columns_of(trajectory, frame.crowd, frame.crowd, agents, counts, tilt)
+    moving = {"frame": np.full(len(agents), number, np.int32)}
+    for part, crowd in shutter:
+        then = columns_of(trajectory, crowd, frame.crowd, agents, counts, tilt)
+        when = "before" if part < 0 else "after"
+        moving[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
+        moving[f"turn_{when}"] = _turn(columns, then) / np.float32(part)
+    return columns | moving
 
 
 def _turn(now: dict[str, np.ndarray], then: dict[str, np.ndarray]) -> np.ndarray:

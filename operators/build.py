@@ -1,6 +1,6 @@
 """The render set-up: a point object a bucket, whose instances, by geometry nodes, show the poses of their phases."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -131,9 +131,10 @@ def dress_all(scene: bpy.types.Scene) -> None:
 
 def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> None:
     """Put the poses into the build, in place of those that it has."""
-    library = next((child for child in top.children if LIBRARY in child), None)
+    library = _library_of(top)
     if library is None:
         library = _library(top, "Crowd LOD Poses", -1)
+        library.hide_render = library.hide_viewport = True  # else a view layer that the user adds later would show them
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             _exclude(view_layer.layer_collection, library)
@@ -167,6 +168,40 @@ def _exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection)
         if child.collection == collection:
             child.exclude = True
         _exclude(child, collection)
+
+
+def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
+    """Of each view layer, by its name, what says whether the scene's build is in it (`exclude`): none where the user has
+    moved it out of the scene."""
+    found = {}
+    for layer in scene.view_layers:
+        places = [layer.layer_collection]
+        while places:
+            place = places.pop()
+            places += place.children
+            if place.collection == scene.crowd_lod.build:
+                found[layer.name] = place
+    return found
+
+
+def show_in(scene: bpy.types.Scene, names: Sequence[str]) -> None:
+    """Show the scene's build in the view layers `names` and in no other; what else is set of them stays."""
+    for name, place in layers_of(scene).items():
+        if place.exclude != (name not in names):
+            place.exclude = not place.exclude
+
+
+def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
+    """CrowdError if `scene` has no view layer of one of the `names`."""
+    for name in names:
+        if name not in scene.view_layers:
+            known = ", ".join(layer.name for layer in scene.view_layers)
+            raise CrowdError(f"The scene {scene.name} has no view layer {name}: give one of {known}.")
+
+
+def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:
+    """The collection of all poses of the build `top`."""
+    return next((child for child in top.children if LIBRARY in child), None)
 
 
 def remove_build(settings) -> None:

@@ -92,6 +92,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     _scene(command, program)
     command.add_argument("--bake", action="store_true", help="put all frames into the file: it renders without Crowd LOD")
     command.add_argument("--frames", metavar="A:B|LIST", help="the frames to bake (default: those that the scene renders)")
+    command.add_argument("--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)")
     command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.set_defaults(run=_build)
@@ -281,8 +282,11 @@ def _build(args, command: list[str]) -> dict:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
     if args.bake and frames is None:
         frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+    build.check_layers(scene, args.view_layer or ())
     work = (lambda: bake.bake(scene, frames)) if args.bake else (lambda: build.build(scene))
     _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+    if args.view_layer:
+        build.show_in(scene, args.view_layer)
     points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
     _save(path, compress=True)  # poses share most of what they hold
     size = path.stat().st_size

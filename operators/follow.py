@@ -36,11 +36,13 @@ def columns_of(
 
     position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
     group; pose, an index into the poses of all groups, `counts` (G,) of each, as the phases in `held` say; looks, a
-    number in [0, 1) of the agent's own for materials to vary by; and the stable id.
+    number in [0, 1) of the agent's own for materials to vary by; and the stable id. Who comes back on the other side of
+    the map between `held` and `crowd` stays: the blur would draw it all across the picture.
     """
     place = np.empty((len(agents), 3), np.float32)
-    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
-        place[:, axis] = column[agents]
+    stays = _jumped(trajectory, crowd, held, agents)
+    for axis, name in enumerate("xyz"):
+        place[:, axis] = np.where(stays, getattr(held, name)[agents], getattr(crowd, name)[agents])
     heading, group = crowd.heading[agents], crowd.group[agents]
     columns = {
         "position": place,
@@ -55,6 +57,15 @@ def columns_of(
         pitch, roll = trajectory.heights.tilt(crowd.x[agents], crowd.y[agents], heading)
         columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
     return columns
+
+
+def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray) -> np.ndarray:
+    """(m,) bool: the agents that are half a map away from where they are held, as only one that wraps around can be."""
+    if crowd is held or trajectory.machine.edge != "wrap":
+        return np.zeros(len(agents), bool)
+    width, depth = trajectory.world.area.size
+    aside, along = (np.abs(getattr(crowd, name)[agents] - getattr(held, name)[agents]) for name in "xy")
+    return (aside > width / 2) | (along > depth / 2)
 
 
 def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, crowd: Crowd, tilt: bool) -> None:

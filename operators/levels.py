@@ -135,6 +135,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                     item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")
                     item.color = (*TINTS[k], 1.0)
     scene.collection.children.link(top)
+    top.hide_render = True  # in a view layer that the user adds later, too
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True

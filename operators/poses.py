@@ -25,14 +25,14 @@ MEASURING = 0.3  # part of the time
 class Posed:
     """Poses that stand in no scene yet.
 
-    counts: (G, n), poses of each group and LOD. apart: pixels that a vertex moves at most from one pose to the next where
-    a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its collections, a pose each,
+    counts: (G, n), poses of each group and LOD. off: pixels that a vertex is at most from its place at the agent's own
+    phase, where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its collections, a pose each,
     group after group; sorted by name they keep this order. names: what each new block is to be called, as soon as those
     of an earlier build have gone.
     """
 
     counts: np.ndarray
-    apart: float
+    off: float
     collections: list[list[bpy.types.Collection]]
     names: dict[bpy.types.ID, str]
 
@@ -52,8 +52,9 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
             share = MEASURING / len(characters)
             paths.append((yield from _path(objects, levels[0].children[g], g * share, share)))
         pixels = _pixels(scene, np.array(paths))
-        counts = pose_counts(pixels, policy_of(scene.crowd_lod).tolerance)
-        posed = Posed(counts, float((pixels / counts)[:, 1:].max(initial=0.0)), [[] for _ in range(count)], names)
+        vertices = np.array([[_vertices(level.children[g]) for level in levels[:count]] for g in range(len(characters))])
+        counts = pose_counts(pixels, vertices, policy_of(scene.crowd_lod).tolerance)
+        posed = Posed(counts, float((pixels / counts / 2)[:, 1:].max(initial=0.0)), [[] for _ in range(count)], names)
         for g, (name, objects, _) in enumerate(characters):
             finest = int(posed.counts[g].max())
             homes = [level.children[g] for level in levels[:count]]
@@ -79,6 +80,10 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
     for block in names:
         block[OWNED] = True
     return posed
+
+
+def _vertices(home: bpy.types.Collection) -> int:
+    return sum(len(item.data.vertices) for item in home.objects if item.type == "MESH")
 
 
 def _path(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: float, share: float) -> Iterator[float]:

@@ -52,8 +52,8 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         posed = yield from prepared(scene, lambda: build(scene))
         frame = frame_of(scene, context.evaluated_depsgraph_get())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
-        poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.apart:.2g} pixels apart"
-        return f"{seen}; {poses}." if posed.apart else f"{seen}."
+        poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.off:.2g} pixels off"
+        return f"{seen}; {poses}." if posed.off else f"{seen}."
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):

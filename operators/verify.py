@@ -11,8 +11,10 @@ from ..crowd_lod import difference, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.sorting import sort
-from . import build, cameras, follow, lights
+from ..crowd_lod.stereo import EYES
+from . import bake, build, cameras, lights
 from . import scene as io
+from .follow import members
 from .levels import make_levels
 from .populate import characters_of, frame_of, measure_groups, store_groups, trajectory_of
 from .preview import Preview, stage_of
@@ -26,6 +28,8 @@ PICTURES = {
 }
 AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
 SILHOUETTE_SAMPLES = 16  # a pixel
+PAIRS = bpy.app.version >= (5, 2, 0)  # Blender 4.5 does not read back the values that it writes of two eyes
+LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
 MOST_IN_SHEET = 8  # frames on the contact sheet
 RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
 
@@ -59,6 +63,8 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
                 yield 0.05 * part
         for part in build.build(stage):
             yield 0.05 + 0.05 * part
+        bake.mark(stage, wanted.frames)  # with motion blur its points move by themselves
+        build.dress_all(stage)
         top, stage.crowd_lod.build = stage.crowd_lod.build, None  # it holds what is written here, not what the frame asks
         twins, outline = _twins(stage, top), _outline(stage, top)
         rows, sheet = [], []
@@ -68,7 +74,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
             row, pictures = yield from _frame(stage, layer.depsgraph, top, twins, outline, number, wanted, folder, len(rows))
             rows.append(row)
             sheet.append(pictures)
-        result = _result(rows, wanted, command)
+        result = _result(rows, wanted, command, _left_out(scene, stage, rows, wanted))
         (folder / "verify.json").write_text(report.to_json(result), encoding="utf-8")
         (folder / "verify.csv").write_text(report.to_csv(rows), encoding="utf-8")
         chosen = np.unique(np.linspace(0, len(sheet) - 1, min(len(sheet), MOST_IN_SHEET)).round().astype(int))
@@ -83,7 +89,11 @@ def _stage(scene: bpy.types.Scene, wanted: Verify) -> bpy.types.Scene:
     saved where the picture is smooth, no lamp drawn by its share of the light, no denoiser, pixels that do not overlap."""
     stage = stage_of(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
     stage.name = "Crowd LOD verify"
-    render, cycles = stage.render, stage.cycles
+    render, cycles, own = stage.render, stage.cycles, scene.render
+    render.use_motion_blur, render.use_multiview = own.use_motion_blur, own.use_multiview and PAIRS
+    render.motion_blur_shutter = min(own.motion_blur_shutter, LONGEST_SHUTTER)
+    render.use_border = own.use_border and scene.crowd_lod.cull_to_border
+    render.image_settings.views_format = "INDIVIDUAL"
     render.engine, cycles.device = "CYCLES", "CPU"
     render.use_stamp = render.use_persistent_data = render.use_simplify = False
     cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
@@ -150,8 +160,8 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
     outline.frame_set(number)
     total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
     at = done * total / len(wanted.frames)
-    tilt = stage.crowd_lod.tilt
-    follow.write(twins, trajectory, _together(frames["b"]), planned.crowd, tilt)
+    shutter = bake.shutter_of(stage, trajectory, number)
+    _write(stage, twins, trajectory, _together(frames["b"]), number, shutter)
     worlds = stage.world, _dark(stage.world)
     row = {
         "frame": number,
@@ -166,7 +176,7 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
         ending = "_bounces" if bounces else ""
         shot = {}
         for name, frame in frames.items():
-            follow.write(top, trajectory, frame, planned.crowd, tilt)
+            _write(stage, top, trajectory, frame, number, shutter)
             shot[name] = _render(stage, folder / f"frame_{number:04d}_{name}{ending}.png")
             if not bounces and name in ("a", "c"):
                 masks[name] = _render(outline, folder / "outline.png")[..., 3]
@@ -182,12 +192,24 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
         sheet += pictures
     stage.world = worlds[0]
     (folder / "outline.png").unlink()
-    shift = difference.shift(masks["a"], masks["c"])
-    predicted = difference.predicted(planned, trajectory.groups)
+    eyes = len(_views(stage.render))
+    shift = max(difference.shift(*pair) for pair in zip(*(np.split(masks[name], eyes, axis=1) for name in "ac"), strict=True))
+    film = cameras.read_cameras(stage, depsgraph)
+    each = [difference.predicted(replace(planned, camera=camera), trajectory.groups) for camera in film]
+    predicted = None if None in each else max(each)
     row |= {"silhouette_shift": shift, "predicted_shift": predicted}
     row["culling_ok"] = row["b_pixels"] == 0
     row["lod_ok"] = predicted is None or shift <= predicted + 1
     return row, sheet
+
+
+def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: int, shutter: list) -> None:
+    """Write the agents of the frame's buckets to the point objects in `home`, where with motion blur they move."""
+    points = build.points_of(home)
+    for name, agents in members(frame).items():
+        poses = np.array(points[name][build.POSES])
+        columns = bake.columns_in_time(trajectory, frame, number, shutter, agents, poses, stage.crowd_lod.tilt)
+        io.write_points(points[name].data, columns)
 
 
 def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
@@ -214,25 +236,39 @@ def _together(frame: Frame) -> Frame:
     return replace(frame, buckets=buckets, shadow=None, mirrored=None)
 
 
+def _views(render: bpy.types.RenderSettings) -> list[str]:
+    """What the files of the picture's views, the eyes of stereo among them, are called after the picture's name."""
+    if not render.use_multiview:
+        return [""]
+    stereo = render.views_format == "STEREO_3D"
+    return [view.file_suffix for view in render.views if view.use and (view.name in EYES or not stereo)]
+
+
 def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
-    """Render the picture to the PNG `path`; (rows, columns, 4) float32 of its own linear values, bottom row first."""
-    raw = path.with_suffix(".exr")
-    settings = stage.render.image_settings
+    """Render the picture to the PNG `path`; (rows, columns, 4) float32 of its own linear values, bottom row first; the
+    views of a stereo picture side by side."""
+    render, settings = stage.render, stage.render.image_settings
+    stem = path.with_suffix("")
     with io.quiet(), bpy.context.temp_override(scene=stage):
-        bpy.ops.render.render()
-        picture = bpy.data.images["Render Result"]
-        picture.save_render(str(path), scene=stage)
-        settings.file_format, settings.color_depth = "OPEN_EXR", "32"
-        picture.save_render(str(raw), scene=stage)
-        settings.file_format, settings.color_depth = "PNG", "8"
-    if not raw.is_file() or not path.is_file():
-        raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
-    image = bpy.data.images.load(str(raw))
-    try:
-        return io.read_values(image)
-    finally:
-        bpy.data.images.remove(image)
+        settings.file_format, settings.color_depth, render.filepath = "OPEN_EXR", "32", f"{stem}.exr"
+        bpy.ops.render.render(write_still=True)
+    settings.file_format, settings.color_depth = "PNG", "8"
+    values, shown = [], []
+    for view in _views(render):
+        raw, seen = Path(f"{stem}{view}.exr"), Path(f"{stem}{view}.png")
+        if not raw.is_file():
+            raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
+        image = bpy.data.images.load(str(raw))
+        try:
+            values.append(io.read_values(image))
+            image.save_render(str(seen), scene=stage)
+            shown.append(io.load_pixels(seen))
+        finally:
+            bpy.data.images.remove(image)
         raw.unlink()
+        seen.unlink()
+    io.save_png(path, np.concatenate(shown, axis=1))
+    return np.concatenate(values, axis=1)
 
 
 def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -244,7 +280,22 @@ def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return shown
 
 
-def _result(rows: list[dict], wanted: Verify, command: list[str]) -> dict:
+def _left_out(scene: bpy.types.Scene, stage: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
+    """What the pictures do not prove of a render of `scene`, a sentence each."""
+    said = []
+    if scene.render.use_motion_blur and scene.render.motion_blur_shutter > LONGEST_SHUTTER:
+        said.append(f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {scene.render.motion_blur_shutter:g}.")
+    if scene.render.use_multiview and not PAIRS:
+        said.append("One eye was looked at: this Blender does not read back pictures of two.")
+    if any(row["predicted_shift"] is None for row in rows):
+        said.append("Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture.")
+    mirrors = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, io.time_of(stage)).mirrors
+    if wanted.bounces > 1 and len(mirrors) > 1:
+        said.append("What one mirror shows in another is not looked for: there pixels may differ.")
+    return said
+
+
+def _result(rows: list[dict], wanted: Verify, command: list[str], left_out: list[str]) -> dict:
     """The dict of verify.json."""
     return {
         "version": 1,
@@ -255,6 +306,7 @@ def _result(rows: list[dict], wanted: Verify, command: list[str]) -> dict:
         "bounces": wanted.bounces,
         "pictures": PICTURES,
         "amplified": AMPLIFIED,
+        "left_out": left_out,
         "frames": rows,
     }
 
@@ -275,6 +327,7 @@ def to_text(result: dict) -> str:
                 f"  with sky and {result['bounces']} bounces: {row['b_bounces_share']:.2%} of the pixels differ visibly, mean "
                 f"{row['b_bounces_mean']:.2g} ({row['bare_bounces_share']:.2%}, {row['bare_bounces_mean']:.2g} without those kept)."
             )
+    lines += result["left_out"]
     lines.append("Culling and LODs change nothing they should not." if result["ok"] else f"NOT the same: {_failed(result['frames'])}.")
     return "\n".join(lines)
 

@@ -133,3 +133,37 @@ def test_a_bake_needs_what_a_build_needs(scene):
     with pytest.raises(CrowdError, match="set it below 1"):
         list(bake(scene, [1]))
     assert scene.crowd_lod.build is None
+
+
+def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene, tmp_path, capfd):
+    """Other alphabets, blanks, a second scene, hidden collections: baked and opened, the crowd is the live one's."""
+    scene.name = "Сцена 1"
+    scene.crowd_lod.characters.name = "Fußgänger 人群"
+    for child, name in zip(scene.crowd_lod.characters.children, ("größer", "小"), strict=True):
+        child.name = name
+    scene.crowd_lod.characters.hide_viewport = True
+    hidden = bpy.data.collections.new("caché")
+    scene.collection.children.link(hidden)
+    scene.view_layers[0].layer_collection.children["caché"].exclude = True
+    hidden.objects.link(bpy.data.objects.new("œil", bpy.data.cameras.new("œil")))
+    bpy.data.scenes.new("другая")
+    folder = tmp_path / "mon dossier é"
+    folder.mkdir()
+    bpy.ops.wm.save_as_mainfile(filepath=str(folder / "la foule.blend"))
+    words = ["build", str(folder / "la foule.blend"), "--out", str(folder / "bâti 1.blend"), "--quiet", "--json"]
+    shown = []
+    for more in ((), ("--bake", "--frames", "12")):
+        capfd.readouterr()
+        assert cli._run([*words, *more], "crowd-lod") == 0, capfd.readouterr().err
+        bpy.ops.wm.open_mainfile(filepath=str(folder / "bâti 1.blend"))
+        bpy.context.scene.frame_set(12)
+        found = [
+            (tuple(each.matrix_world.translation), each.object.name.split(" ")[0])
+            for each in bpy.context.evaluated_depsgraph_get().object_instances
+            if each.is_instance
+        ]
+        shown.append(sorted(place for place, _ in found))
+        assert {name for _, name in found} == {"adult", "child"}
+        assert {"Сцена 1", "другая"} == set(bpy.data.scenes.keys()) and not bpy.data.scenes["другая"].objects
+    np.testing.assert_allclose(shown[0], shown[1], atol=1e-5)
+    assert len(shown[0]) > 20

@@ -16,7 +16,7 @@ def bench(monkeypatch):
     import bench
 
     yield bench
-    for name in ("bench", "peers", "loop", "walkers", "drawn"):
+    for name in ("bench", "peers", "loop", "walkers", "drawn", "worth", "ways"):
         sys.modules.pop(name, None)
 
 
@@ -73,3 +73,43 @@ def test_the_c_loop_steps_as_the_core_within_cells(bench):
     for mine, theirs, off in ((x, after.x, 1e-12), (y, after.y, 1e-12), (heading, after.heading, 0), (phase, after.phase, 1e-6)):
         assert np.allclose(mine[stay & ~edge], theirs[stay & ~edge], rtol=0, atol=off)
     assert (state == after.state)[stay & ~edge].all()
+
+
+def shown(scene):
+    """Of each LOD the ids of the agents whose instances the depsgraph holds."""
+    found = [set(), set(), set()]
+    for each in bpy.context.evaluated_depsgraph_get().object_instances:
+        if each.is_instance and each.object.type == "MESH":
+            found[each.parent.original["crowd_lod_level"]].add(each.persistent_id[1])
+    return found
+
+
+@pytest.mark.parametrize("way", ["nobody", "everyone", "camera cull", "geometry nodes"])
+def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, built, tmp_path, way):
+    import ways
+    import worth
+    from crowd_lod_extension.operators.populate import frame_of
+
+    built.frame_set(7)
+    frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
+    assert ways._dress(built, way, 7) == frame.visible.mean()
+    found = shown(built)
+    if way == "geometry nodes":
+        assert set(np.flatnonzero(frame.visible)) <= set.union(*found) and sum(map(len, found)) <= frame.visible.sum() + 12
+        for level in range(3):
+            assert len(found[level] & set(frame.buckets[level].tolist())) >= 0.95 * frame.buckets.counts[level] > 0
+    else:
+        assert list(map(len, found)) == [0 if way == "nobody" else len(frame.crowd), 0, 0]
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "way.blend"))
+    picture = tmp_path / "way.exr"
+    asked = {"job": "render", "picture": str(picture), "engine": "CYCLES", "frame": 7, "width": 32, "samples": 1}
+    row = worth.job(120, file=str(tmp_path / "way.blend"), **asked)
+    assert 0 < row["export_s"] <= row["render_s"] and row["cpu_s"] > 0 and row["peak_mb"] > 100
+    assert worth.values(picture).shape == (18, 32, 3)
+
+
+def test_a_render_that_fails_or_takes_too_long_says_so(bench, tmp_path):
+    import worth
+
+    assert "exit status 1" in worth.job(60, job="render", file=str(tmp_path / "no.blend"), picture="", engine="CYCLES", frame=1, width=8, samples=1)["ended"]
+    assert worth.job(0.01, job="render")["ended"] == "not done in 0.01 s"

@@ -180,6 +180,32 @@ def test_two_scenes_have_builds_of_their_own(built):
     assert len(visible()) and io.time_of(built) == 5
 
 
+def shown_in(layer):
+    """How many instances the view layer shows, and how many posed meshes by themselves."""
+    layer.update()
+    found = [each.is_instance for each in layer.depsgraph.object_instances if " pose " in each.object.name]
+    return sum(found), len(found) - sum(found)
+
+
+def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
+    first, later = built.view_layers[0], built.view_layers.new("later")
+    there = shown_in(first)
+    assert there[0] > 0 and there[1] == 0 and shown_in(later) == there  # not the poses themselves
+    levels = [item for home in built.crowd_lod.levels.children_recursive for item in home.objects]
+    assert built.crowd_lod.levels.hide_render and levels
+    builder.check_layers(built, ["later"])
+    builder.show_in(built, ["later"])
+    assert shown_in(first) == (0, 0) and shown_in(later) == there
+    builder.layers_of(built)["later"].holdout = True
+    list(builder.build(built))
+    built.frame_set(1)
+    assert shown_in(first) == (0, 0) and shown_in(later) == there and builder.layers_of(built)["later"].holdout
+    builder.show_in(built, ["later", first.name])
+    assert shown_in(first) == shown_in(later) == there
+    with pytest.raises(CrowdError, match="no view layer sky: give one of"):
+        builder.check_layers(built, ["later", "sky"])
+
+
 @pytest.mark.parametrize("name", ["build", "bake"])
 @pytest.mark.parametrize("steps", [1, 5, 150, 265])
 def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, steps):

@@ -128,6 +128,35 @@ def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stre
         assert time == pytest.approx(io.time_of(built), abs=1e-6)
 
 
+@pytest.mark.parametrize("baked", [False, True])
+def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built, baked):
+    settings, render = built.crowd_lod, built.render
+    settings.machine = bpy.data.texts.new("fast")
+    settings.machine.from_string(
+        '{"version": 1, "edge": "wrap", "labels": {"ground": {"color": "#808080"}}, '
+        '"states": {"east": {"on": {"*": {"move": [24, 0]}}}}}'
+    )
+    render.use_motion_blur, render.motion_blur_shutter = True, 0.8
+    built.camera.animation_data_clear()
+    built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 100  # it sees them all
+    built.camera.location, built.camera.rotation_euler = (0, 0, 20), (0, 0, 0)
+    crowds = [trajectory_of(built).at(time) for time in (11.6, 12.4)]
+    jumps = (np.abs(crowds[1].x - crowds[0].x) > 20).sum()
+    if baked:
+        list(bake(built, [12]))
+    where = {}
+    for part in (-0.4, 0.0, 0.4):
+        built.frame_set(int((12 + part) // 1), subframe=part % 1)
+        for each in bpy.context.evaluated_depsgraph_get().object_instances:
+            if each.is_instance and each.object.type == "MESH":
+                where.setdefault((each.parent.name, each.persistent_id[1]), []).append(each.matrix_world.translation.x)
+    ways = np.array(list(where.values()))
+    assert ways.shape == (300, 3) and jumps > 3
+    steps = np.diff(ways, axis=1)
+    still = (steps == 0).any(axis=1)
+    assert (np.abs(steps) < 0.41).all() and still.sum() == jumps and steps[~still] == pytest.approx(0.4, abs=0.01)
+
+
 @pytest.mark.parametrize("position", ["START", "CENTER", "END"])
 def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
     """Seen from above, one agent walks along x at 1.25 m/s: it is as much longer as it walks in 4 frames."""

@@ -6,11 +6,15 @@ import os
 from math import pi
 
 import bpy
+import numpy as np
 import pytest
 from crowd_lod_extension.operators import cli
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.verify import Verify, verify
+from crowd_lod_extension.operators.verify import PAIRS, Verify, to_text, verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
+
+FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
+ "states": {"east": {"on": {"*": {"move": [30, 0]}}}}, "edge": "wrap"}"""
 
 
 def run(*words):
@@ -90,6 +94,72 @@ def test_reflections_come_back_with_their_bucket(lit, tmp_path):
     row = rendered(lit, tmp_path / "out", bounces=1)["frames"][0]
     assert row["mirrored"] > 10 and row["b_pixels"] == 0
     assert 0 < row["b_bounces_mean"] < row["bare_bounces_mean"] / 2
+
+
+def blurred(scene):
+    """Camera and agents move while the shutter is open."""
+    scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.9
+    for frame, x in ((1, -6), (13, 6)):
+        scene.camera.location.x, scene.camera.rotation_euler.z = x, x / 12
+        scene.camera.keyframe_insert("location", frame=frame)
+        scene.camera.keyframe_insert("rotation_euler", frame=frame)
+
+
+def stereo(scene):
+    scene.render.use_multiview = True
+    scene.camera.data.stereo.interocular_distance = 6
+
+
+def bordered(scene):
+    scene.render.use_border = scene.crowd_lod.cull_to_border = True
+    scene.render.border_min_x, scene.render.border_max_x, scene.render.border_max_y = 0.3, 0.6, 0.8
+
+
+def parallel(scene):
+    """Seen from above, off-centre, by an orthographic camera; lit by an area lamp."""
+    scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_x = "ORTHO", 14, 0.6
+    scene.camera.location, scene.camera.rotation_euler = (0, -12, 12), (0.8, 0, 0.3)
+    scene.objects["POINT"].data = bpy.data.lights.new("area", "AREA")
+    scene.objects["POINT"].data.energy, scene.objects["POINT"].data.size = 3000, 3
+
+
+@pytest.mark.parametrize("filmed", [blurred, stereo, bordered, parallel])
+def test_every_way_to_film_is_proven_as_it_is_rendered(lit, tmp_path, filmed):
+    plain = rendered(lit, tmp_path / "plain")["frames"][0]
+    filmed(lit)
+    result = rendered(lit, tmp_path / "out")
+    row = result["frames"][0]
+    if filmed is stereo and not PAIRS:
+        assert result["ok"] and result["left_out"] == ["One eye was looked at: this Blender does not read back pictures of two."]
+        return
+    assert result["ok"] and row["b_pixels"] == 0 and row["bare_pixels"] > 0 and not result["left_out"]
+    assert 0 < row["visible"] < row["agents"] and row["visible"] != plain["visible"]
+    before, after = (io.load_pixels(tmp_path / folder / "frame_0007_a.png") for folder in ("plain", "out"))
+    assert after.shape[1] == before.shape[1] * (2 if filmed is stereo else 1)
+    assert not np.array_equal(before, after[:, -before.shape[1] :])  # of the eyes the right one: the left one is the camera
+    assert not [name for name in os.listdir(tmp_path / "out") if "_L" in name or "_R" in name]
+
+
+def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
+    """They cross the picture's edge while the shutter is open, and come back from the other side of the map."""
+    blurred(lit)
+    lit.camera.animation_data_clear()
+    lit.crowd_lod.machine = bpy.data.texts.new("fast")
+    lit.crowd_lod.machine.from_string(FAST)
+    rows = {}
+    for blur in (True, False):
+        lit.render.use_motion_blur = blur
+        rows[blur] = rendered(lit, tmp_path / str(blur))
+    assert rows[True]["ok"] and rows[True]["frames"][0]["visible"] > rows[False]["frames"][0]["visible"]
+    sharp, soft = (io.load_pixels(tmp_path / str(blur) / "frame_0007_a.png").astype(int) for blur in (False, True))
+    assert (np.abs(sharp - soft).max(axis=2) > 8).mean() > 0.02
+
+
+def test_a_shutter_too_long_is_said(lit, tmp_path):
+    lit.render.use_motion_blur, lit.render.motion_blur_shutter = True, 1.5
+    result = rendered(lit, tmp_path / "out")
+    assert result["ok"] and result["left_out"] == ["The shutter was open for 0.99 frames, not 1.5."]
+    assert "0.99 frames" in to_text(result)
 
 
 def test_one_agent_alone_is_rounded_as_among_many(lit, tmp_path):
