@@ -3,6 +3,7 @@
 import hashlib
 import time as clock
 import traceback
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import bpy
@@ -45,6 +46,15 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     if not known.ready and not bpy.app.timers.is_registered(_bake_some):
         bpy.app.timers.register(_bake_some)
     return known
+
+
+def read(scene: bpy.types.Scene) -> Iterator[float]:
+    """Bake the characters of the scene's LOD meshes now, outside a drawing; yields the progress, 0 to 1."""
+    levels = scene.crowd_lod.levels
+    casting = _castings[scene.session_uid] = Casting(_key(levels), clock.monotonic())
+    while not casting.ready:
+        _bake_next(scene, casting)
+        yield len(casting.characters) / len(levels.children[0].children)
 
 
 def forget(keep: set[int] = frozenset()) -> None:

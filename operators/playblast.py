@@ -1,0 +1,221 @@
+"""The playblast: the scene's solid picture and the overlay over it, as a viewport shows them, drawn without a window."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import Frame
+from . import cameras, casts, hud
+from . import scene as io
+from .appearance import cast_of, colours_of, drawing_of, style_of
+from .drawing import Batches, paint
+from .populate import bias_of, policy_of
+
+# What a viewport is lent for a picture, from the scene's own shading of its Workbench renders.
+SHADING = (
+    "light color_type show_shadows show_cavity show_object_outline show_xray show_specular_highlight show_backface_culling"
+).split()
+
+
+class Canvas:
+    """Pictures of `size`, (width, height) pixels, drawn on the GPU. To be freed."""
+
+    def __init__(self, size: tuple[int, int]):
+        from gpu.types import GPUFrameBuffer, GPUOffScreen, GPUTexture
+
+        self.size, self._screen = size, GPUOffScreen(*size, format="RGBA32F")
+        self._screen.texture_color.filter_mode(False)  # to be copied as it is
+        self._texture = GPUTexture(size, format="SRGB8_A8")  # the framebuffer does not keep it
+        self._encoded = GPUFrameBuffer(color_slots=self._texture)
+
+    def free(self) -> None:
+        self._screen.free()
+        self._encoded = self._texture = None
+
+    def picture(
+        self, scene: bpy.types.Scene, view: np.ndarray, projection: np.ndarray, batches: Batches | None = None, caption: str = ""
+    ) -> np.ndarray:
+        """(height, width, 4) uint8, sRGB, bottom row first: the scene as a viewport shows it that is shaded as the scene's
+        Workbench renders are, on the world's colour; over it the batches, hidden by what stands before them; the caption.
+
+        view, projection: see drawing.paint.
+        """
+        from mathutils import Matrix
+
+        matrices = Matrix(view.tolist()), Matrix(projection.tolist())
+        with _viewport(scene) as (space, region):
+            self._screen.draw_view3d(scene, scene.view_layers[0], space, region, *matrices, do_color_management=True)
+        picture = self._read_screen()
+        if batches is not None:
+            with self._layer():  # Blender's own depth stays where it is
+                paint(batches, view, projection, self.size, 1.0)
+            _over(self._as_viewports_do(), picture)
+        if caption:
+            with self._layer(), self._pixels():
+                hud.write([hud.Line(caption)], (0, 0, *self.size), max(0.75, self.size[0] / 960))
+            _over(self._read_screen(), picture)
+        picture[..., 3] = 1
+        return np.rint(picture.clip(0, 1) * 255).astype(np.uint8)
+
+    @contextmanager
+    def _layer(self):
+        """What is drawn inside is drawn on nothing, and alone."""
+        import gpu
+
+        with self._screen.bind():
+            gpu.state.active_framebuffer_get().clear(color=(0, 0, 0, 0))
+            yield
+
+    @contextmanager
+    def _pixels(self):
+        """What is drawn inside is placed in pixels."""
+        import gpu
+        from mathutils import Matrix
+
+        width, height = self.size
+        with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+            gpu.matrix.load_matrix(Matrix())
+            to_clip = Matrix.Translation((-1, -1, 0)) @ Matrix.Diagonal((2 / width, 2 / height, 1, 1))
+            gpu.matrix.load_projection_matrix(to_clip)
+            yield
+
+    def _as_viewports_do(self) -> np.ndarray:
+        """The layer, as `_read`, from linear to sRGB by the GPU, which rounds as it does there."""
+        from gpu_extras.presets import draw_texture_2d
+
+        with self._encoded.bind(), self._pixels():
+            draw_texture_2d(self._screen.texture_color, (0, 0), *self.size, is_scene_linear_with_rec709_srgb_target=True)
+            return self._read(self._encoded)
+
+    def _read_screen(self) -> np.ndarray:
+        import gpu
+
+        with self._screen.bind():
+            return self._read(gpu.state.active_framebuffer_get())
+
+    def _read(self, buffer) -> np.ndarray:
+        """What is in the framebuffer, which is bound, (height, width, 4) float32."""
+        width, height = self.size
+        pixels = buffer.read_color(0, 0, width, height, 4, 0, "FLOAT")
+        return np.array(memoryview(pixels), np.float32).reshape(height, width, 4)
+
+
+def _over(layer: np.ndarray, picture: np.ndarray) -> None:
+    """Lay the layer, its alpha multiplied in, over the picture; both (height, width, 4) float32, sRGB."""
+    picture *= 1 - layer[..., 3:]
+    picture += layer
+
+
+@contextmanager
+def _viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
+    """(space, region) of a viewport that shows the whole scene in solid shading; afterwards it is as it was."""
+    areas = (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D")
+    whole = (area for area in areas if area.spaces[0].local_view is None and not area.spaces[0].use_local_collections)
+    area = next((area for area in whole if not area.spaces[0].region_3d.use_clip_planes), None)
+    if area is None:
+        raise CrowdError(
+            "The overlay's preview draws with a 3D viewport, and there is none that shows the whole scene: open one "
+            "without local view, local collections and clipping region, or choose another engine."
+        )
+    space, own = area.spaces[0], scene.display.shading
+    lent = {name: getattr(own, name) for name in SHADING} | {"type": "SOLID", "background_type": "WORLD", "use_dof": False}
+    before, overlays = {name: getattr(space.shading, name) for name in lent}, space.overlay.show_overlays
+    try:
+        space.overlay.show_overlays = False
+        _set(space.shading, lent)
+        yield space, next(region for region in area.regions if region.type == "WINDOW")
+    finally:
+        _set(space.shading, before)
+        space.overlay.show_overlays = overlays
+
+
+def _set(shading: bpy.types.View3DShading, values: dict) -> None:
+    for name, value in values.items():
+        setattr(shading, name, value)
+
+
+class Playblast:
+    """Pictures of a stage of the preview, drawn with the overlay. As a context: it lets go of all it holds."""
+
+    def __init__(self, stage: bpy.types.Scene, trajectory: Trajectory):
+        self.stage, self.trajectory = stage, trajectory
+        self.cast = self.batches = None
+        self.notes: tuple[str, ...] = ()
+
+    def __enter__(self):
+        self.canvas = Canvas(cameras.image_size(self.stage.render))
+        return self
+
+    def __exit__(self, *_):
+        self.canvas.free()
+        self.cast = self.batches = None
+        casts.forget({scene.session_uid for scene in bpy.data.scenes if scene != self.stage})
+
+    def prepare(self) -> Iterator[float]:
+        """Read the characters; yields the progress, 0 to 1."""
+        yield from casts.read(self.stage)
+        self.style, self.characters, self.notes = style_of(self.stage, policy_of(self.stage.crowd_lod).count)
+        if self.style.mode != self.stage.crowd_lod.overlay_mode:
+            raise CrowdError(" ".join(self.notes))
+        self.cast = cast_of(self.trajectory.groups, self.style, self.characters)
+
+    def place(self, frame: Frame) -> None:
+        """Hand the frame's agents to the GPU."""
+        stage, settings, trajectory = self.stage, self.stage.crowd_lod, self.trajectory
+        eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
+        planned = eyes, policy_of(settings), bias_of(settings, trajectory.world.area)
+        coloured = colours_of(settings.overlay_colour, frame, trajectory, *planned, self.characters)
+        # the frustum that is looked along is the picture's edge
+        what = drawing_of(settings, frame, trajectory, *planned, self.style, coloured, framed=False)
+        self.batches = Batches(what, self.cast)
+
+    def main(self, path: Path, caption: str) -> None:
+        """Write what the stage's camera sees, the agents included."""
+        self._draw(path, caption, self.batches)
+
+    def above(self, path: Path, caption: str) -> None:
+        """Write what the stage's camera sees."""
+        self._draw(path, caption, None)
+
+    def _draw(self, path: Path, caption: str, batches: Batches | None) -> None:
+        stage = self.stage
+        depsgraph, camera, render = stage.view_layers[0].depsgraph, stage.camera, stage.render
+        depsgraph.update()
+        view = np.linalg.inv(np.array(camera.evaluated_get(depsgraph).matrix_world, np.float64))
+        (x, y), (scale_x, scale_y) = self.canvas.size, (render.pixel_aspect_x, render.pixel_aspect_y)
+        projection = np.array(camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64)
+        caption = f"Frame {stage.frame_current}  {caption}"
+        io.save_png(path, self.canvas.picture(stage, view, projection, batches, caption))
+
+
+def need_gpu() -> None:
+    """Start the GPU where there is no window. CrowdError if there is none.
+
+    Without a driver Blender does not raise but ends, so another process tries first.
+    """
+    if not bpy.app.background:
+        return
+    import gpu
+
+    if bpy.app.version < (5, 1, 0):
+        raise CrowdError(
+            f"Blender {bpy.app.version_string} has no GPU without a window: take Blender 5.1 or later for the engine overlay, "
+            "or another engine."
+        )
+    code = "import bpy, gpu; gpu.init()"
+    blender = [bpy.app.binary_path, "--background", "--factory-startup", "--python-expr"]
+    command = [*(blender if bpy.app.binary_path else [sys.executable, "-c"]), code]
+    if subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
+        raise CrowdError(
+            "The engine overlay needs OpenGL or Vulkan, and no driver of them starts here: install one (Mesa's draws without "
+            "a graphics card), or choose another engine."
+        )
+    with io.quiet():
+        gpu.init()
