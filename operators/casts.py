@@ -3,6 +3,7 @@
 import hashlib
 import time as clock
 import traceback
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -18,10 +19,11 @@ LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, 
 
 @dataclass
 class Casting:
-    """A scene's characters: those of `characters` once all are baked. key: of what they came from, looked: when that was
-    last compared, seconds. told: what the user should know of it."""
+    """A scene's characters: those of `characters` once all are baked. key, painted: of what they came from, and of their
+    images' pixels; looked: when those were last compared, seconds. told: what the user should know of it."""
 
     key: bytes
+    painted: int
     looked: float
     characters: tuple[Character, ...] = ()
     ready: bool = False
@@ -39,9 +41,11 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
         return None
     known, now = _castings.get(scene.session_uid), clock.monotonic()
     if known is None or now > known.looked + LOOK_AGAIN:
-        key = _key(levels)
-        if known is None or known.key != key:
-            known = _castings[scene.session_uid] = Casting(key, now)
+        key, looks = _key(levels)
+        seen = known is None or scene.crowd_lod.overlay_colour == "MATERIAL"  # to read pixels takes milliseconds
+        painted = _painted(looks.found) if seen else known.painted
+        if known is None or (known.key, known.painted) != (key, painted):
+            known = _castings[scene.session_uid] = Casting(key, painted, now)
         known.looked = now
     if not known.ready and not bpy.app.timers.is_registered(_bake_some):
         bpy.app.timers.register(_bake_some)
@@ -51,7 +55,8 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
 def read(scene: bpy.types.Scene) -> Iterator[float]:
     """Bake the characters of the scene's LOD meshes now, outside a drawing; yields the progress, 0 to 1."""
     levels = scene.crowd_lod.levels
-    casting = _castings[scene.session_uid] = Casting(_key(levels), clock.monotonic())
+    key, looks = _key(levels)
+    casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
     while not casting.ready:
         _bake_next(scene, casting)
         yield len(casting.characters) / len(levels.children[0].children)
@@ -104,8 +109,9 @@ def _redraw() -> None:
                 area.tag_redraw()
 
 
-def _key(levels: bpy.types.Collection) -> bytes:
-    """A digest of all that the characters are baked from."""
+def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
+    """A digest of all that the characters are baked from, but for the pixels of the images in the looks. Weights are slow to
+    read: they are taken for changed when an object is painted or edited, and when that ends."""
     digest, looks, told = hashlib.sha256(), Looks(), set()
     for home in (home for level in levels.children for home in level.children):
         items = [item for item in home.all_objects if item.type == "MESH"]
@@ -114,7 +120,7 @@ def _key(levels: bpy.types.Collection) -> bytes:
             materials = [looks.of(slot.material) for slot in item.material_slots]
             modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
             sizes = len(item.data.vertices), len(item.data.polygons)
-            digest.update(repr((item.session_uid, item.data.session_uid, sizes, materials, modifiers)).encode())
+            digest.update(repr((item.session_uid, item.data.session_uid, item.mode, sizes, materials, modifiers)).encode())
             points = np.empty(3 * sizes[0], np.float32)
             item.data.vertices.foreach_get("co", points)
             digest.update(points)
@@ -127,7 +133,17 @@ def _key(levels: bpy.types.Collection) -> bytes:
                     keys = np.empty(2 * len(curve.keyframe_points), np.float32)
                     curve.keyframe_points.foreach_get("co", keys)
                     digest.update(keys)
-    return digest.digest()
+    return digest.digest(), looks
+
+
+def _painted(images: list[bpy.types.Image]) -> int:
+    """A checksum of the images' pixels."""
+    found = 0
+    for image in images:
+        values = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(values)
+        found = zlib.crc32(values, found)
+    return found
 
 
 def _curves(action: bpy.types.Action):

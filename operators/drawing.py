@@ -87,6 +87,19 @@ def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tupl
                 batches.lines.draw(shader)
 
 
+def put_depth(depth, size: tuple[int, int]) -> None:
+    """Fill the active framebuffer, `size` pixels wide and high, with the depth (a Buffer) that was read from another."""
+    import gpu
+    from gpu.types import GPUTexture
+
+    shader, depths = programs.depth(), GPUTexture(size, format="R32F", data=depth)
+    with _gpu_state():
+        gpu.state.depth_test_set("ALWAYS")
+        shader.bind()
+        shader.uniform_sampler("depths", depths)
+        _batch({"position": np.array([(-1, -1), (3, -1), (-1, 3)], np.float32)}).draw(shader)
+
+
 def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> None:
     """One instanced draw a LOD and group, the finest LOD first."""
     import gpu

@@ -15,7 +15,7 @@ from ..crowd_lod.frame import Frame
 from . import cameras, casts, hud
 from . import scene as io
 from .appearance import cast_of, colours_of, drawing_of, style_of
-from .drawing import Batches, paint
+from .drawing import Batches, paint, put_depth
 from .populate import bias_of, policy_of
 
 # What a viewport is lent for a picture, from the scene's own shading of its Workbench renders.
@@ -30,92 +30,64 @@ class Canvas:
     def __init__(self, size: tuple[int, int]):
         from gpu.types import GPUFrameBuffer, GPUOffScreen, GPUTexture
 
-        self.size, self._screen = size, GPUOffScreen(*size, format="RGBA32F")
-        self._screen.texture_color.filter_mode(False)  # to be copied as it is
-        self._texture = GPUTexture(size, format="SRGB8_A8")  # the framebuffer does not keep it
-        self._encoded = GPUFrameBuffer(color_slots=self._texture)
+        self.size, self._solid = size, GPUOffScreen(*size)
+        # as a viewport has them for its overlays; a framebuffer does not keep its textures
+        self._textures = GPUTexture(size, format="SRGB8_A8"), GPUTexture(size, format="DEPTH_COMPONENT32F")
+        self._overlay = GPUFrameBuffer(color_slots=self._textures[0], depth_slot=self._textures[1])
 
     def free(self) -> None:
-        self._screen.free()
-        self._encoded = self._texture = None
+        self._solid.free()
+        self._overlay = self._textures = None
 
     def picture(
-        self, scene: bpy.types.Scene, view: np.ndarray, projection: np.ndarray, batches: Batches | None = None, caption: str = ""
+        self, scene, layer, viewport: tuple, view: np.ndarray, projection: np.ndarray, batches: Batches | None, caption: str = ""
     ) -> np.ndarray:
-        """(height, width, 4) uint8, sRGB, bottom row first: the scene as a viewport shows it that is shaded as the scene's
-        Workbench renders are, on the world's colour; over it the batches, hidden by what stands before them; the caption.
+        """(height, width, 4) uint8, sRGB, bottom row first: the scene's view layer as the viewport, (space, region), shows it;
+        over it the batches, hidden by what stands before them, and the caption.
 
         view, projection: see drawing.paint.
         """
-        from mathutils import Matrix
-
-        matrices = Matrix(view.tolist()), Matrix(projection.tolist())
-        with _viewport(scene) as (space, region):
-            self._screen.draw_view3d(scene, scene.view_layers[0], space, region, *matrices, do_color_management=True)
-        picture = self._read_screen()
-        if batches is not None:
-            with self._layer():  # Blender's own depth stays where it is
-                paint(batches, view, projection, self.size, 1.0)
-            _over(self._as_viewports_do(), picture)
-        if caption:
-            with self._layer(), self._pixels():
-                hud.write([hud.Line(caption)], (0, 0, *self.size), max(0.75, self.size[0] / 960))
-            _over(self._read_screen(), picture)
-        picture[..., 3] = 1
-        return np.rint(picture.clip(0, 1) * 255).astype(np.uint8)
-
-    @contextmanager
-    def _layer(self):
-        """What is drawn inside is drawn on nothing, and alone."""
-        import gpu
-
-        with self._screen.bind():
-            gpu.state.active_framebuffer_get().clear(color=(0, 0, 0, 0))
-            yield
-
-    @contextmanager
-    def _pixels(self):
-        """What is drawn inside is placed in pixels."""
         import gpu
         from mathutils import Matrix
 
         width, height = self.size
-        with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
-            gpu.matrix.load_matrix(Matrix())
-            to_clip = Matrix.Translation((-1, -1, 0)) @ Matrix.Diagonal((2 / width, 2 / height, 1, 1))
-            gpu.matrix.load_projection_matrix(to_clip)
-            yield
-
-    def _as_viewports_do(self) -> np.ndarray:
-        """The layer, as `_read`, from linear to sRGB by the GPU, which rounds as it does there."""
-        from gpu_extras.presets import draw_texture_2d
-
-        with self._encoded.bind(), self._pixels():
-            draw_texture_2d(self._screen.texture_color, (0, 0), *self.size, is_scene_linear_with_rec709_srgb_target=True)
-            return self._read(self._encoded)
-
-    def _read_screen(self) -> np.ndarray:
-        import gpu
-
-        with self._screen.bind():
-            return self._read(gpu.state.active_framebuffer_get())
+        matrices = Matrix(view.tolist()), Matrix(projection.tolist())
+        self._solid.draw_view3d(scene, layer, *viewport, *matrices, do_color_management=True)
+        with self._solid.bind():
+            buffer = gpu.state.active_framebuffer_get()
+            picture, depth = self._read(buffer), buffer.read_depth(0, 0, width, height)
+        with self._overlay.bind():
+            self._overlay.clear(color=(0, 0, 0, 0), depth=1.0)
+            if batches is not None:
+                put_depth(depth, self.size)
+                paint(batches, view, projection, self.size, 1.0)
+            if caption:
+                self._write(caption)
+            layer = self._read(self._overlay)
+        alpha = layer[..., 3:] / np.float32(255)  # it is multiplied in
+        return np.rint(picture * (1 - alpha) + layer).clip(0, 255).astype(np.uint8)
 
     def _read(self, buffer) -> np.ndarray:
-        """What is in the framebuffer, which is bound, (height, width, 4) float32."""
+        """The framebuffer's colours, (height, width, 4) uint8."""
         width, height = self.size
-        pixels = buffer.read_color(0, 0, width, height, 4, 0, "FLOAT")
-        return np.array(memoryview(pixels), np.float32).reshape(height, width, 4)
+        return np.array(memoryview(buffer.read_color(0, 0, width, height, 4, 0, "UBYTE"))).reshape(height, width, 4)
 
+    def _write(self, caption: str) -> None:
+        import gpu
+        from mathutils import Matrix
 
-def _over(layer: np.ndarray, picture: np.ndarray) -> None:
-    """Lay the layer, its alpha multiplied in, over the picture; both (height, width, 4) float32, sRGB."""
-    picture *= 1 - layer[..., 3:]
-    picture += layer
+        width, height = self.size
+        to_clip = Matrix.Translation((-1, -1, 0)) @ Matrix.Diagonal((2 / width, 2 / height, 1, 1))
+        with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+            gpu.matrix.load_matrix(Matrix())
+            gpu.matrix.load_projection_matrix(to_clip)
+            hud.write([hud.Line(caption)], (0, 0, width, height), max(0.75, width / 960))
 
 
 @contextmanager
-def _viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
-    """(space, region) of a viewport that shows the whole scene in solid shading; afterwards it is as it was."""
+def solid_viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
+    """(space, region) of a viewport that shows the whole scene in solid shading, as its Workbench renders are shaded, on the
+    world's colour; afterwards it is as it was."""
     areas = (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D")
     whole = (area for area in areas if area.spaces[0].local_view is None and not area.spaces[0].use_local_collections)
     area = next((area for area in whole if not area.spaces[0].region_3d.use_clip_planes), None)
@@ -185,14 +157,21 @@ class Playblast:
         self._draw(path, caption, None)
 
     def _draw(self, path: Path, caption: str, batches: Batches | None) -> None:
-        stage = self.stage
-        depsgraph, camera, render = stage.view_layers[0].depsgraph, stage.camera, stage.render
-        depsgraph.update()
-        view = np.linalg.inv(np.array(camera.evaluated_get(depsgraph).matrix_world, np.float64))
-        (x, y), (scale_x, scale_y) = self.canvas.size, (render.pixel_aspect_x, render.pixel_aspect_y)
-        projection = np.array(camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64)
-        caption = f"Frame {stage.frame_current}  {caption}"
-        io.save_png(path, self.canvas.picture(stage, view, projection, batches, caption))
+        stage, layer = self.stage, self.stage.view_layers[0]
+        layer.depsgraph.update()
+        matrices = camera_matrices(stage.camera, layer.depsgraph, stage.render, self.canvas.size)
+        with solid_viewport(stage) as viewport:
+            caption = f"Frame {stage.frame_current}  {caption}"
+            io.save_png(path, self.canvas.picture(stage, layer, viewport, *matrices, batches, caption))
+
+
+def camera_matrices(
+    camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, render: bpy.types.RenderSettings, size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """(view, projection), as drawing.paint takes them, of the camera's picture of `size` pixels."""
+    view = np.linalg.inv(np.array(camera.evaluated_get(depsgraph).matrix_world, np.float64))
+    (x, y), (scale_x, scale_y) = size, (render.pixel_aspect_x, render.pixel_aspect_y)
+    return view, np.array(camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64)
 
 
 def need_gpu() -> None:

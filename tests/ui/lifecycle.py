@@ -121,6 +121,62 @@ def views():
     return found
 
 
+def rendered(folder):
+    """The viewport's own picture of the crowd, compared with what is on the screen."""
+    space, region = robot.view_3d().spaces[0], main_region()
+    space.region_3d.view_perspective, settings().hud, settings().inset = "PERSP", False, False
+    settings().overlay_mode = "BOXES"
+    space.overlay.show_floor = space.overlay.show_axis_x = space.overlay.show_axis_y = False
+    yield from seen()
+    before = set(bpy.data.images)
+    with robot.over():
+        status = sorted(bpy.ops.crowd_lod.render_viewport())
+    (image,) = set(bpy.data.images) - before
+    yield 1.0
+    shown_in = robot.window_of(image)
+    with bpy.context.temp_override(window=shown_in):
+        bpy.ops.wm.window_close()
+    yield 0.5
+    yield from robot.picture("23_viewport")
+    mine = bytes_of(image)
+    screen = bpy.data.images.load(str(folder / "23_viewport.png"))
+    whole, width = bytes_of(screen), screen.size[0]
+    agents = same = 0
+    for row in range(60, region.height - 120, 3):  # free of headers
+        for column in range(100, region.width - 300, 3):
+            at = 4 * (row * image.size[0] + column)
+            pixel = mine[at : at + 3]
+            if max(pixel) > 2 * sorted(pixel)[1]:  # of one hue: an agent
+                there = 4 * ((region.y + row) * width + region.x + column)
+                agents += 1
+                same += max(abs(a - b) for a, b in zip(pixel, whole[there : there + 3], strict=True)) <= 1
+    found = {"status": status, "size": list(image.size), "region": [region.width, region.height], "agents": agents, "same": same}
+    bpy.data.images.remove(screen)
+    image.filepath_raw, image.file_format = str(folder / "23_render_viewport.png"), "PNG"
+    image.save()
+    with robot.over():
+        space.region_3d.view_perspective = "CAMERA"
+        bpy.ops.crowd_lod.render_viewport()
+    (second,) = set(bpy.data.images) - before - {image}
+    render = scene().render
+    found["through the camera"] = list(second.size)
+    found["render"] = [side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y)]
+    second.filepath_raw, second.file_format = str(folder / "24_render_viewport.png"), "PNG"
+    second.save()
+    with bpy.context.temp_override(window=robot.window_of(second)):
+        bpy.ops.wm.window_close()
+    yield 0.5
+    for made in (image, second):
+        bpy.data.images.remove(made)
+    settings().overlay_mode = "MESHES"
+    return found
+
+
+def bytes_of(image):
+    """The image's values, 0 to 255, RGBA, from the left bottom corner on."""
+    return [round(255 * value) for value in image.pixels[:]]
+
+
 def losses():
     """What the crowd stands on goes, piece by piece, and comes back by undo."""
     found = {}
@@ -194,7 +250,7 @@ def repeat():
 
 def lifecycle(folder):
     found = {}
-    for step in (inspect, views, losses, files, breakage, repeat):
+    for step in (inspect, views, rendered, losses, files, breakage, repeat):
         print(f"--- lifecycle: {step.__name__}", flush=True)
-        found[step.__name__] = yield from (step(folder) if step is files else step())
+        found[step.__name__] = yield from (step(folder) if step in (rendered, files) else step())
     return found

@@ -50,6 +50,12 @@ def window() -> bpy.types.Window:
     return bpy.context.window_manager.windows[0]
 
 
+def window_of(image) -> bpy.types.Window:
+    """The window that shows the image."""
+    windows = bpy.context.window_manager.windows
+    return next(each for each in windows if any(area.spaces.active.type == "IMAGE_EDITOR" and area.spaces.active.image == image for area in each.screen.areas))
+
+
 def view_3d() -> bpy.types.Area:
     return next(area for area in window().screen.areas if area.type == "VIEW_3D")
 

@@ -172,6 +172,14 @@ def test_quad_view_windows_local_view_and_hidden_overlays(seen):
     assert views == dict.fromkeys(views, ALL_IS_WELL)
 
 
+def test_the_viewports_own_picture_has_the_colours_of_the_screen(seen):
+    rendered = seen["lifecycle"]["rendered"]
+    assert rendered["status"] == ["FINISHED"] and rendered["size"] == rendered["region"]
+    assert rendered["through the camera"] == rendered["render"]
+    # both draw the scenery, which hides some, in samples of their own
+    assert rendered["agents"] > 1000 and rendered["same"] > 0.97 * rendered["agents"]
+
+
 def test_what_is_deleted_comes_back_by_undo(seen):
     losses = seen["lifecycle"]["losses"]
     for name in ("camera", "redone"):
