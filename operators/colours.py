@@ -31,8 +31,7 @@ def by_level(frame: Frame) -> Colours:
 
 def by_state(frame: Frame, machine: StateMachine) -> Colours:
     """As the state machine says."""
-    encoded = machine.state_colours / 255
-    return Colours(frame.crowd.state, _opaque(np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)))
+    return Colours(frame.crowd.state, _opaque(linear(machine.state_colours / 255)))
 
 
 def by_group(frame: Frame) -> Colours:
@@ -53,6 +52,14 @@ def by_material(frame: Frame, characters: Sequence[Character]) -> Colours:
 def _opaque(rgb) -> np.ndarray:
     rgb = np.array(rgb, np.float32)
     return np.concatenate([rgb, np.ones_like(rgb[:, :1])], axis=1)
+
+
+def linear(encoded: np.ndarray) -> np.ndarray:
+    """Linear RGB or RGBA (..., 3 or 4) of sRGB."""
+    found = encoded.copy()
+    rgb = encoded[..., :3]
+    found[..., :3] = np.where(rgb <= 0.04045, rgb / 12.92, ((rgb + 0.055) / 1.055) ** 2.4)
+    return found
 
 
 def encoded(linear: np.ndarray) -> np.ndarray:

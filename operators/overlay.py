@@ -171,12 +171,13 @@ def _draw_figures(context) -> None:
     if shown is None or shown.frame is None or not (settings.hud or settings.inset or settings.agent >= 0):
         return
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
-    if settings.inset:
+    main = context.region_data == context.space_data.region_3d  # of a quad view only the one that turns freely
+    if settings.inset and main:
         inset.show(_picture_from_above(shown, ui_scale), box, ui_scale)
     told = account_of(scene)
     if told is not None:
         hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
-    if settings.hud:
+    if settings.hud and main:
         gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
         hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
 

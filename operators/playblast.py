@@ -15,6 +15,7 @@ from ..crowd_lod.frame import Frame
 from . import cameras, casts, hud
 from . import scene as io
 from .appearance import cast_of, colours_of, drawing_of, style_of
+from .colours import linear
 from .drawing import Batches, paint, put_depth
 from .populate import bias_of, policy_of
 
@@ -22,6 +23,7 @@ from .populate import bias_of, policy_of
 SHADING = (
     "light color_type show_shadows show_cavity show_object_outline show_xray show_specular_highlight show_backface_culling"
 ).split()
+GAMMA = 2.2
 
 
 class Canvas:
@@ -64,8 +66,9 @@ class Canvas:
             if caption:
                 self._write(caption)
             layer = self._read(self._overlay)
-        alpha = layer[..., 3:] / np.float32(255)  # it is multiplied in
-        return np.rint(picture * (1 - alpha) + layer).clip(0, 255).astype(np.uint8)
+        covered = layer[..., 3] > 0
+        picture[covered] = _merged(picture[covered], layer[covered])
+        return picture
 
     def _read(self, buffer) -> np.ndarray:
         """The framebuffer's colours, (height, width, 4) uint8."""
@@ -82,6 +85,14 @@ class Canvas:
             gpu.matrix.load_matrix(Matrix())
             gpu.matrix.load_projection_matrix(to_clip)
             hud.write([hud.Line(caption)], (0, 0, width, height), max(0.75, width / 960))
+
+
+def _merged(below: np.ndarray, over: np.ndarray) -> np.ndarray:
+    """The colours (n, 4) uint8, sRGB, `over` with its alpha multiplied in, laid over `below` as Blender's viewports do it,
+    with linear light for the overlay and GAMMA for all else (gpu_shader_display_transform)."""
+    over = over / np.float32(255)
+    light = (below / np.float32(255)) ** GAMMA * (1 - over[:, 3:]) + linear(over)
+    return np.rint(255 * light.clip(0, 1) ** (1 / GAMMA)).astype(np.uint8)
 
 
 @contextmanager

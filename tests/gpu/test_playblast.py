@@ -9,6 +9,7 @@ import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators import cli, playblast
 from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.colours import linear
 from crowd_lod_extension.operators.drawing import Batches, Cast, paint
 from crowd_lod_extension.operators.points import Style, drawing
 from crowd_lod_extension.operators.populate import frame_of, groups_of
@@ -75,7 +76,7 @@ def test_agents_and_scenery_hide_each_other(scene, canvas):
 
 
 def test_agents_have_the_colours_that_a_viewport_gives_them_to_the_bit(scene, canvas):
-    """A viewport's overlays are painted into an sRGB texture, which lies over the picture as it is."""
+    """A viewport's overlays are painted into an sRGB texture, whose light is then shown with a gamma of 2.2."""
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     view, projection = matrices(scene)
@@ -93,7 +94,8 @@ def test_agents_have_the_colours_that_a_viewport_gives_them_to_the_bit(scene, ca
         scene.view_settings.view_transform = transform
         mine = pictured(canvas, scene, crowd)
         opaque = viewport[..., 3] == 255
-        assert opaque.mean() > 0.05 and (mine[opaque] == viewport[opaque]).all()
+        expected = np.rint(255 * linear(viewport[opaque] / 255) ** (1 / 2.2))
+        assert opaque.mean() > 0.05 and (mine[opaque] == expected).all()
 
 
 def test_the_caption_is_in_its_corner_and_not_stretched(scene, canvas):

@@ -4,7 +4,7 @@ import sys
 
 import bpy
 import robot
-from mathutils import Vector
+from mathutils import Quaternion, Vector
 
 
 def scene():
@@ -124,7 +124,10 @@ def views():
 def rendered(folder):
     """The viewport's own picture of the crowd, compared with what is on the screen."""
     space, region = robot.view_3d().spaces[0], main_region()
-    space.region_3d.view_perspective, settings().hud, settings().inset = "PERSP", False, False
+    settings().hud = settings().inset = False
+    view = space.region_3d
+    view.view_perspective, view.view_location, view.view_distance = "PERSP", (0, 0, 0), 40.0
+    view.view_rotation = Quaternion((0.8, 0.6, 0, 0))  # from above
     settings().overlay_mode = "BOXES"
     space.overlay.show_floor = space.overlay.show_axis_x = space.overlay.show_axis_y = False
     yield from seen()
@@ -155,7 +158,7 @@ def rendered(folder):
     image.filepath_raw, image.file_format = str(folder / "23_render_viewport.png"), "PNG"
     image.save()
     with robot.over():
-        space.region_3d.view_perspective = "CAMERA"
+        view.view_perspective = "CAMERA"
         bpy.ops.crowd_lod.render_viewport()
     (second,) = set(bpy.data.images) - before - {image}
     render = scene().render
