@@ -243,7 +243,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
         coloured = colours_of(settings.overlay_colour, frame, trajectory, eyes, policy, bias, characters)
         framed = own is None  # else its frustum is the viewport's edge
         what = drawing_of(settings, frame, trajectory, eyes, policy, bias, style, coloured, framed)
-        batches = Batches(what, cast)
+        batches = Batches(what, cast, before and before.batches)
         return Shown(
             crowd_inputs=crowd_inputs,
             frame_inputs=frame_inputs,

@@ -99,6 +99,14 @@ def views():
     found["own view"] = yield from seen()
     settings().overlay_camera = "SCENE"
     with robot.over():
+        bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
+    views = [area for area in robot.window().screen.areas if area.type == "VIEW_3D"]
+    views[1].spaces[0].region_3d.view_perspective = "PERSP"
+    found["two viewports"] = yield from seen()
+    yield from robot.picture("22_two_viewports")
+    with bpy.context.temp_override(window=robot.window(), area=views[1]):
+        bpy.ops.screen.area_close()
+    with robot.over():
         bpy.ops.wm.window_new()
     found["two windows"] = yield from seen()
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
@@ -244,11 +252,15 @@ def breakage():
 
 
 def repeat():
-    before = robot.leftovers()
-    for _ in range(100):
+    """Disabled and enabled, the crowd drawn in between now and then."""
+    before, memory = robot.leftovers(), []
+    for number in range(100):
         robot.toggle()
         yield 0.02
-    return {"before": before, "after": robot.leftovers(), "seen": (yield from seen())}
+        if number % 20 == 19:
+            yield from seen()
+            memory.append(robot.memory())
+    return {"before": before, "after": robot.leftovers(), "seen": (yield from seen()), "memory": memory}
 
 
 def lifecycle(folder):
