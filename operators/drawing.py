@@ -7,9 +7,9 @@ import numpy as np
 
 from ..crowd_lod.agents import Group
 from . import programs
-from .colours import encoded
 from .joints import Character
 from .points import Drawing
+from .srgb import encoded
 
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 
 from . import scene as io
+from .srgb import encoded
 
 GREY = (0.8, 0.8, 0.8)
 SIZE = 1024  # most pixels of an image along a side
@@ -34,13 +35,18 @@ class Looks:
         size = min(SIZE, max((max(image.size) for image in self.found), default=1))
         pictures = np.full((len(self.found), size, size, 4), 255, np.uint8)
         for picture, image in zip(pictures, self.found, strict=True):
-            copy = image.copy()
-            try:
-                copy.scale(size, size)
-                picture[:] = io.read_pixels(copy)
-            finally:
-                bpy.data.images.remove(copy)
+            values = io.read_values(image)[..., : 3 if image.channels > 2 else 1]
+            # the nearest pixel of each; a scaled copy of the image would lack what is painted and not yet saved
+            rows, columns = ((np.arange(size) + 0.5) * n // size for n in values.shape[:2])
+            values = values[rows.astype(int)[:, None], columns.astype(int)]
+            picture[..., :3] = np.rint(255 * (encoded(values) if _is_linear(image) else values).clip(0, 1))
         return pictures
+
+
+def _is_linear(image: bpy.types.Image) -> bool:
+    """Whether the image's own values are linear, and not sRGB."""
+    space = image.colorspace_settings
+    return image.is_float or space.is_data or space.name.startswith("Linear")
 
 
 def _base_colour(material: bpy.types.Material) -> bpy.types.NodeSocket | None:

@@ -15,9 +15,9 @@ from ..crowd_lod.frame import Frame
 from . import cameras, casts, hud
 from . import scene as io
 from .appearance import cast_of, colours_of, drawing_of, style_of
-from .colours import linear
 from .drawing import Batches, paint, put_depth
 from .populate import bias_of, policy_of
+from .srgb import linear
 
 # What a viewport is lent for a picture, from the scene's own shading of its Workbench renders.
 SHADING = (

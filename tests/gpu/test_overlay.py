@@ -14,10 +14,10 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
-from crowd_lod_extension.operators.colours import encoded
 from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, paint
 from crowd_lod_extension.operators.levels import TINTS
 from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
+from crowd_lod_extension.operators.srgb import encoded
 from mathutils import Matrix, Vector
 
 WIDTH, HEIGHT = 320, 240

@@ -9,10 +9,10 @@ import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators import cli, playblast
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.colours import linear
 from crowd_lod_extension.operators.drawing import Batches, Cast, paint
 from crowd_lod_extension.operators.points import Style, drawing
 from crowd_lod_extension.operators.populate import frame_of, groups_of
+from crowd_lod_extension.operators.srgb import linear
 
 WIDTH, HEIGHT = SIZE = 320, 180
 
