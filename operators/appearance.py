@@ -29,7 +29,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
     if casting is None:
         return points, (), ("Press Make LOD Meshes in the LOD panel to see the characters.",)
     if not casting.ready:
-        return points, (), ("The characters are being read for the overlay.",)
+        return points, (), (f"The characters are being read for the overlay: {casting.progress:.0%}.",)
     fits = len(casting.characters) == len(settings.groups)
     if fits and all(len(character.meshes) >= levels for character in casting.characters):
         return style, casting.characters, casting.told

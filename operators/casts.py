@@ -6,11 +6,12 @@ import traceback
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import numpy as np
 
-from .joints import Character, bake
+from .joints import Character, baking
 from .looks import Looks
 from .populate import armatures_of
 
@@ -19,13 +20,15 @@ LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, 
 
 @dataclass
 class Casting:
-    """A scene's characters: those of `characters` once all are baked. key, painted: of what they came from, and of their
+    """A scene's characters: those of `characters` once all are baked; until then `baking` bakes the next. key, painted: of what they came from, and of their
     images' pixels; looked: when those were last compared, seconds. told: what the user should know of it."""
 
     key: bytes
     painted: int
     looked: float
     characters: tuple[Character, ...] = ()
+    baking: Iterator[float] | None = None
+    progress: float = 0.0
     ready: bool = False
     told: tuple[str, ...] = ()
 
@@ -58,8 +61,8 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
     key, looks = _key(levels)
     casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
     while not casting.ready:
-        _bake_next(scene, casting)
-        yield len(casting.characters) / len(levels.children[0].children)
+        _bake_on(scene, casting)
+        yield casting.progress
 
 
 def forget(keep: set[int] = frozenset()) -> None:
@@ -71,35 +74,42 @@ def forget(keep: set[int] = frozenset()) -> None:
 
 
 def _bake_some() -> float | None:
-    """A timer: bake one character, which makes and removes data-blocks and so must not be done while Blender draws."""
+    """A timer: bake a little, which makes and removes data-blocks and so must not be done while Blender draws."""
     for scene in bpy.data.scenes:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:
-            _bake_next(scene, casting)
+            _bake_on(scene, casting)
+            _redraw()
             return 0.0
-    _redraw()
     return None
 
 
-def _bake_next(scene: bpy.types.Scene, casting: Casting) -> None:
+def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
+    """Bake some frames of the casting's next character."""
     levels = scene.crowd_lod.levels
-    casting.ready = True
     if levels is None or any(len(level.children) != len(levels.children[0].children) for level in levels.children):
-        casting.characters = ()
+        casting.characters, casting.ready = (), True
         return
-    number, groups = len(casting.characters), scene.crowd_lod.groups
-    homes = [level.children[number] for level in levels.children]
-    name = groups[number].name if number < len(groups) else homes[0].name
+    number, of = len(casting.characters), len(levels.children[0].children)
+    groups = scene.crowd_lod.groups
+    name = groups[number].name if number < len(groups) else levels.children[0].children[number].name
     try:
-        character = bake(name, homes)
+        casting.baking = casting.baking or baking(name, partial(_homes, scene.session_uid, number))
+        casting.progress = (number + next(casting.baking)) / of
+    except StopIteration as end:
+        casting.characters += (end.value,)
+        casting.told += (end.value.told,) if end.value.told else ()
+        casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
     except Exception as error:
         traceback.print_exc()
-        casting.characters = ()
+        casting.characters, casting.baking, casting.ready = (), None, True
         casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): the console has more.",)
-        return
-    casting.characters += (character,)
-    casting.told += (character.told,) if character.told else ()
-    casting.ready = len(casting.characters) == len(levels.children[0].children)
+
+
+def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
+    """The collections of the LODs of a character group, in the scene with this session_uid."""
+    levels = next(each for each in bpy.data.scenes if each.session_uid == scene).crowd_lod.levels
+    return [level.children[number] for level in levels.children]
 
 
 def _redraw() -> None:
