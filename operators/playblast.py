@@ -23,7 +23,7 @@ from .srgb import linear
 SHADING = (
     "light color_type show_shadows show_cavity show_object_outline show_xray show_specular_highlight show_backface_culling"
 ).split()
-GAMMA = 2.2
+GAMMA = 2.2  # of the picture, where Blender's viewports lay overlays over it
 
 
 class Canvas:
@@ -62,12 +62,12 @@ class Canvas:
             self._overlay.clear(color=(0, 0, 0, 0), depth=1.0)
             if batches is not None:
                 put_depth(depth, self.size)
-                paint(batches, view, projection, self.size, 1.0)
+                paint(batches, view, projection, self.size, bpy.context.preferences.system.ui_scale)
             if caption:
                 self._write(caption)
-            layer = self._read(self._overlay)
-        covered = layer[..., 3] > 0
-        picture[covered] = _merged(picture[covered], layer[covered])
+            over = self._read(self._overlay)
+        covered = over[..., 3] > 0
+        picture[covered] = _merged(picture[covered], over[covered])
         return picture
 
     def _read(self, buffer) -> np.ndarray:
