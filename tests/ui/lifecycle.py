@@ -179,7 +179,7 @@ def rendered(folder):
     yield 0.5
     for made in (image, second):
         bpy.data.images.remove(made)
-    settings().overlay_mode = "MESHES"
+    settings().overlay_mode, settings().hud, settings().inset = "MESHES", True, True
     return found
 
 
