@@ -4,8 +4,9 @@ blender --python benchmarks/overlay.py -- [OUT.json]    with the extension enabl
 
 Prints, for 10,000 and 100,000 agents, the milliseconds of a frame (set, planned, drawn, shown), median and quartiles, of
 the empty window, the overlay and the build, taken in turns, and the ratio of build to overlay: as they are, and less the
-empty window. Likewise the processor's time, which on a software renderer is the whole work and which other programs
-disturb less. Then the overlay's boxes and points up to 1,000,000 agents.
+empty window; the same of the overlay with all agents at LOD 0, as without LODs. Likewise the processor's time, which on a
+software renderer is the whole work and which other programs disturb less. Then how the overlay grows to 1,000,000 agents: LOD
+meshes, boxes and points.
 """
 
 import json
@@ -19,6 +20,7 @@ import bpy
 ARGUMENTS = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
 WARM, FRAMES, ROUNDS = 2, 6, 3  # frames that do not count, those that do, how often
 MOST_SECONDS = 30.0  # for the frames of a round
+COUNTS = 10_000, 100_000, 1_000_000
 RATIOS = 0.1, 0.02, 0.005  # of the sample's characters: some 1,100, 230 and 60 triangles
 
 
@@ -39,37 +41,44 @@ def session():
     with bpy.context.temp_override(window=window, area=area, region=region):
         bpy.ops.crowd_lod.populate()
         bpy.ops.crowd_lod.make_levels("EXEC_DEFAULT")
-    for count in (10_000, 100_000):
+    for count in COUNTS[:2]:
         settings.count, settings.overlay, settings.overlay_mode = count, True, "MESHES"
         yield from ready(scene)
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.build("EXEC_DEFAULT")
         top = settings.build
-        taken = {"empty": [], "overlay": [], "nodes": []}
+        taken = {"empty": [], "overlay": [], "nodes": [], "full": []}
+        thresholds = settings.thresholds[:]
+        at_the_end = [0.99 + k / 1000 for k in range(len(thresholds))]  # of what the camera sees
         for _ in range(ROUNDS):
             for name, frames in taken.items():
-                settings.overlay = name == "overlay"
+                if name == "full" and frames:  # one round takes long enough
+                    continue
+                settings.overlay = name in ("overlay", "full")
+                settings.thresholds = at_the_end if name == "full" else thresholds
                 settings.build = top if name == "nodes" else None
                 top.hide_viewport = name != "nodes"
                 yield
                 frames += measure(scene, window)
                 if name == "overlay":
                     visible = int(overlay().latest(scene).visible.sum())
-        settings.build = top
+        settings.build, settings.thresholds = top, thresholds
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.remove_build()
         entry = found[f"{count} agents"] = {"visible": visible} | {name: summary(frames) for name, frames in taken.items()}
         print(f"{count:,} agents, {visible:,} visible", flush=True)
         for clock in ("shown", "processor"):
-            empty, drawn, built = (entry[name][clock] for name in taken)
-            ratio = built["median"] / drawn["median"]
-            net = (built["median"] - empty["median"]) / (drawn["median"] - empty["median"])
-            entry[f"{clock} ratio"], entry[f"{clock} ratio less empty"] = ratio, net
-            print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}, nodes {said(built)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
+            empty, drawn, *others = (entry[name][clock] for name in taken)
+            print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}", flush=True)
+            for name, other in zip(("nodes", "full"), others, strict=True):
+                ratio = other["median"] / drawn["median"]
+                net = (other["median"] - empty["median"]) / (drawn["median"] - empty["median"])
+                entry[f"{clock} {name} ratio"], entry[f"{clock} {name} ratio less empty"] = ratio, net
+                print(f"    {name} {said(other)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
         yield
     settings.overlay = True
-    for mode in ("BOXES", "POINTS"):
-        for count in (10_000, 100_000, 1_000_000):
+    for mode, counts in (("MESHES", (1_000_000,)), ("BOXES", COUNTS), ("POINTS", COUNTS)):
+        for count in counts:
             settings.count, settings.overlay_mode = count, mode
             yield
             entry = found[f"{count} {mode}"] = summary(measure(scene, window))

@@ -3,12 +3,15 @@
 import hashlib
 import time as clock
 import traceback
+import zlib
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import bpy
 import numpy as np
 
-from .joints import Character, bake
+from .joints import Character, baking
 from .looks import Looks
 from .populate import armatures_of
 
@@ -17,12 +20,15 @@ LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, 
 
 @dataclass
 class Casting:
-    """A scene's characters: those of `characters` once all are baked. key: of what they came from, looked: when that was
-    last compared, seconds. told: what the user should know of it."""
+    """A scene's characters: those of `characters` once all are baked; until then `baking` bakes the next. key, painted: of what they came from, and of their
+    images' pixels; looked: when those were last compared, seconds. told: what the user should know of it."""
 
     key: bytes
+    painted: int
     looked: float
     characters: tuple[Character, ...] = ()
+    baking: Iterator[float] | None = None
+    progress: float = 0.0
     ready: bool = False
     told: tuple[str, ...] = ()
 
@@ -38,13 +44,25 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
         return None
     known, now = _castings.get(scene.session_uid), clock.monotonic()
     if known is None or now > known.looked + LOOK_AGAIN:
-        key = _key(levels)
-        if known is None or known.key != key:
-            known = _castings[scene.session_uid] = Casting(key, now)
+        key, looks = _key(levels)
+        seen = known is None or scene.crowd_lod.overlay_colour == "MATERIAL"  # to read pixels takes milliseconds
+        painted = _painted(looks.found) if seen else known.painted
+        if known is None or (known.key, known.painted) != (key, painted):
+            known = _castings[scene.session_uid] = Casting(key, painted, now)
         known.looked = now
     if not known.ready and not bpy.app.timers.is_registered(_bake_some):
         bpy.app.timers.register(_bake_some)
     return known
+
+
+def read(scene: bpy.types.Scene) -> Iterator[float]:
+    """Bake the characters of the scene's LOD meshes now, outside a drawing; yields the progress, 0 to 1."""
+    levels = scene.crowd_lod.levels
+    key, looks = _key(levels)
+    casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
+    while not casting.ready:
+        _bake_on(scene, casting)
+        yield casting.progress
 
 
 def forget(keep: set[int] = frozenset()) -> None:
@@ -56,35 +74,42 @@ def forget(keep: set[int] = frozenset()) -> None:
 
 
 def _bake_some() -> float | None:
-    """A timer: bake one character, which makes and removes data-blocks and so must not be done while Blender draws."""
+    """A timer: bake a little, which makes and removes data-blocks and so must not be done while Blender draws."""
     for scene in bpy.data.scenes:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:
-            _bake_next(scene, casting)
+            _bake_on(scene, casting)
+            _redraw()
             return 0.0
-    _redraw()
     return None
 
 
-def _bake_next(scene: bpy.types.Scene, casting: Casting) -> None:
+def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
+    """Bake some frames of the casting's next character."""
     levels = scene.crowd_lod.levels
-    casting.ready = True
     if levels is None or any(len(level.children) != len(levels.children[0].children) for level in levels.children):
-        casting.characters = ()
+        casting.characters, casting.ready = (), True
         return
-    number, groups = len(casting.characters), scene.crowd_lod.groups
-    homes = [level.children[number] for level in levels.children]
-    name = groups[number].name if number < len(groups) else homes[0].name
+    number, of = len(casting.characters), len(levels.children[0].children)
+    groups = scene.crowd_lod.groups
+    name = groups[number].name if number < len(groups) else levels.children[0].children[number].name
     try:
-        character = bake(name, homes)
+        casting.baking = casting.baking or baking(name, partial(_homes, scene.session_uid, number))
+        casting.progress = (number + next(casting.baking)) / of
+    except StopIteration as end:
+        casting.characters += (end.value,)
+        casting.told += (end.value.told,) if end.value.told else ()
+        casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
     except Exception as error:
         traceback.print_exc()
-        casting.characters = ()
+        casting.characters, casting.baking, casting.ready = (), None, True
         casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): the console has more.",)
-        return
-    casting.characters += (character,)
-    casting.told += (character.told,) if character.told else ()
-    casting.ready = len(casting.characters) == len(levels.children[0].children)
+
+
+def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
+    """The collections of the LODs of a character group, in the scene with this session_uid."""
+    levels = next(each for each in bpy.data.scenes if each.session_uid == scene).crowd_lod.levels
+    return [level.children[number] for level in levels.children]
 
 
 def _redraw() -> None:
@@ -94,8 +119,9 @@ def _redraw() -> None:
                 area.tag_redraw()
 
 
-def _key(levels: bpy.types.Collection) -> bytes:
-    """A digest of all that the characters are baked from."""
+def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
+    """A digest of all that the characters are baked from, but for the pixels of the images in the looks. Weights are slow to
+    read: they are taken for changed when an object is painted or edited, and when that ends."""
     digest, looks, told = hashlib.sha256(), Looks(), set()
     for home in (home for level in levels.children for home in level.children):
         items = [item for item in home.all_objects if item.type == "MESH"]
@@ -104,7 +130,7 @@ def _key(levels: bpy.types.Collection) -> bytes:
             materials = [looks.of(slot.material) for slot in item.material_slots]
             modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
             sizes = len(item.data.vertices), len(item.data.polygons)
-            digest.update(repr((item.session_uid, item.data.session_uid, sizes, materials, modifiers)).encode())
+            digest.update(repr((item.session_uid, item.data.session_uid, item.mode, sizes, materials, modifiers)).encode())
             points = np.empty(3 * sizes[0], np.float32)
             item.data.vertices.foreach_get("co", points)
             digest.update(points)
@@ -117,7 +143,17 @@ def _key(levels: bpy.types.Collection) -> bytes:
                     keys = np.empty(2 * len(curve.keyframe_points), np.float32)
                     curve.keyframe_points.foreach_get("co", keys)
                     digest.update(keys)
-    return digest.digest()
+    return digest.digest(), looks
+
+
+def _painted(images: list[bpy.types.Image]) -> int:
+    """A checksum of the images' pixels."""
+    found = 0
+    for image in images:
+        values = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(values)
+        found = zlib.crc32(values, found)
+    return found
 
 
 def _curves(action: bpy.types.Action):

@@ -18,7 +18,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.shot import parse_frames
 from . import bake, build, report
 from . import scene as io
-from .preview import Preview, preview
+from .preview import COLOURS, ENGINES, Preview, preview
 from .render_setup import prepared
 from .verify import Verify, to_text, verify
 
@@ -78,8 +78,12 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
     command.add_argument("--width", type=int, metavar="PIXELS", help="of the pictures (default: the scene's, 960)")
-    command.add_argument("--engine", choices=("workbench", "cycles", "eevee"), help="(default: the scene's, workbench)")
-    command.add_argument("--color", choices=("lod", "material"), help="tint by LOD, or true materials")
+    command.add_argument("--engine", choices=[name.lower() for name in ENGINES], help="(default: the scene's, workbench)")
+    command.add_argument(
+        "--color",
+        choices=("lod", "material", "state", "group", "reason"),
+        help="tint by LOD, or true materials; the last three with the engine overlay",
+    )
     command.set_defaults(run=_preview)
 
     command = _command(
@@ -200,12 +204,16 @@ def _preview(args, command: list[str]) -> dict:
         settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
     stem = Path(args.scene or bpy.data.filepath or "scene").stem
     folder = (args.out or Path(f"{stem}_preview")).absolute()
+    engine = (args.engine or settings.engine).upper()
+    colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
+    if engine != "OVERLAY" and colour not in COLOURS:
+        raise CrowdError(f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material.")
     wanted = Preview(
         frames=parse_frames(args.frames or settings.frames, settings.step if args.step is None else args.step),
         folder=folder,
         width=args.width or settings.width,
-        engine=(args.engine or settings.engine).upper(),
-        colour=(args.color or settings.colour).upper(),
+        engine=engine,
+        colour=colour,
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]

@@ -12,6 +12,7 @@ from ..crowd_lod.machine import StateMachine
 from ..crowd_lod.reasons import reasons
 from .joints import Character
 from .levels import TINTS
+from .srgb import linear
 
 
 @dataclass(frozen=True)
@@ -31,8 +32,7 @@ def by_level(frame: Frame) -> Colours:
 
 def by_state(frame: Frame, machine: StateMachine) -> Colours:
     """As the state machine says."""
-    encoded = machine.state_colours / 255
-    return Colours(frame.crowd.state, _opaque(np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)))
+    return Colours(frame.crowd.state, _opaque(linear(machine.state_colours / 255)))
 
 
 def by_group(frame: Frame) -> Colours:
@@ -53,11 +53,3 @@ def by_material(frame: Frame, characters: Sequence[Character]) -> Colours:
 def _opaque(rgb) -> np.ndarray:
     rgb = np.array(rgb, np.float32)
     return np.concatenate([rgb, np.ones_like(rgb[:, :1])], axis=1)
-
-
-def encoded(linear: np.ndarray) -> np.ndarray:
-    """sRGB from linear RGBA (..., 4) float32, as Blender's own shaders and text take it."""
-    found = linear.copy()
-    rgb = linear[..., :3]
-    found[..., :3] = np.where(rgb < 0.0031308, 12.92 * rgb, 1.055 * rgb ** (1 / 2.4) - 0.055)
-    return found

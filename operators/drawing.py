@@ -1,14 +1,15 @@
 """Draws what points.py says, on the GPU: into the viewport, or into any framebuffer with any view."""
 
+from collections.abc import Callable
 from contextlib import contextmanager
 
 import numpy as np
 
 from ..crowd_lod.agents import Group
 from . import programs
-from .colours import encoded
 from .joints import Character
 from .points import Drawing
+from .srgb import encoded
 
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5
@@ -33,22 +34,30 @@ class Cast:
 
 
 class Batches:
-    """A drawing on the GPU. nbytes: of what was uploaded."""
+    """A drawing on the GPU. nbytes: of what is there."""
 
-    def __init__(self, what: Drawing, cast: Cast | None = None):
+    def __init__(self, what: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
+        """before: an earlier one, of which all that is the same is taken over."""
         from gpu.types import Buffer, GPUUniformBuf
-        from gpu_extras.batch import batch_for_shader
 
         self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
         self.draws, self.turn, self.materials = what.draws if cast is not None else (), what.turn, what.materials
         self.fading, self.nbytes = what.fading, what.nbytes
+        self._made: dict[str, tuple] = {}
         if self.draws:
-            self.agents, self.palette = _agent_texture(what.agents), _texture(what.palette[None])
+            self.agents = self._make("agents", before, _agent_texture, what.agents)
+            self.palette = self._make("palette", before, _palette_texture, what.palette)
             self.view = GPUUniformBuf(Buffer("FLOAT", 24))
-        columns = {"position": what.positions, "colour": what.colours, "size": what.sizes}
-        self.points = _batch(columns, None, "POINTS") if len(what.positions) else None
-        columns = {"pos": what.lines.reshape(-1, 3), "color": encoded(what.line_colours).reshape(-1, 4)}
-        self.lines = batch_for_shader(programs.lines(), "LINES", columns) if len(what.lines) else None
+        self.points = self._make("points", before, _point_batch, what.positions, what.colours, what.sizes)
+        self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colours)
+
+    def _make(self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray):
+        """What `make` makes of the arrays, or made of the same ones before."""
+        known, made = before._made.get(name, ((), None)) if before is not None else ((), None)
+        if len(known) != len(arrays) or not all(map(np.array_equal, known, arrays)):
+            made = make(*arrays)
+        self._made[name] = arrays, made
+        return made
 
 
 def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], ui_scale: float) -> None:
@@ -85,6 +94,19 @@ def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tupl
                 shader.uniform_float("viewportSize", size)
                 shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
                 batches.lines.draw(shader)
+
+
+def put_depth(depth, size: tuple[int, int]) -> None:
+    """Fill the active framebuffer, `size` pixels wide and high, with the depth (a Buffer) that was read from another."""
+    import gpu
+    from gpu.types import GPUTexture
+
+    shader, depths = programs.depth(), GPUTexture(size, format="R32F", data=depth)
+    with _gpu_state():
+        gpu.state.depth_test_set("ALWAYS")
+        shader.bind()
+        shader.uniform_sampler("depths", depths)
+        _batch({"position": np.array([(-1, -1), (3, -1), (-1, 3)], np.float32)}).draw(shader)
 
 
 def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> None:
@@ -160,6 +182,25 @@ def _texture(texels: np.ndarray):
     height, width, _ = texels.shape
     values = np.ascontiguousarray(texels, np.float32).ravel()
     return GPUTexture((width, height), format="RGBA32F", data=Buffer("FLOAT", values.size, values))
+
+
+def _palette_texture(palette: np.ndarray):
+    """A row of colours (p, 4) float32."""
+    return _texture(palette[None])
+
+
+def _point_batch(positions: np.ndarray, colours: np.ndarray, sizes: np.ndarray):
+    """The points of a Drawing, or None without any."""
+    columns = {"position": positions, "colour": colours, "size": sizes}
+    return _batch(columns, None, "POINTS") if len(positions) else None
+
+
+def _line_batch(lines: np.ndarray, colours: np.ndarray):
+    """The lines of a Drawing, or None without any."""
+    from gpu_extras.batch import batch_for_shader
+
+    columns = {"pos": lines.reshape(-1, 3), "color": encoded(colours).reshape(-1, 4)}
+    return batch_for_shader(programs.lines(), "LINES", columns) if len(lines) else None
 
 
 def _agent_texture(agents: np.ndarray):

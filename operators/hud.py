@@ -11,9 +11,9 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.picking import Account
 from . import programs
-from .colours import encoded
 from .drawing import LINE_PIXELS
 from .levels import TINTS
+from .srgb import encoded
 
 STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
 WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB

@@ -1,6 +1,7 @@
 """Bakes a character group's LOD meshes and its action into arrays: joint frames, skinning weights, looks."""
 
-from collections.abc import Sequence
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -14,6 +15,7 @@ from .populate import action_range, armatures_of
 
 MOST_JOINTS = 16384 // 3  # in a row of a texture, which every GPU takes 16384 wide, three texels each
 MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even steps
+TICK = 0.25  # seconds of baking at a time
 POSES = 5  # at which the baked character is compared with Blender's own
 TOLERANCE = 1e-3  # of the character's diagonal, beyond which the difference is told
 
@@ -39,9 +41,10 @@ class Character:
 
 @dataclass(frozen=True)
 class _Part:
-    """One mesh object. item: the object, rest: its copy without armatures. rig: the armature that deforms it, or None.
+    """One mesh object. number: in the order of all levels. item: the object, rest: its copy without armatures. rig: the armature that deforms it, or None.
     bones: the names its weights (v, len(bones)) float32 refer to."""
 
+    number: int
     item: bpy.types.Object
     rest: bpy.types.Object
     rig: bpy.types.Object | None
@@ -49,40 +52,66 @@ class _Part:
 
 
 def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
-    """The character group `name`, whose LOD k is the collection homes[k], with the place of its instance_offset as
-    origin, over its whole action. Nothing of the user's is changed."""
-    objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
-    rigs = armatures_of([item for level in objects for item in level])
-    first, last = action_range([item for level in objects for item in level])
-    times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_FRAMES))
-    looks = Looks()
-    with io.scratch():
-        stage = bpy.data.scenes.new("Crowd LOD joints")
-        for rig in rigs:
-            stage.collection.objects.link(rig)
-        parts = [[_part(item, stage) for item in level] for level in objects]
-        flat = [part for level in parts for part in level]
-        recorder = _Recorder(np.array(homes[0].instance_offset, np.float64))
-        read = {}
-        for number, time in enumerate(times):
-            stage.frame_set(int(time // 1), subframe=float(time % 1))
-            depsgraph = stage.view_layers[0].depsgraph
-            if number == 0:
-                read = {id(part): _read(part, depsgraph, looks) for part in flat}
-                for part in flat:
-                    part.rest.modifiers.clear()  # from here on only where it is matters
-            recorder.record(flat, depsgraph)
-        joints = _Joints(recorder)
-        meshes, sources = [], []
-        for level in parts:
-            pieces = [_piece(part, joints, *read[id(part)]) for part in level]
-            sources.append([source for source, _ in pieces])
-            meshes.append(merge([mesh for _, mesh in pieces]))
-        frames = joints.frames()
-        if frames.shape[1] > MOST_JOINTS:
-            raise CrowdError(f"it has {frames.shape[1]:,} joints, bones of all its objects; use at most {MOST_JOINTS:,}")
-        off = _compare(stage, parts[0], sources[0], frames, times, recorder.origin)
-        images = looks.images()
+    """What `baking` bakes of the collections `homes`, in one go."""
+    steps = baking(name, lambda: homes)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Iterator[float]:
+    """Bake the character group `name`, whose LOD k is the collection find()[k], with the place of its instance_offset as
+    origin, over its whole action. Nothing of the user's is changed, and nothing is left in the file when it yields its
+    progress, 0 to 1: Blender may go on in between. Returns the Character."""
+    looks, read, done, recorder = Looks(), [], 0, None
+    while True:
+        homes = find()
+        objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
+        flat = [item for level in objects for item in level]
+        first, last = action_range(flat)
+        times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_FRAMES))
+        recorder = recorder or _Recorder(np.array(homes[0].instance_offset, np.float64))
+        with io.scratch():
+            stage = bpy.data.scenes.new("Crowd LOD joints")
+            for rig in armatures_of(flat):
+                stage.collection.objects.link(rig)
+            parts = [_part(number, item, stage) for number, item in enumerate(flat)]
+            if not done:
+                _go_to(stage, times[0])
+                read = [_read(part, stage.view_layers[0].depsgraph, looks) for part in parts]
+            for part in parts:
+                part.rest.modifiers.clear()  # from here on only where it is matters
+            until = clock.monotonic() + TICK
+            while True:
+                _go_to(stage, times[done])
+                recorder.record(parts, stage.view_layers[0].depsgraph)
+                done += 1
+                if done == len(times) or clock.monotonic() >= until:
+                    break
+            if done == len(times):
+                levels = np.split(np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1])
+                return _character(name, stage, [[parts[i] for i in level] for level in levels], read, times, recorder, looks)
+        yield done / len(times)
+
+
+def _go_to(stage: bpy.types.Scene, time: float) -> None:
+    stage.frame_set(int(time // 1), subframe=float(time % 1))
+
+
+def _character(name: str, stage, levels: list[list["_Part"]], read: list[tuple], times, recorder, looks: Looks) -> Character:
+    """The character of what was recorded and read of the parts of its levels."""
+    joints = _Joints(recorder)
+    meshes, sources = [], []
+    for level in levels:
+        pieces = [_piece(part, joints, *read[part.number]) for part in level]
+        sources.append([source for source, _ in pieces])
+        meshes.append(merge([mesh for _, mesh in pieces]))
+    frames = joints.frames()
+    if frames.shape[1] > MOST_JOINTS:
+        raise CrowdError(f"it has {frames.shape[1]:,} joints, bones of all its objects; use at most {MOST_JOINTS:,}")
+    off = _compare(stage, levels[0], sources[0], frames, times, recorder.origin)
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     colour = np.concatenate([mesh.colours for mesh in meshes]).mean(axis=0)
@@ -92,10 +121,10 @@ def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
             f"{name} moves in ways that joints cannot express (shape keys, other modifiers than armatures, or more than four "
             f"bones a vertex): the overlay shows it {'at rest there' if np.isinf(off) else f'up to {off:.2g} m off'}."
         )
-    return Character(name, frames, tuple(meshes), images, colour, off, told)
+    return Character(name, frames, tuple(meshes), looks.images(), colour, off, told)
 
 
-def _part(item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
+def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
     rig = next((m.object for m in item.modifiers if m.type == "ARMATURE" and m.object and m.show_viewport), None)
     rest = item.copy()
     for modifier in list(rest.modifiers):
@@ -108,7 +137,7 @@ def _part(item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
     stage.collection.objects.link(rest)
     groups = {group.name for group in item.vertex_groups}
     bones = tuple(bone.name for bone in rig.data.bones if bone.use_deform and bone.name in groups) if rig else ()
-    return _Part(item, rest, rig, bones)
+    return _Part(number, item, rest, rig, bones)
 
 
 class _Recorder:
@@ -116,13 +145,13 @@ class _Recorder:
 
     def __init__(self, origin: np.ndarray):
         self.origin = origin
-        self.objects: dict[str, list] = {}
+        self.objects: dict[int, list] = {}
         self.bones: dict[tuple[str, str], list] = {}
 
     def record(self, parts: list[_Part], depsgraph: bpy.types.Depsgraph) -> None:
         wanted: dict[bpy.types.Object, set] = {}
         for part in parts:
-            self.objects.setdefault(part.rest.name, []).append(self._placed(part.rest, depsgraph))
+            self.objects.setdefault(part.number, []).append(self._placed(part.rest, depsgraph))
             if part.rig is not None:
                 wanted.setdefault(part.rig, set()).update(part.bones)
         for rig, bones in wanted.items():
@@ -151,7 +180,7 @@ class _Joints:
 
     def index(self, part: _Part, bone: str | None) -> int:
         """The joint that moves the part as `bone` does, or as the object itself does."""
-        matrices = np.array(self.recorder.objects[part.rest.name])
+        matrices = np.array(self.recorder.objects[part.number])
         if bone is not None:
             matrices[:, :3, 3] += self.recorder.origin  # an armature acts in the world
             matrices = np.array(self.recorder.bones[part.rig.name, bone]) @ matrices
@@ -237,7 +266,7 @@ def _compare(stage, parts: list[_Part], sources: list[SkinnedMesh], frames, time
             stage.collection.objects.link(part.item)
     worst = 0.0
     for index in np.unique(np.linspace(0, len(times) - 1, POSES).round().astype(int)):
-        stage.frame_set(int(times[index] // 1), subframe=float(times[index] % 1))
+        _go_to(stage, times[index])
         depsgraph = stage.view_layers[0].depsgraph
         for part, source in zip(parts, sources, strict=True):
             if part.item.hide_viewport:

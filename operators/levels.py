@@ -17,7 +17,7 @@ from .populate import armatures_of, characters_of, measure_groups, store_groups
 from .skin import skin_of
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
-# (Okabe and Ito). Linear RGB.
+# (Okabe and Ito), and white. Linear RGB.
 TINTS = (
     (0.80, 0.03, 0.03),
     (0.04, 0.60, 0.06),
@@ -26,7 +26,7 @@ TINTS = (
     (0.09, 0.46, 0.81),
     (0.87, 0.78, 0.05),
     (0.60, 0.19, 0.38),
-    (0.02, 0.02, 0.02),
+    (0.85, 0.85, 0.85),
 )
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 # Custom properties of a LOD's collection of one character group: the hash of what it was made from, which candidate it is,

@@ -4,16 +4,17 @@ import bpy
 import numpy as np
 
 from . import scene as io
+from .srgb import encoded
 
 GREY = (0.8, 0.8, 0.8)
 SIZE = 1024  # most pixels of an image along a side
 
 
 class Looks:
-    """Collects the materials of one character."""
+    """Collects the materials of one character. found: their images."""
 
     def __init__(self):
-        self._found: list[bpy.types.Image] = []
+        self.found: list[bpy.types.Image] = []
 
     def of(self, material: bpy.types.Material | None) -> tuple[float, float, float, float]:
         """Linear base colour, and the layer of `images` that takes its place, or -1."""
@@ -25,22 +26,27 @@ class Looks:
         image = _image_behind(socket)
         if image is None:
             return *socket.default_value[:3], -1.0
-        if image not in self._found:
-            self._found.append(image)
-        return 1.0, 1.0, 1.0, float(self._found.index(image))
+        if image not in self.found:
+            self.found.append(image)
+        return 1.0, 1.0, 1.0, float(self.found.index(image))
 
     def images(self) -> np.ndarray:
         """The images as (n, size, size, 4) uint8, sRGB, bottom row first: all as large as the largest, up to SIZE."""
-        size = min(SIZE, max((max(image.size) for image in self._found), default=1))
-        pictures = np.full((len(self._found), size, size, 4), 255, np.uint8)
-        for picture, image in zip(pictures, self._found, strict=True):
-            copy = image.copy()
-            try:
-                copy.scale(size, size)
-                picture[:] = io.read_pixels(copy)
-            finally:
-                bpy.data.images.remove(copy)
+        size = min(SIZE, max((max(image.size) for image in self.found), default=1))
+        pictures = np.full((len(self.found), size, size, 4), 255, np.uint8)
+        for picture, image in zip(pictures, self.found, strict=True):
+            values = io.read_values(image)[..., : 3 if image.channels > 2 else 1]
+            # the nearest pixel of each; a scaled copy of the image would lack what is painted and not yet saved
+            rows, columns = ((np.arange(size) + 0.5) * n // size for n in values.shape[:2])
+            values = values[rows.astype(int)[:, None], columns.astype(int)]
+            picture[..., :3] = np.rint(255 * (encoded(values) if _is_linear(image) else values).clip(0, 1))
         return pictures
+
+
+def _is_linear(image: bpy.types.Image) -> bool:
+    """Whether the image's own values are linear, and not sRGB."""
+    space = image.colorspace_settings
+    return image.is_float or space.is_data or space.name.startswith("Linear")
 
 
 def _base_colour(material: bpy.types.Material) -> bpy.types.NodeSocket | None:

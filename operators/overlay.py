@@ -11,16 +11,15 @@ import numpy as np
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.fading import fades_of
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.levels import Bias, LevelPolicy
 from ..crowd_lod.live import held
 from ..crowd_lod.picking import Account, account
 from . import casts, colours, compute, hud, inset, programs
 from . import scene as io
+from .appearance import cast_of, colours_of, drawing_of, style_of
 from .cameras import read_cameras, read_shutter
 from .drawing import Batches, Cast, paint
-from .joints import Character
 from .points import Style, drawing
 from .populate import bias_of, groups_of, policy_of, trajectory_of
 from .viewpoint import viewpoint
@@ -174,12 +173,13 @@ def _draw_figures(context) -> None:
     if shown is None or shown.frame is None or not (settings.hud or settings.inset or settings.agent >= 0):
         return
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
-    if settings.inset:
+    main = context.region_data == context.space_data.region_3d  # of a quad view only the one that turns freely
+    if settings.inset and main:
         inset.show(_picture_from_above(shown, ui_scale), box, ui_scale)
     told = account_of(scene)
     if told is not None:
         hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
-    if settings.hud:
+    if settings.hud and main:
         gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
         hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
 
@@ -218,10 +218,10 @@ def _shown_now(context, before: Shown | None) -> Shown:
         own = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
         eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
         policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
-        time = scene.frame_current + scene.frame_subframe
+        time = io.time_of(scene)
         key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
-        style, characters, notes = _style(scene, policy.count)
+        style, characters, notes = style_of(scene, policy.count)
         frame_inputs += style, notes, settings.overlay_colour, round(settings.overlay_fade, 6)
         known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN:
@@ -241,12 +241,11 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if policy.hysteresis and same_view and before.trajectory is trajectory:
             frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
         began = clock.perf_counter()
-        cast = before.cast if same_cast else _cast(trajectory.groups, style, characters)
-        coloured = _colours(scene, frame, trajectory, eyes, policy, bias, characters)
-        what = _drawing(scene, frame, trajectory, eyes, policy, bias, style, coloured)
-        if own is not None:  # its frustum is the viewport's edge
-            what = replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
-        batches = Batches(what, cast)
+        cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
+        coloured = colours_of(settings.overlay_colour, frame, trajectory, eyes, policy, bias, characters)
+        framed = own is None  # else its frustum is the viewport's edge
+        what = drawing_of(settings, frame, trajectory, eyes, policy, bias, style, coloured, framed)
+        batches = Batches(what, cast, before and before.batches)
         return Shown(
             crowd_inputs=crowd_inputs,
             frame_inputs=frame_inputs,
@@ -267,61 +266,6 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if before is not None and before.problem == str(error):
             return before
         return Shown(problem=str(error))
-
-
-def _style(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[str, ...]]:
-    """(style, the characters as far as it needs them, sentences for the user) of the scene, which has so many LODs."""
-    settings = scene.crowd_lod
-    style = Style(
-        settings.overlay_mode,
-        settings.overlay_culled,
-        float(io.rotation(settings.forward)),
-        settings.overlay_colour == "MATERIAL",
-    )
-    if style.mode != "MESHES" and not style.materials:
-        return style, (), ()
-    points = replace(style, mode="POINTS") if style.mode == "MESHES" else style
-    casting = casts.casting_of(scene)
-    if casting is None:
-        return points, (), ("Press Make LOD Meshes in the LOD panel to see the characters.",)
-    if not casting.ready:
-        return points, (), ("The characters are being read for the overlay.",)
-    fits = len(casting.characters) == len(settings.groups)
-    if fits and all(len(character.meshes) >= levels for character in casting.characters):
-        return style, casting.characters, casting.told
-    misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."
-    return points, (), casting.told or (misfit,)
-
-
-def _cast(groups, style: Style, characters: tuple[Character, ...]) -> Cast | None:
-    """What the style draws instances of, on the GPU."""
-    if style.mode == "POINTS":
-        return None
-    return Cast(groups, characters if style.mode == "MESHES" else ())
-
-
-def _colours(scene, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, characters) -> colours.Colours:
-    """The agents' colours as the scene's settings have them."""
-    chosen = scene.crowd_lod.overlay_colour
-    if chosen == "STATE":
-        return colours.by_state(frame, trajectory.machine)
-    if chosen == "GROUP":
-        return colours.by_group(frame)
-    if chosen == "REASON":
-        return colours.by_reason(frame, trajectory.groups, eyes, policy, bias)
-    if chosen == "MATERIAL" and characters:
-        return colours.by_material(frame, characters)
-    return colours.by_level(frame)
-
-
-def _drawing(scene, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, style: Style, coloured):
-    """The drawing of the frame as the scene's settings have it."""
-    settings, groups = scene.crowd_lod, trajectory.groups
-    slopes = trajectory.heights if settings.tilt else None
-    fades = None
-    if style.mode == "MESHES" and settings.overlay_fade:
-        fades = fades_of(frame, groups, eyes, policy, bias, settings.overlay_fade)
-    return drawing(frame, groups, style, coloured, slopes, fades)
 
 
 def _crowd_inputs(scene) -> tuple:

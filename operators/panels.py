@@ -242,8 +242,11 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
         elif settings.overlay_colour == "GROUP":
             for group, (_, icon) in zip(settings.groups, COLOURS, strict=False):
                 column.label(text=group.name, icon=icon)
-        for name in ("frames", "step", "width", "engine", "colour"):
+        column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
+        for name in ("frames", "step", "width", "engine"):
             layout.prop(settings, name)
+        if settings.engine != "OVERLAY":  # its color is the overlay's, above
+            layout.prop(settings, "colour")
         layout.prop(settings, "above", text="From Above")
         layout.prop(settings, "folder")
         layout.operator("crowd_lod.preview", icon="RENDER_ANIMATION")

@@ -1,5 +1,6 @@
 """The batch preview: two pictures and a row of figures for each frame, a plan, a contact sheet."""
 
+import contextlib
 import hashlib
 import json
 import platform
@@ -22,6 +23,7 @@ from . import scene as io
 from .deviation import measure_levels
 from .levels import TINTS, make_levels
 from .operator import Stepwise
+from .playblast import Playblast, need_gpu
 from .populate import (
     bias_of,
     characters_of,
@@ -35,7 +37,9 @@ from .populate import (
 )
 from .trouble import find
 
-ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE}
+# What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
+ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
+COLOURS = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
 GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 THUMBNAIL = 480  # pixels wide, at least
@@ -43,8 +47,8 @@ THUMBNAIL = 480  # pixels wide, at least
 
 @dataclass(frozen=True)
 class Preview:
-    """What to preview. frames: increasing. width: of the pictures, pixels. colour: LOD or MATERIAL. engine: WORKBENCH,
-    CYCLES or EEVEE."""
+    """What to preview. frames: increasing. width: of the pictures, pixels. engine: of ENGINES. colour: of COLOURS, with the
+    engine OVERLAY of the setting overlay_colour."""
 
     frames: list[int]
     folder: Path
@@ -59,9 +63,12 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
     command: what plan.json says the run was started with.
     """
-    with report.staged(wanted.folder) as folder, io.scratch():
+    with report.staged(wanted.folder) as folder, io.scratch(), contextlib.ExitStack() as opened:
         started = clock.perf_counter()
         cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
+        drawn = wanted.engine == "OVERLAY"
+        if drawn:
+            need_gpu()
         stage = stage_of(scene, wanted)
         layer = stage.view_layers[0]
         layer.update()
@@ -73,32 +80,28 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         elif deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
             for part in measure_levels(stage):
                 yield 0.05 * part
-        for part in build.build(stage):
+        # nothing that these depend on changes from here on, and each look reads the whole map
+        trajectory = trajectory_of(stage)
+        shots = opened.enter_context(Playblast(stage, trajectory)) if drawn else Rendered(stage, wanted)
+        for part in shots.prepare():
             yield 0.05 + 0.05 * part
-        built = stage.crowd_lod.build
-        tint = _tint_material() if wanted.engine != "WORKBENCH" else None
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
         view = first = None
         stage.collection.objects.link(drawing)
-        # nothing that these depend on changes from here on, and each look reads the whole map
-        trajectory = trajectory_of(stage)
         centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
         for done, number in enumerate(wanted.frames):
-            stage.crowd_lod.build = None  # else it would follow, and the frame's own times be those of a cache
             stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
-            stage.render.engine, drawing.hide_render = ENGINES[wanted.engine], True
+            drawing.hide_render = drawing.hide_viewport = True
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph, around=lights.read_surroundings(stage, layer.depsgraph, number))
             ticks = [clock.perf_counter()]
-            stage.crowd_lod.build = built
-            follow.update(stage, layer.depsgraph)
+            shots.place(frame)
             ticks.append(clock.perf_counter())
             main = folder / f"main_{number:04d}.png"
-            stage.render.stamp_note_text = _caption(frame)
-            layer.material_override = tint if wanted.colour == "LOD" else None
-            _shade(stage, "OBJECT" if wanted.colour == "LOD" else "TEXTURE", "STUDIO")
-            _render(stage, main)
+            _shade(stage, "TEXTURE" if wanted.colour == "MATERIAL" else "OBJECT", "STUDIO")
+            caption = stage.render.stamp_note_text = _caption(frame)
+            shots.main(main, caption)
             ticks.append(clock.perf_counter())
 
             camera = stage.camera
@@ -110,14 +113,11 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
                 centre,
                 cameras.camera_from(view, stage.render, layer.depsgraph),
             )
-            drawing.hide_render = False
-            layer.material_override = None
+            drawing.hide_render = drawing.hide_viewport = False
             _shade(stage, "VERTEX", "FLAT")
-            stage.crowd_lod.build = None
-            built.hide_render, stage.camera = True, view
-            stage.render.engine = ENGINES["WORKBENCH"]  # it is a diagram
-            _render(stage, folder / f"above_{number:04d}.png")
-            built.hide_render, stage.camera = False, camera
+            stage.camera = view
+            shots.above(folder / f"above_{number:04d}.png", caption)
+            stage.camera = camera
             ticks.append(clock.perf_counter())
 
             rows.append(report.row(number, frame, dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))))
@@ -125,7 +125,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             first = first or frame
             yield 0.1 + 0.75 * (done + 1) / len(wanted.frames)
         told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (0.85, 0.95))
-        plan = _plan(stage, scene, wanted, command, rows, (yield from told))
+        plan = _plan(stage, scene, wanted, command, rows, (yield from told), shots.notes)
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
@@ -133,6 +133,36 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         io.save_png(folder / "contact_sheet.png", _sheet(pictures))
         yield 1.0
         return plan
+
+
+class Rendered:
+    """Pictures of a stage of the preview, rendered by Blender with the built crowd."""
+
+    notes = ()
+
+    def __init__(self, stage: bpy.types.Scene, wanted: Preview):
+        self.stage, self.layer, self.wanted, self.built = stage, stage.view_layers[0], wanted, None
+        self.tint = _tint_material() if wanted.colour == "LOD" and wanted.engine != "WORKBENCH" else None
+
+    def prepare(self) -> Iterator[float]:
+        yield from build.build(self.stage)
+        # else it would follow each change of frame, and the frame's own times be those of a cache
+        self.built, self.stage.crowd_lod.build = self.stage.crowd_lod.build, None
+
+    def place(self, frame: Frame) -> None:
+        self.stage.crowd_lod.build = self.built
+        follow.update(self.stage, self.layer.depsgraph)
+        self.stage.crowd_lod.build = None
+
+    def main(self, path: Path, caption: str) -> None:
+        self.stage.render.engine, self.layer.material_override = ENGINES[self.wanted.engine], self.tint
+        _render(self.stage, path)
+
+    def above(self, path: Path, caption: str) -> None:
+        self.stage.render.engine, self.layer.material_override = ENGINES["WORKBENCH"], None  # it is a diagram
+        self.built.hide_render = True
+        _render(self.stage, path)
+        self.built.hide_render = False
 
 
 def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
@@ -157,7 +187,9 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     render.stamp_font_size = max(8, wanted.width // 60)
     render.stamp_background = (0, 0, 0, 0.6)
     stage.display.render_aa = "FXAA"  # one pass; Workbench draws the whole scene anew for every other sample
-    if wanted.colour == "LOD":
+    if wanted.engine == "OVERLAY":
+        stage.crowd_lod.overlay_colour = wanted.colour
+    if wanted.colour != "MATERIAL":
         stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
         stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
         stage.world = _world()
@@ -220,7 +252,7 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     return report.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
 
 
-def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], characters: list[dict]) -> dict:
+def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], characters: list[dict], notes) -> dict:
     """All that is needed to repeat the run, and what came of it."""
     settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
     machine = machine_of(settings)
@@ -283,6 +315,7 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], c
             "height": stage.render.resolution_y,
             "engine": wanted.engine,
             "colour": wanted.colour,
+            "notes": list(notes),
         },
         "left_out": _left_out(stage, wanted),
         "frames": rows,
@@ -322,7 +355,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             folder=Path(bpy.path.abspath(settings.folder)),
             width=settings.width,
             engine=settings.engine,
-            colour=settings.colour,
+            colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         return f"{len(wanted.frames)} frames are in {wanted.folder}."

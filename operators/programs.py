@@ -87,6 +87,22 @@ def points():
 
 
 @cache
+def depth():
+    """Writes depths, and no colour."""
+    from gpu import shader
+    from gpu.types import GPUShaderCreateInfo
+
+    info = GPUShaderCreateInfo()
+    info.sampler(0, "FLOAT_2D", "depths")
+    info.vertex_in(0, "VEC2", "position")
+    info.depth_write("ANY")
+    info.fragment_out(0, "VEC4", "result")
+    info.vertex_source(source("depth.vert.glsl"))
+    info.fragment_source(source("depth.frag.glsl"))
+    return shader.create_from_info(info)
+
+
+@cache
 def lines():
     """Draws lines of a width in pixels; Blender's own."""
     from gpu import shader
@@ -96,5 +112,5 @@ def lines():
 
 def forget() -> None:
     """Let the programs go."""
-    for made in (meshes, points, lines):
+    for made in (meshes, points, depth, lines):
         made.cache_clear()

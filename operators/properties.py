@@ -203,7 +203,12 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     engine: EnumProperty(
         name="Engine",
-        items=[("WORKBENCH", "Workbench", ""), ("CYCLES", "Cycles", ""), ("EEVEE", "EEVEE", "")],
+        items=[
+            ("WORKBENCH", "Workbench", ""),
+            ("CYCLES", "Cycles", ""),
+            ("EEVEE", "EEVEE", ""),
+            ("OVERLAY", "Overlay", "A playblast: the picture of the viewport's overlay, in its color; by far the fastest"),
+        ],
     )
     above: PointerProperty(
         type=bpy.types.Object,

@@ -18,9 +18,10 @@ from . import (
     render_setup,
     samples,
     threads,
+    viewport_render,
 )
 
-MODULES = (properties, samples, machines, populate, levels, deviation, preview, render_setup, inspector, panels)
+MODULES = (properties, samples, machines, populate, levels, deviation, preview, viewport_render, render_setup, inspector, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [follow.follow],

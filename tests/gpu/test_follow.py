@@ -128,7 +128,7 @@ def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
     assert [level for level, *_ in first.batches.draws] == sorted(level for level, *_ in first.batches.draws)
     assert shown(scene).batches is first.batches
     monkeypatch.setattr(overlay, "Cast", None)
-    monkeypatch.setattr(casts, "bake", None)
+    monkeypatch.setattr(casts, "baking", None)
     scene.frame_set(30)
     later = shown(scene)
     assert later.batches is not first.batches and later.cast is first.cast

@@ -11,9 +11,9 @@ from crowd_lod_extension.crowd_lod.maps import Area
 from crowd_lod_extension.crowd_lod.picking import Account
 from crowd_lod_extension.operators import hud, inset
 from crowd_lod_extension.operators.cameras import camera_from
-from crowd_lod_extension.operators.colours import encoded
 from crowd_lod_extension.operators.drawing import Batches
 from crowd_lod_extension.operators.levels import TINTS
+from crowd_lod_extension.operators.srgb import encoded
 from crowd_lod_extension.operators.viewpoint import camera_of, viewpoint
 
 from .test_overlay import AGENTS, GROUPS, planned

@@ -10,7 +10,7 @@ from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.animation import SkinnedMesh, pose, skin, stance
 from crowd_lod_extension.operators import drawing as gpu_side
-from crowd_lod_extension.operators import programs
+from crowd_lod_extension.operators import joints, programs
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.drawing import Batches, Cast, paint
 from crowd_lod_extension.operators.joints import Character, bake
@@ -186,6 +186,24 @@ def test_baking_leaves_the_file_as_it_was(scene):
     bake("adult", homes(scene, 0))
     assert {block.name_full for block in bpy.data.user_map()} == before and scene.frame_current == frame
     assert [bone.matrix for item in bpy.data.objects if item.pose for bone in item.pose.bones] == poses
+
+
+def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, characters, monkeypatch):
+    monkeypatch.setattr(joints, "TICK", 0.0)  # a frame at a time
+    before = {block.name_full for block in bpy.data.user_map()}
+    steps, progress = joints.baking("0", lambda: homes(scene, 0)), []
+    while True:
+        try:
+            progress.append(next(steps))
+        except StopIteration as end:
+            stepped = end.value
+            break
+        assert {block.name_full for block in bpy.data.user_map()} == before
+    frames = len(characters[0].frames)
+    assert progress == [k / frames for k in range(1, frames)]
+    assert (stepped.frames == characters[0].frames).all() and stepped.off == characters[0].off
+    for mine, whole in zip(stepped.meshes, characters[0].meshes, strict=True):
+        assert all(np.array_equal(a, b) for a, b in zip(vars(mine).values(), vars(whole).values(), strict=True))
 
 
 def test_what_joints_cannot_express_is_measured_and_told(scene):

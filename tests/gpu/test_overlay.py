@@ -14,10 +14,10 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
-from crowd_lod_extension.operators.colours import encoded
 from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, paint
 from crowd_lod_extension.operators.levels import TINTS
 from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
+from crowd_lod_extension.operators.srgb import encoded
 from mathutils import Matrix, Vector
 
 WIDTH, HEIGHT = 320, 240
@@ -173,3 +173,26 @@ def test_points_are_in_order_of_lod_and_those_culled_last():
     assert [tuple(c) for c in what.colours[:4]] == tints
     assert (what.colours[4:] == np.float32(CULLED)).all()
     assert (what.sizes[4:] < what.sizes[0]).all() and what.sizes[0] == 1
+
+
+def test_what_did_not_change_is_not_uploaded_again():
+    _, what = planned()
+    first = Batches(what)
+    again = Batches(replace(what), before=first)
+    assert again.points is first.points and again.lines is first.lines
+    moved = replace(what, positions=what.positions + np.float32(1))
+    later = Batches(moved, before=again)
+    assert later.points is not first.points and later.lines is first.lines
+
+
+def test_the_gpu_is_left_as_it_was_by_an_error_while_drawing(viewer):
+    before = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
+    broken = Batches(planned()[1])
+    broken.points = "no batch"
+    canvas = gpu.types.GPUOffScreen(WIDTH, HEIGHT)
+    try:
+        with canvas.bind(), pytest.raises(AttributeError):
+            paint(broken, np.eye(4), np.eye(4), (WIDTH, HEIGHT), 1.0)
+    finally:
+        canvas.free()
+    assert (gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()) == before

@@ -4,7 +4,7 @@ import sys
 
 import bpy
 import robot
-from mathutils import Vector
+from mathutils import Quaternion, Vector
 
 
 def scene():
@@ -99,6 +99,14 @@ def views():
     found["own view"] = yield from seen()
     settings().overlay_camera = "SCENE"
     with robot.over():
+        bpy.ops.screen.area_split(direction="VERTICAL", factor=0.5)
+    views = [area for area in robot.window().screen.areas if area.type == "VIEW_3D"]
+    views[1].spaces[0].region_3d.view_perspective = "PERSP"
+    found["two viewports"] = yield from seen()
+    yield from robot.picture("22_two_viewports")
+    with bpy.context.temp_override(window=robot.window(), area=views[1]):
+        bpy.ops.screen.area_close()
+    with robot.over():
         bpy.ops.wm.window_new()
     found["two windows"] = yield from seen()
     with bpy.context.temp_override(window=bpy.context.window_manager.windows[-1]):
@@ -119,6 +127,65 @@ def views():
     space.overlay.show_overlays = True
     found["seen again"] = yield from seen()
     return found
+
+
+def rendered(folder):
+    """The viewport's own picture of the crowd, compared with what is on the screen."""
+    space, region = robot.view_3d().spaces[0], main_region()
+    settings().hud = settings().inset = False
+    view = space.region_3d
+    view.view_perspective, view.view_location, view.view_distance = "PERSP", (0, 0, 0), 40.0
+    view.view_rotation = Quaternion((0.8, 0.6, 0, 0))  # from above
+    settings().overlay_mode = "BOXES"
+    space.overlay.show_floor = space.overlay.show_axis_x = space.overlay.show_axis_y = False
+    yield from seen()
+    before = set(bpy.data.images)
+    with robot.over():
+        status = sorted(bpy.ops.crowd_lod.render_viewport())
+    (image,) = set(bpy.data.images) - before
+    yield 1.0
+    shown_in = robot.window_of(image)
+    with bpy.context.temp_override(window=shown_in):
+        bpy.ops.wm.window_close()
+    yield 0.5
+    yield from robot.picture("23_viewport")
+    mine = bytes_of(image)
+    screen = bpy.data.images.load(str(folder / "23_viewport.png"))
+    whole, width = bytes_of(screen), screen.size[0]
+    agents = same = 0
+    for row in range(60, region.height - 120, 3):  # free of headers
+        for column in range(100, region.width - 300, 3):
+            at = 4 * (row * image.size[0] + column)
+            pixel = mine[at : at + 3]
+            if max(pixel) > 2 * sorted(pixel)[1]:  # of one hue: an agent
+                there = 4 * ((region.y + row) * width + region.x + column)
+                agents += 1
+                same += max(abs(a - b) for a, b in zip(pixel, whole[there : there + 3], strict=True)) <= 1
+    found = {"status": status, "size": list(image.size), "region": [region.width, region.height], "agents": agents, "same": same}
+    bpy.data.images.remove(screen)
+    image.filepath_raw, image.file_format = str(folder / "23_render_viewport.png"), "PNG"
+    image.save()
+    with robot.over():
+        view.view_perspective = "CAMERA"
+        bpy.ops.crowd_lod.render_viewport()
+    (second,) = set(bpy.data.images) - before - {image}
+    render = scene().render
+    found["through the camera"] = list(second.size)
+    found["render"] = [side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y)]
+    second.filepath_raw, second.file_format = str(folder / "24_render_viewport.png"), "PNG"
+    second.save()
+    with bpy.context.temp_override(window=robot.window_of(second)):
+        bpy.ops.wm.window_close()
+    yield 0.5
+    for made in (image, second):
+        bpy.data.images.remove(made)
+    settings().overlay_mode, settings().hud, settings().inset = "MESHES", True, True
+    return found
+
+
+def bytes_of(image):
+    """The image's values, 0 to 255, RGBA, from the left bottom corner on."""
+    return [round(255 * value) for value in image.pixels[:]]
 
 
 def losses():
@@ -185,16 +252,20 @@ def breakage():
 
 
 def repeat():
-    before = robot.leftovers()
-    for _ in range(100):
+    """Disabled and enabled, the crowd drawn in between now and then."""
+    before, memory = robot.leftovers(), []
+    for number in range(100):
         robot.toggle()
         yield 0.02
-    return {"before": before, "after": robot.leftovers(), "seen": (yield from seen())}
+        if number % 20 == 19:
+            yield from seen()
+            memory.append(robot.memory())
+    return {"before": before, "after": robot.leftovers(), "seen": (yield from seen()), "memory": memory}
 
 
 def lifecycle(folder):
     found = {}
-    for step in (inspect, views, losses, files, breakage, repeat):
+    for step in (inspect, views, rendered, losses, files, breakage, repeat):
         print(f"--- lifecycle: {step.__name__}", flush=True)
-        found[step.__name__] = yield from (step(folder) if step is files else step())
+        found[step.__name__] = yield from (step(folder) if step in (rendered, files) else step())
     return found

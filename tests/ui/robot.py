@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 import bpy
 
@@ -48,6 +49,12 @@ def start(folder):
 
 def window() -> bpy.types.Window:
     return bpy.context.window_manager.windows[0]
+
+
+def window_of(image) -> bpy.types.Window:
+    """The window that shows the image."""
+    editors = ((w, area.spaces.active) for w in bpy.context.window_manager.windows for area in w.screen.areas)
+    return next(w for w, space in editors if space.type == "IMAGE_EDITOR" and space.image == image)
 
 
 def view_3d() -> bpy.types.Area:
@@ -165,6 +172,12 @@ def changes(before: dict[str, list]) -> dict[str, list]:
     """What is new or gone since the snapshot."""
     after = snapshot()
     return {k: sorted(set(before[k]) ^ set(after[k])) for k in before if before[k] != after[k]}
+
+
+def memory() -> int | None:
+    """Bytes that the process has in memory, where the system tells."""
+    path = Path("/proc/self/statm")
+    return int(path.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if path.exists() else None
 
 
 def leftovers() -> dict[str, int]:

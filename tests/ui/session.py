@@ -224,18 +224,18 @@ def film(camera):
 
 def breakage():
     """An unforeseen error while drawing: told once, and the viewport goes on."""
-    module, real = overlay(), overlay().drawing
+    module, real = overlay(), overlay().drawing_of
 
     def broken(*_):
         raise ZeroDivisionError("made by the test")
 
-    module.drawing = broken
+    module.drawing_of = broken
     scene().frame_set(61)
     yield from robot.until(lambda: module.problem(scene()))
     yield 1.0
     found = {"problem": module.problem(scene()), "handlers": robot.draw_handlers.count}
     yield from robot.picture("12_broken")
-    module.drawing = real
+    module.drawing_of = real
     robot.toggle()
     listen()
     found["afterwards"] = yield from after(lambda: setattr(settings(), "overlay", True))

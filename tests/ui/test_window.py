@@ -172,6 +172,14 @@ def test_quad_view_windows_local_view_and_hidden_overlays(seen):
     assert views == dict.fromkeys(views, ALL_IS_WELL)
 
 
+def test_the_viewports_own_picture_has_the_colours_of_the_screen(seen):
+    rendered = seen["lifecycle"]["rendered"]
+    assert rendered["status"] == ["FINISHED"] and rendered["size"] == rendered["region"]
+    assert rendered["through the camera"] == rendered["render"]
+    # both draw the scenery, which hides some, in samples of their own
+    assert rendered["agents"] > 1000 and rendered["same"] > 0.97 * rendered["agents"]
+
+
 def test_what_is_deleted_comes_back_by_undo(seen):
     losses = seen["lifecycle"]["losses"]
     for name in ("camera", "redone"):
@@ -199,6 +207,8 @@ def test_an_error_in_either_part_of_the_drawing_lets_all_go_and_is_told_once(see
 def test_a_hundred_times_disabled_and_enabled_leaves_nothing(seen):
     repeat = seen["lifecycle"]["repeat"]
     assert repeat["before"] == repeat["after"] and repeat["seen"] == ALL_IS_WELL
+    if None not in repeat["memory"]:  # what is there after 20 times is still all after 100
+        assert repeat["memory"][-1] - repeat["memory"][0] < 64e6
 
 
 def test_the_console_holds_no_other_error(seen):
