@@ -26,9 +26,11 @@ def test_the_difference_is_counted_pixel_by_pixel():
     assert found.largest == pytest.approx(3.4e38, rel=0.01)
     c = a.copy()
     c[1, 2, 0] = 0.5
-    assert vars(between(a, c)) == {"pixels": 1, "visible": 1, "share": 0.05, "largest": 0.5, "mean": 0.5 / 80}
+    found = vars(between(a, c))
+    assert found.pop("rms") == pytest.approx(0.5 / 80**0.5)
+    assert found == {"pixels": 1, "visible": 1, "share": 0.05, "largest": 0.5, "mean": 0.5 / 80}
     same = np.where(np.isnan(b), np.float32(np.inf), b)
-    assert vars(between(same, same.copy())) == {"pixels": 0, "visible": 0, "share": 0.0, "largest": 0.0, "mean": 0.0}
+    assert vars(between(same, same.copy())) == {"pixels": 0, "visible": 0, "share": 0.0, "largest": 0.0, "mean": 0.0, "rms": 0.0}
     assert between(b, b.copy()).pixels == 0
 
 
