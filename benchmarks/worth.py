@@ -170,7 +170,8 @@ def draw(path: Path, results: dict, machine: str) -> None:
             axes.plot([row[key] for row in rows], [row[name] for row in rows], color=colour, marker=marker, label=says)
         for row in rows:
             axes.annotate(f"{row['tolerance_px']:g} px", (row[key], row["shift_px"]), (3, 5), textcoords="offset points", fontsize=8)
-        axes.set(yscale="log", xlabel=label, ylabel=f"error of {SWEPT:,} agents, by tolerance")
+        axes.set_yscale("symlog", linthresh=0.5)  # a shift may be 0
+        axes.set(xlabel=label, ylabel=f"error of {SWEPT:,} agents, by tolerance")
         axes.legend(frameon=False)
     for axes in figure.axes:
         axes.grid(alpha=0.25)
