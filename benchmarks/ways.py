@@ -130,7 +130,7 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
         (keep.outputs["Selection"], leave.inputs[0]),
     ):
         own.links.new(output, socket)
-    for place, tree in enumerate((nodes.tree, own)):
+    for place, tree in enumerate((nodes.tree.group, own)):
         points.modifiers.new("cull", "NODES").node_group = tree
         points.modifiers.move(len(points.modifiers) - 1, place)
     bpy.data.scenes.remove(nodes.scene)

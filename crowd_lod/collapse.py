@@ -4,6 +4,8 @@ Source: Garland, Heckbert, "Surface simplification using quadric error metrics",
 Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from .skin import Skin
@@ -44,8 +46,9 @@ def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
     return np.minimum(*ends) * n + np.maximum(*ends)
 
 
-def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> tuple:
-    """(points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target` triangles, or the fewest that hold.
+def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> Iterator[None]:
+    """Yields between the rounds and returns (points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target`
+    triangles, or the fewest that hold.
 
     points: (n, 3), about of unit size; triangles: (m, 3); quadrics, normals: of the points. Points keep their indices;
     landed: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
@@ -89,6 +92,7 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         move[gone] = keep
         landed, corners = move[landed], move[corners]
         corners = corners.compress(~_flat(corners), axis=1)
+        yield
     return points, corners.T, landed, follows
 
 

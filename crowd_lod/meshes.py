@@ -2,6 +2,7 @@
 left are moved to where the largest distance to the source is least."""
 
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -53,7 +54,24 @@ def decimate(
     seams: np.ndarray | None = None,
     skin: Skin | None = None,
 ) -> LodMesh:
-    """The mesh with about `ratio` of its triangles.
+    """The mesh with about `ratio` of its triangles, all at once: see `decimating`."""
+    steps = decimating(points, triangles, ratio, name, seams, skin)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            return end.value
+
+
+def decimating(
+    points: np.ndarray,
+    triangles: np.ndarray,
+    ratio: float,
+    name: str,
+    seams: np.ndarray | None = None,
+    skin: Skin | None = None,
+) -> Iterator[None]:
+    """Make the mesh with about `ratio` of its triangles; yields between its steps and returns the LodMesh.
 
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
@@ -93,7 +111,8 @@ def decimate(
     held = index[held]
     whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
-    new_points, new_triangles, landed, follows = _best(unit[solid], whole, held, target, skin)
+    yield
+    new_points, new_triangles, landed, follows = yield from _best(unit[solid], whole, held, target, skin)
     if skin:
         source = solid[follows]
     else:
@@ -103,18 +122,20 @@ def decimate(
     return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
 
 
-def _best(points, triangles, seams, target: int, skin: Skin | None) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(points (k, 3), triangles (m, 3), landed (n,): the new point of each, or -1; follows (k,): with a skin the point that
-    each moves with): collapsed, then fitted while EFFORT lasts.
+def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[None]:
+    """Collapse, then fit while EFFORT lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
+    (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification and flips know no poses, and take the
     rings of a straight elbow first: the one goes less far, in the pose that bends most, the other are left out."""
     part, facing = _parts(len(points), triangles), normals_of(points, triangles)
     quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
     spared = BENT if bent else SEAMED if len(seams) else 0
+    yield
     start, some, landed = _bulk(points, triangles, part, max(BULK * target, spared), skin.place[0] if bent else points)
+    yield
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
-    new_points, new_triangles, end, follows = collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
+    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
     new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
@@ -128,6 +149,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> tuple[np.
     if rounds > 0:
         keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
         inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
+        yield
         fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
         for k in range(rounds):
             if k % 2:
@@ -135,6 +157,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> tuple[np.
             elif k < 2 * FLIPS and not bent:
                 fit.flip()
             fit.move(STEPS)
+            yield
         new_points, new_triangles = fit.best
     return new_points, new_triangles, landed, follows[kept]
 

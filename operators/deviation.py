@@ -97,7 +97,7 @@ def measure(
                 for k, other in enumerate(others):
                     if other is not None:
                         worst[k] = max(worst[k], (_roughly(character, other), frame), key=lambda found: found[0])
-            yield begin + (end - begin) * 0.7 * done / len(frames)
+                    yield begin + (end - begin) * 0.7 * (done - 1 + (k + 1) / len(others)) / len(frames)
         if not diagonal:
             raise CrowdError(f"The character {group.name} shows no face in any pose of its action: check its modifiers.")
         found = []
@@ -105,6 +105,7 @@ def measure(
             if least < 0:
                 raise CrowdError(f"LOD {k} of {group.name} has no face: raise its ratio and press Make LOD Meshes.")
             character, others = posed.at(frame)
+            yield begin + (end - begin) * (0.7 + 0.3 * k / len(worst))
             most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k])
             found.append((max(most, least), rms, frame))
             yield begin + (end - begin) * (0.7 + 0.3 * (k + 1) / len(worst))

@@ -1,5 +1,7 @@
 """Surfaces of triangles: the nearest points on one, samples of one, the distance between two."""
 
+from functools import cached_property
+
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
@@ -15,7 +17,10 @@ class Surface:
     def __init__(self, points: np.ndarray, triangles: np.ndarray):
         self.points, self.triangles = np.asarray(points, np.float64), np.asarray(triangles)
         self.middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
-        self.tree = BVHTree.FromPolygons((self.points - self.middle).tolist(), self.triangles.tolist())
+
+    @cached_property
+    def tree(self) -> BVHTree:
+        return BVHTree.FromPolygons((self.points - self.middle).tolist(), self.triangles.tolist())
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(at (k, 3) metres, triangle (k,) intp, distance (k,) metres) of the surface's points nearest to points (k, 3)."""

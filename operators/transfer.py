@@ -1,5 +1,6 @@
 """What a decimated mesh takes from its source: weights, UVs, colours, normals, materials, by UV chart."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import bpy
@@ -162,8 +163,9 @@ def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
     return chart[best], place[best]
 
 
-def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
-    """The decimated mesh with the source's materials and attributes; its weights are the object's to take.
+def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
+    """Make the decimated mesh with the source's materials and attributes; its weights are the object's to take. Yields
+    between the steps and returns the mesh.
 
     Points take those of the source's vertex that they stand for, faces those of the source's face nearest to their
     centre. Each triangle is in one chart: UVs of its corners are those of the nearest points in it, continued beyond its
@@ -173,15 +175,19 @@ def dress(name: str, result: LodMesh, source: Source) -> bpy.types.Mesh:
     for material in source.mesh.materials:
         mesh.materials.append(material)
     corners, faces = source.geometry[2:]
+    yield
     chart, centre = charts_chosen(source, result)
+    yield
     at = result.points[result.triangles]
     middle = at.mean(axis=1, keepdims=True)
     every = chart.repeat(3)
     inner, _ = locate(source, every, ((1 - INWARD) * at + INWARD * middle).reshape(-1, 3), at.reshape(-1, 3))
+    yield
     # a vertex is looked up once a chart
     _, first, back = np.unique(np.stack([result.triangles.ravel(), every], axis=1), axis=0, return_index=True, return_inverse=True)
     edge, _ = locate(source, every[first], at.reshape(-1, 3)[first])
     edge = edge[back.ravel()]
+    yield
     attributes = read_attributes(source.mesh)
     for key, (domain, kind, values) in attributes.items():
         if domain == "POINT":

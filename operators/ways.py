@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..crowd_lod.meshes import decimate
+from ..crowd_lod.meshes import decimating
 from . import scene as io
 from .source import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, deviation
@@ -57,7 +57,8 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
         fast.why = _without(precise)
         return fast
     yield
-    (near, off), (precisely, precisely_off) = errors(source, fast.mesh), errors(source, precise.mesh)
+    near, off = yield from errors(source, fast.mesh)
+    precisely, precisely_off = yield from errors(source, precise.mesh)
     better = near <= SLACK * precisely + NEAR_ENOUGH and off <= max(MOST_OFF, precisely_off)
     best, other = (fast, precise) if better else (precise, fast)
     reason = "it is no worse" if better else ("its UVs are closer" if off > max(MOST_OFF, precisely_off) else "it is closer")
@@ -73,13 +74,13 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
 
 
 def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
-    """By quadric edge collapse, and what it loses carried over; yields between the two and returns the Made."""
+    """By quadric edge collapse, and what it loses carried over; yields between its steps and returns the Made."""
     start = clock.perf_counter()
-    result = decimate(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams, source.skin)
+    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams, source.skin)
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()
-    mesh = dress(name, result, source)
+    mesh = yield from dress(name, result, source)
     mesh.validate()
     weights = weights_of(result, source)
     return Made(mesh, weights, "FAST", why, 1000 * (spent + clock.perf_counter() - start))
@@ -107,11 +108,10 @@ def _without(precise: Made) -> str:
     return "Fast, as the precise way leaves no face."
 
 
-def errors(source: Source, mesh: bpy.types.Mesh) -> tuple[float, float]:
-    """(symmetric Hausdorff distance as part of the source's diagonal, the largest of rest and the poses that tell most; largest
-    part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF) of a LOD's mesh.
-
-    In the poses each of its points moves with the source's nearest one, as good as its weights for a choice."""
+def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
+    """Yields between its steps and returns of a LOD's mesh (symmetric Hausdorff distance as part of the source's diagonal,
+    the largest at rest and in the poses that tell most; largest part of the surface at rest, over the UV maps, whose UVs
+    are off by more than UV_OFF). In the poses its points move with the source's nearest ones: good enough for a choice."""
     points, triangles, corners, _ = io.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     distance, _ = deviation(source.surface, Surface(points, triangles), SAMPLES)
@@ -121,7 +121,9 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> tuple[float, float]:
         corner = source.geometry[1][hit]
         follows = corner[np.arange(len(hit)), np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1)]
     for j, surface in enumerate(surfaces):
+        yield
         distance = max(distance, deviation(surface, Surface(skin.at(j, points, follows), triangles), SAMPLES)[0])
+    yield
     return distance / diagonal, uv_error(source, mesh, points, triangles, corners)
 
 

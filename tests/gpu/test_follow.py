@@ -42,7 +42,7 @@ def shown(scene):
 def test_nothing_is_computed_while_nothing_changes(scene, monkeypatch):
     first = shown(scene)
     assert first.problem is None and overlay.latest(scene) is first.frame
-    monkeypatch.setattr(overlay, "plan", None)
+    monkeypatch.setattr(overlay._faster, "plan", None)
     monkeypatch.setattr(overlay, "trajectory_of", None)
     assert shown(scene) is first
 

@@ -82,7 +82,7 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     assert overlay._read_shutters() is None
     blurred = assert_as_planned(scene)
     assert (blurred.visible >= still.frame.visible).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
-    monkeypatch.setattr(overlay, "plan", None)
+    monkeypatch.setattr(overlay._faster, "plan", None)
     assert shown(scene).frame is blurred
 
 
