@@ -84,6 +84,7 @@ def shown(scene):
     return found
 
 
+@pytest.mark.skipif(bpy.app.version < (5, 0, 0), reason="bench --worth needs Blender 5")
 @pytest.mark.parametrize("way", ["nobody", "everyone", "camera cull", "geometry nodes"])
 def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, built, tmp_path, way):
     import ways
