@@ -236,7 +236,7 @@ def breakage():
     """An unforeseen error in either part of the drawing: told once, and all is let go."""
     found = {}
     for part in ("plan", "lines"):
-        home = overlay() if part == "plan" else overlay().hud
+        home = overlay()._faster if part == "plan" else overlay().hud
         real = getattr(home, part)
 
         def broken(*_, part=part):
