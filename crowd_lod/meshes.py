@@ -11,6 +11,7 @@ from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
 from .refine import SAMPLES, Fit
 from .skin import Skin
+from .steps import finished
 
 BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
@@ -46,21 +47,9 @@ def missing_library() -> str | None:
     return None
 
 
-def decimate(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    ratio: float,
-    name: str,
-    seams: np.ndarray | None = None,
-    skin: Skin | None = None,
-) -> LodMesh:
+def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str, seams=None, skin: Skin | None = None) -> LodMesh:
     """The mesh with about `ratio` of its triangles, all at once: see `decimating`."""
-    steps = decimating(points, triangles, ratio, name, seams, skin)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+    return finished(decimating(points, triangles, ratio, name, seams, skin))
 
 
 def decimating(

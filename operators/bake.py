@@ -9,6 +9,7 @@ from ..crowd_lod.agents import Crowd
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
+from ..crowd_lod.steps import share
 from . import cameras, lights
 from . import scene as io
 from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
@@ -51,16 +52,6 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
         rows[name].clear()
     dress_all(scene)
     yield 1.0
-
-
-def share(steps: Iterator[float], begin: float, end: float) -> Iterator[float]:
-    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns."""
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as stop:
-            return stop.value
-        yield begin + (end - begin) * progress
 
 
 def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:

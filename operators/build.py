@@ -56,8 +56,8 @@ def check_levels(scene: bpy.types.Scene) -> int:
 
 def made_from(scene: bpy.types.Scene) -> str:
     """What tells the scene's LOD meshes from others, at a glance."""
-    objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects if item.type == "MESH")
-    return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects)
+    objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
+    return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH")
 
 
 def build(scene: bpy.types.Scene) -> Iterator[float]:

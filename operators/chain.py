@@ -11,6 +11,7 @@ from ..crowd_lod.culling import radar
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
+from ..crowd_lod.steps import standing
 from .cameras import cameras_at
 from .populate import bias_of, trajectory_of
 
@@ -57,16 +58,11 @@ def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
 
 def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> Iterator[float]:
     """(of each group the candidates to keep, why the others are dropped, a sentence each); yields `progress`."""
-    seen = views(scene, tuple(groups))
-    while True:
-        try:
-            next(seen)
-            yield progress
-        except StopIteration as end:
-            keep, said = [], []
-            for group, each in zip(groups, end.value, strict=True):
-                kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each)
-                keep.append(kept)
-                said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
-            return keep, said
+    seen = yield from standing(views(scene, tuple(groups)), progress)
+    keep, said = [], []
+    for group, each in zip(groups, seen, strict=True):
+        kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each)
+        keep.append(kept)
+        said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
+    return keep, said
 

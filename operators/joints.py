@@ -9,6 +9,7 @@ import numpy as np
 
 from ..crowd_lod.animation import SkinnedMesh, closed, merge, pose, skin, strongest
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.steps import finished
 from . import scene as io
 from .looks import Looks
 from .populate import action_range, armatures_of
@@ -53,12 +54,7 @@ class _Part:
 
 def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
     """What `baking` bakes of the collections `homes`, in one go."""
-    steps = baking(name, lambda: homes)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
+    return finished(baking(name, lambda: homes))
 
 
 def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Iterator[float]:

@@ -8,6 +8,7 @@ import bpy
 
 from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.steps import standing
 from . import chain, transfer, ways
 from . import scene as io
 from . import source as sources
@@ -295,14 +296,7 @@ def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, 
         copy[AS_MADE] = _as_made(copy)
         mesh = source.mesh
         return (len(mesh.vertices), len(mesh.loops) - 2 * len(mesh.polygons)) if mesh else (0, 0)
-    steps = ways.make(source, ratio, way, name)
-    while True:
-        try:
-            next(steps)
-            yield progress
-        except StopIteration as end:
-            made = end.value
-            break
+    made = yield from standing(ways.make(source, ratio, way, name), progress)
     copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
         if modifier.type not in sources.FOLLOWED:

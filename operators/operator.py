@@ -3,6 +3,7 @@
 import time as clock
 
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.steps import finished
 
 TICK = 0.1  # seconds of work between two drawings of the window
 
@@ -29,12 +30,7 @@ class Stepwise(Reporting):
     generator's own clean-up must leave the scene as it was. Without a window it runs in one go."""
 
     def run(self, context):
-        steps = self.steps(context)
-        while True:
-            try:
-                next(steps)
-            except StopIteration as end:
-                return end.value
+        return finished(self.steps(context))
 
     def invoke(self, context, event):
         self._steps = self.steps(context)

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ..crowd_lod.errors import CrowdError
-from .bake import bake, share
+from ..crowd_lod.steps import share
+from .bake import bake
 from .build import build, remove_build
 from .follow import update
 from .levels import make_levels, remove_owned

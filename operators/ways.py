@@ -76,7 +76,7 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
 def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
     """By quadric edge collapse, and what it loses carried over; yields between its steps and returns the Made."""
     start = clock.perf_counter()
-    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams, source.skin)
+    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams, source.posed[0])
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import cameras, follow, threads
 from crowd_lod_extension.operators import scene as io
@@ -25,15 +26,6 @@ def columns(scene, *names):
             attribute.data.foreach_get("vector" if width == 3 else "value", values)
             found[bucket, name] = values.tobytes()
     return found
-
-
-def finished(steps):
-    """What the generator returns at its end."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 @pytest.fixture

@@ -6,20 +6,12 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import deviation, populate
 from crowd_lod_extension.operators.levels import make_levels
 from mathutils import Matrix, Vector
 
 GROUP = Group("one", 0, 1, 0, 1)
-
-
-def finish(steps):
-    """What the generator returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 def sphere(rings, segments, radius=1.0):
@@ -40,7 +32,7 @@ def sphere(rings, segments, radius=1.0):
 def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
     ball, octahedron = sphere(200, 400, radius=2.0), sphere(2, 4, radius=2.0)
     assert len(octahedron.data.polygons) == 8
-    found = finish(deviation.measure(GROUP, [ball], [[ball], [octahedron]]))
+    found = finished(deviation.measure(GROUP, [ball], [[ball], [octahedron]]))
     inside = 2 / np.sqrt(3)  # of the faces' planes from the centre
     assert found.deviations[0] == found.rms[0] == 0
     assert found.deviations[1] == pytest.approx(2 - inside, rel=2e-3)
@@ -62,7 +54,7 @@ def test_a_plane_deviates_by_what_it_was_moved_in_world_space(scale):
         item.scale = (scale,) * 3
         item.location = (1000, -500, 3)
     moved.location.z += 0.1 * scale
-    found = finish(deviation.measure(GROUP, [source], [[moved]]))
+    found = finished(deviation.measure(GROUP, [source], [[moved]]))
     assert found.deviations == pytest.approx((0.1 * scale,), rel=1e-3)
     assert found.rms == pytest.approx((0.1 * scale,), rel=1e-3)
     assert found.diagonal == pytest.approx(np.sqrt(8) * scale, rel=1e-5)
@@ -105,7 +97,7 @@ def bending_armature():
 def test_wrong_weights_show_in_motion_alone():
     rig = bending_armature()
     right, wrong = cylinder("right", rig, 1.0), cylinder("wrong", rig, 1.5)
-    found = finish(deviation.measure(GROUP, [right], [[right], [wrong]]))
+    found = finished(deviation.measure(GROUP, [right], [[right], [wrong]]))
     assert found.deviations[0] == 0
     with deviation.Posed([right], [[wrong]]) as posed:
         at_rest, (other,) = posed.at(1)
@@ -121,7 +113,7 @@ def test_all_objects_of_a_character_count_together(scene):
     far = belt.copy()
     far.location.x = 3.25
     # where one object of the LOD lies off its own, but on the other's surface, nothing deviates
-    found = finish(deviation.measure(GROUP, [body, belt], [[belt, body], [body, far]]))
+    found = finished(deviation.measure(GROUP, [body, belt], [[belt, body], [body, far]]))
     assert found.deviations[0] < 1e-6 and found.deviations[1] == pytest.approx(0.25, rel=0.02)
 
 
@@ -133,7 +125,7 @@ def test_the_source_counts_as_it_is_rendered():
         modifier = item.modifiers.new("smooth", "SUBSURF")
         modifier.levels, modifier.render_levels = 0, 3
     bare = sphere(4, 6)
-    found = finish(deviation.measure(GROUP, [rough], [[bare], [hidden]]))
+    found = finished(deviation.measure(GROUP, [rough], [[bare], [hidden]]))
     assert found.deviations[0] > 0.1 and found.deviations[1] == 0
     assert rough.modifiers[0].levels == 0 and hidden.hide_viewport
 
@@ -142,9 +134,9 @@ def test_what_shows_no_face_is_named():
     ball, nothing = sphere(4, 6), bpy.data.objects.new("nothing", bpy.data.meshes.new("nothing"))
     before = set(bpy.data.user_map())
     with pytest.raises(CrowdError, match="LOD 1 of one has no face"):
-        finish(deviation.measure(GROUP, [ball], [[ball], [nothing]]))
+        finished(deviation.measure(GROUP, [ball], [[ball], [nothing]]))
     with pytest.raises(CrowdError, match="character one shows no face"):
-        finish(deviation.measure(GROUP, [nothing], [[ball]]))
+        finished(deviation.measure(GROUP, [nothing], [[ball]]))
     assert set(bpy.data.user_map()) == before
 
 

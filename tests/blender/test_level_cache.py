@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators.levels import make_levels
 
 from .characters import character, new, rig, skin, tube
@@ -10,12 +11,8 @@ from .characters import character, new, rig, skin, tube
 
 def run(scene):
     """The Outcome of making the LODs, and per LOD object its mesh."""
-    steps = make_levels(scene)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value, {item.name: item for item in scene.crowd_lod.levels.all_objects}
+    outcome = finished(make_levels(scene))
+    return outcome, {item.name: item for item in scene.crowd_lod.levels.all_objects}
 
 
 @pytest.fixture

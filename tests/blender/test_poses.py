@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.poses import MOST
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
@@ -24,15 +25,6 @@ def shown(scene):
             matrix = np.array(each.matrix_world)
             points = vertices(each.object.data)
             yield each.persistent_id[1], each.parent.original[builder.LEVEL], points @ matrix[:3, :3].T + matrix[:3, 3]
-
-
-def yielded(steps):
-    """What the generator returns in the end."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value
 
 
 def test_an_instance_stands_as_its_character_does_at_its_phase(built):
@@ -147,7 +139,7 @@ def test_a_text_is_posed_as_a_mesh_that_shows_as_it_does_and_hair_keeps_its_shap
     hair.parent = sign
     scene.crowd_lod.level_count = 2
     list(make_levels(scene))
-    posed = yielded(make_poses(scene))
+    posed = finished(make_poses(scene))
     for k in range(2):
         signs, hairs = ([item for pose in posed.collections[k] for item in pose.objects if kind in item.name] for kind in ("sign", "hair"))
         assert len(signs) == len(hairs) == posed.counts[0, k] > 8
