@@ -6,6 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from ..crowd_lod.agents import Group
+from ..crowd_lod.animation import SkinnedMesh
 from . import programs
 from .joints import Character
 from .points import Drawing
@@ -13,6 +14,9 @@ from .srgb import encoded
 
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5
+TEXEL = 16  # bytes
+WIDEST = 16384  # texels, of a texture on every GPU
+MOST_SKINNED = 64e6  # bytes of a LOD's skinned frames
 KEY = np.array([-0.4, 0.55, 0.75])  # towards the key light, in the viewer's space
 
 
@@ -25,12 +29,31 @@ class Cast:
     def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
         arrays = [each for character in characters for mesh in character.meshes for each in vars(mesh).values()]
         arrays += [each for character in characters for each in (character.frames, character.images)]
-        self.nbytes = sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
         self.characters = characters
         self.boxes = [_batch(*_box(group)) for group in groups] if not characters else []
         self.joints = [_joint_texture(character.frames) for character in characters]
         self.images = [_images(character.images) for character in characters]
         self.meshes = [[_skinned_batch(mesh) for mesh in character.meshes] for character in characters]
+        self.skinned = [
+            [_skinned_frames(mesh, len(character.frames), joints) for mesh in character.meshes]
+            for character, joints in zip(characters, self.joints, strict=True)
+        ]
+        skinned = sum(TEXEL * each.width * each.height for levels in self.skinned for each in levels if each)
+        self.nbytes = skinned + sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
+
+    def kind(self, level: int, group: int) -> str:
+        """How programs.mesh_interface draws the LOD of the group."""
+        if not self.characters:
+            return "RIGID"
+        return "JOINTS" if self.skinned[group][level] is None else "FRAMES"
+
+    def bind(self, shader, level: int, group: int) -> None:
+        """Give `shader`, of programs.mesh_interface and of kind(), what it poses the group's LOD with."""
+        if self.kind(level, group) == "JOINTS":
+            shader.uniform_sampler("joint_frames", self.joints[group])
+        else:
+            shader.uniform_sampler("skinned_frames", self.skinned[group][level])
+        shader.uniform_int("frame_count", len(self.characters[group].frames))
 
 
 class Batches:
@@ -113,35 +136,30 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
     """One instanced draw a LOD and group, the finest LOD first."""
     import gpu
 
-    cast = batches.cast
+    cast, bound = batches.cast, None
     batches.view.update(view_buffer(matrix, view, batches.turn))
     materials = batches.materials and bool(cast.characters)
-    shader = programs.meshes(bool(cast.characters), materials, batches.fading)
-    shader.bind()
-    shader.uniform_block("view", batches.view)
-    shader.uniform_sampler("agents", batches.agents)
-    if not materials:
-        shader.uniform_sampler("palette", batches.palette)
     for level, group, first, count in batches.draws:
-        shader.uniform_int("base", first)
-        if not cast.characters:
-            gpu.state.face_culling_set("BACK")
-            cast.boxes[group].draw_instanced(shader, instance_start=0, instance_count=count)
+        batch = cast.meshes[group][level] if cast.characters else cast.boxes[group]
+        if batch is None:
             continue
-        mesh, batch = cast.characters[group].meshes[level], cast.meshes[group][level]
-        if batch is not None:
-            bind_joints(shader, cast, group)
-            if materials:
-                shader.uniform_sampler("images", cast.images[group])
-            gpu.state.face_culling_set("BACK" if mesh.closed else "NONE")
-            batch.draw_instanced(shader, instance_start=0, instance_count=count)
+        kind = cast.kind(level, group)
+        if kind != bound:
+            shader, bound = programs.meshes(kind, materials, batches.fading), kind
+            shader.bind()
+            shader.uniform_block("view", batches.view)
+            shader.uniform_sampler("agents", batches.agents)
+            if not materials:
+                shader.uniform_sampler("palette", batches.palette)
+        if cast.characters:
+            cast.bind(shader, level, group)
+        if materials:
+            shader.uniform_sampler("images", cast.images[group])
+        closed = not cast.characters or cast.characters[group].meshes[level].closed
+        gpu.state.face_culling_set("BACK" if closed else "NONE")
+        shader.uniform_int("base", first)
+        batch.draw_instanced(shader, instance_start=0, instance_count=count)
     gpu.state.face_culling_set("NONE")
-
-
-def bind_joints(shader, cast: Cast, group: int) -> None:
-    """Give `shader`, of programs.mesh_interface, the joint frames of the group."""
-    shader.uniform_sampler("joint_frames", cast.joints[group])
-    shader.uniform_int("frame_count", len(cast.characters[group].frames))
 
 
 def view_buffer(matrix: np.ndarray, view: np.ndarray, turn: float):
@@ -216,6 +234,27 @@ def _joint_texture(frames: np.ndarray):
     return _texture(frames.reshape(len(frames), -1, 4))
 
 
+def _skinned_frames(mesh: SkinnedMesh, frames: int, joints):
+    """A row a frame, a texel a vertex: its place and its normal, skinned on the GPU with the texture `joints`. None for a
+    mesh that is too large, and is skinned at each drawing of an instance."""
+    import gpu
+    from gpu.types import GPUFrameBuffer, GPUTexture
+
+    size = len(mesh.points), frames
+    if not len(mesh.triangles) or size[0] > WIDEST or TEXEL * size[0] * size[1] > MOST_SKINNED:
+        return None
+    columns = {"position": mesh.points, "normal": mesh.normals, "joints": mesh.joints, "weights": mesh.weights}
+    texture, shader = GPUTexture(size, format="RGBA32F"), programs.skin()
+    with GPUFrameBuffer(color_slots=texture).bind(), _gpu_state():
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set("NONE")
+        shader.bind()
+        shader.uniform_sampler("joint_frames", joints)
+        shader.uniform_float("size", size)
+        _batch(columns, None, "POINTS").draw_instanced(shader, instance_start=0, instance_count=frames)
+    return texture
+
+
 def _images(pictures: np.ndarray):
     """A texture of `pictures` (n, size, size, 4) uint8."""
     from gpu.types import Buffer, GPUTexture
@@ -230,7 +269,7 @@ def _images(pictures: np.ndarray):
     return texture
 
 
-def _skinned_batch(mesh):
+def _skinned_batch(mesh: SkinnedMesh):
     """The batch of a LOD mesh; None without triangles."""
     columns = {
         "position": mesh.points,

@@ -13,24 +13,21 @@ def source(*names: str) -> str:
     return "\n".join((SHADERS / name).read_text(encoding="utf-8") for name in names)
 
 
-def mesh_interface(skinned: bool, materials: bool = False):
-    """What all programs that draw instances of meshes take in; see `Batches` for what it is."""
-    from gpu.types import GPUShaderCreateInfo
+def mesh_interface(kind: str, materials: bool = False):
+    """What all programs that draw instances of meshes take in; see `Batches` for what it is.
 
-    info = GPUShaderCreateInfo()
+    kind: RIGID for boxes; JOINTS for meshes that are skinned from joint frames; FRAMES for those that are already, at each
+    frame of the action.
+    """
+    info = _vertex_interface(kind)
     info.typedef_source(VIEW)
+    info.define("INSTANCES", "1")
     info.define("TEXELS", str(TEXELS))
     info.uniform_buf(0, "CrowdView", "view")
     info.sampler(0, "FLOAT_2D", "agents")
     info.push_constant("INT", "base")
-    info.vertex_in(0, "VEC3", "position")
-    info.vertex_in(1, "VEC3", "normal")
-    if skinned:
-        info.define("SKINNED", "1")
-        info.sampler(1, "FLOAT_2D", "joint_frames")
+    if kind != "RIGID":
         info.push_constant("INT", "frame_count")
-        info.vertex_in(2, "UVEC4", "joints")
-        info.vertex_in(3, "VEC4", "weights")
     if materials:
         info.define("MATERIALS", "1")
         info.vertex_in(4, "VEC2", "uv")
@@ -41,14 +38,30 @@ def mesh_interface(skinned: bool, materials: bool = False):
     return info
 
 
+def _vertex_interface(kind: str):
+    from gpu.types import GPUShaderCreateInfo
+
+    info = GPUShaderCreateInfo()
+    info.define(kind, "1")
+    if kind != "RIGID":
+        info.sampler(1, "FLOAT_2D", "joint_frames" if kind == "JOINTS" else "skinned_frames")
+    if kind != "FRAMES":
+        info.vertex_in(0, "VEC3", "position")
+        info.vertex_in(1, "VEC3", "normal")
+    if kind == "JOINTS":
+        info.vertex_in(2, "UVEC4", "joints")
+        info.vertex_in(3, "VEC4", "weights")
+    return info
+
+
 @cache
-def meshes(skinned: bool, materials: bool, fading: bool):
+def meshes(kind: str, materials: bool, fading: bool):
     """Draws instances: of LOD meshes, in their materials' colours or those of the palette, or of rigid boxes."""
     from gpu import shader
     from gpu.types import GPUStageInterfaceInfo
 
-    info = mesh_interface(skinned, materials)
-    between = GPUStageInterfaceInfo(f"crowd_lod_mesh_{skinned:d}{materials:d}{fading:d}")
+    info = mesh_interface(kind, materials)
+    between = GPUStageInterfaceInfo(f"crowd_lod_mesh_{kind}_{materials:d}{fading:d}")
     between.smooth("VEC3", "lit")
     if materials:
         between.smooth("VEC3", "image_at")
@@ -60,6 +73,23 @@ def meshes(skinned: bool, materials: bool, fading: bool):
     info.fragment_out(0, "VEC4", "result")
     info.vertex_source(source("common.glsl", "mesh.vert.glsl"))
     info.fragment_source(source("mesh.frag.glsl"))
+    return shader.create_from_info(info)
+
+
+@cache
+def skin():
+    """Skins a mesh at all frames of an action, into a texture."""
+    from gpu import shader
+    from gpu.types import GPUStageInterfaceInfo
+
+    between = GPUStageInterfaceInfo("crowd_lod_skin")
+    between.flat("VEC4", "texel")
+    info = _vertex_interface("JOINTS")
+    info.push_constant("VEC2", "size")
+    info.vertex_out(between)
+    info.fragment_out(0, "VEC4", "result")
+    info.vertex_source(source("common.glsl", "skin.vert.glsl"))
+    info.fragment_source(source("skin.frag.glsl"))
     return shader.create_from_info(info)
 
 
@@ -112,5 +142,5 @@ def lines():
 
 def forget() -> None:
     """Let the programs go."""
-    for made in (meshes, points, depth, lines):
+    for made in (meshes, skin, points, depth, lines):
         made.cache_clear()

@@ -1,4 +1,4 @@
-/* Shared by all shaders of meshes: data in textures, the skinning of crowd_lod/animation.py, the dither. */
+/* Shared by all shaders of meshes: data in textures, the skinning of crowd_lod/animation.py. */
 
 /* An affine matrix as three rows. */
 struct Rows {
@@ -25,7 +25,33 @@ vec3 moved(Rows m, vec3 point)
   return turned(m, point) + vec3(m.x.w, m.y.w, m.z.w);
 }
 
-#ifdef SKINNED
+/* A direction in a float, to 1 in 2,000, and back. Source: Cigolle et al., "Survey of efficient representations for
+ * independent unit vectors", 2014: octahedral, 12 bits each way. */
+const float STEPS = 4095.0;
+
+float coded(vec3 direction)
+{
+  vec3 n = direction / max(abs(direction.x) + abs(direction.y) + abs(direction.z), 1e-20);
+  vec2 plane = n.z < 0.0 ? (1.0 - abs(n.yx)) * vec2(n.x < 0.0 ? -1.0 : 1.0, n.y < 0.0 ? -1.0 : 1.0) : n.xy;
+  vec2 whole = round((0.5 + 0.5 * plane) * STEPS);
+  return whole.x * (STEPS + 1.0) + whole.y;
+}
+
+vec3 decoded(float code)
+{
+  float x = floor(code / (STEPS + 1.0));
+  vec2 plane = vec2(x, code - x * (STEPS + 1.0)) * (2.0 / STEPS) - 1.0;
+  float z = 1.0 - abs(plane.x) - abs(plane.y);
+  vec2 fold = vec2(max(-z, 0.0));
+  return vec3(plane - fold * vec2(plane.x < 0.0 ? -1.0 : 1.0, plane.y < 0.0 ? -1.0 : 1.0), z);
+}
+
+/* A vertex in the character's space. */
+struct Posed {
+  vec3 at, facing;
+};
+
+#ifdef JOINTS
 Rows joint(int frame, int number)
 {
   ivec2 at = ivec2(3 * number, frame);
@@ -33,27 +59,30 @@ Rows joint(int frame, int number)
               texelFetch(joint_frames, at + ivec2(2, 0), 0));
 }
 
-/* The vertex's matrix to the character's space at `phase`: two frames mixed linearly, joints blended by weight. Weights
- * fall, so the first zero ends them. */
-Rows skinned(float phase, uvec4 joints, vec4 weights)
+/* The vertex at a frame of the action: joints blended by weight. Weights fall, so the first zero ends them. */
+Posed posed(int frame)
 {
-  float at = phase * float(frame_count - 1);
-  int first = clamp(int(at), 0, max(frame_count - 2, 0));
-  int second = min(first + 1, frame_count - 1);
-  float part = at - float(first);
   Rows sum = Rows(vec4(0.0), vec4(0.0), vec4(0.0));
   for (int i = 0; i < 4; i++) {
     if (weights[i] == 0.0) {
       break;
     }
-    int number = int(joints[i]);
-    sum = added(sum, scaled(joint(first, number), weights[i] * (1.0 - part)));
-    sum = added(sum, scaled(joint(second, number), weights[i] * part));
+    sum = added(sum, scaled(joint(frame, int(joints[i])), weights[i]));
   }
-  return sum;
+  return Posed(moved(sum, position), turned(sum, normal));
 }
 #endif
 
+#ifdef FRAMES
+/* The vertex at a frame of the action, as skin.vert.glsl left it. */
+Posed posed(int frame)
+{
+  vec4 texel = texelFetch(skinned_frames, ivec2(gl_VertexID, frame), 0);
+  return Posed(texel.xyz, decoded(texel.w));
+}
+#endif
+
+#ifdef INSTANCES
 /* An instance: two texels of a texture that is TEXELS wide. */
 struct Agent {
   vec3 feet; /* relative to the drawing's origin */
@@ -91,3 +120,16 @@ vec3 oriented(Agent a, vec3 v)
 {
   return a.x_axis * v.x + a.y_axis * v.y + a.z_axis * v.z;
 }
+
+#if defined(JOINTS) || defined(FRAMES)
+/* The vertex at `phase`: two frames mixed linearly, which comes to the same as mixing their joints. */
+Posed posed_at(float phase)
+{
+  float at = phase * float(frame_count - 1);
+  int first = clamp(int(at), 0, max(frame_count - 2, 0));
+  Posed one = posed(first), two = posed(min(first + 1, frame_count - 1));
+  float part = at - float(first);
+  return Posed(mix(one.at, two.at, part), mix(one.facing, two.facing, part));
+}
+#endif
+#endif

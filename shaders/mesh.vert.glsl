@@ -2,14 +2,13 @@
 void main()
 {
   Agent a = agent(base + gl_InstanceID);
-#ifdef SKINNED
-  Rows rest = skinned(a.phase, joints, weights);
-  vec3 at = moved(rest, position), facing = turned(rest, normal);
+#if defined(JOINTS) || defined(FRAMES)
+  Posed here = posed_at(a.phase);
 #else
-  vec3 at = position, facing = normal;
+  Posed here = Posed(position, normal);
 #endif
-  gl_Position = view.matrix * vec4(a.feet + oriented(a, at), 1.0);
-  vec3 n = normalize(oriented(a, facing));
+  gl_Position = view.matrix * vec4(a.feet + oriented(a, here.at), 1.0);
+  vec3 n = normalize(oriented(a, here.facing));
   float light = mix(0.3, 0.55, 0.5 + 0.5 * n.z) + 0.55 * max(dot(n, view.key.xyz), 0.0);
 #ifdef MATERIALS
   lit = base_colour * light;

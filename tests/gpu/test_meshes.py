@@ -60,9 +60,15 @@ def characters(scene):
     return tuple(bake(str(g), homes(scene, g)) for g in range(3))
 
 
-@pytest.fixture(scope="module")
-def cast(characters):
-    return Cast((), characters)
+@pytest.fixture(scope="module", params=["FRAMES", "JOINTS"])
+def cast(characters, request):
+    """Meshes skinned at each frame of the action beforehand, and skinned while they are drawn, as very large ones are."""
+    with pytest.MonkeyPatch.context() as patch:
+        if request.param == "JOINTS":
+            patch.setattr(gpu_side, "MOST_SKINNED", 0)
+        cast = Cast((), characters)
+    assert all(cast.kind(level, group) == request.param for level in range(3) for group in range(3))
+    return cast
 
 
 def instances(rows, draws, **others):
@@ -83,7 +89,8 @@ def row(x, y, z=0.0, heading=0.0, phase=0.0, colour=0, share=0.0, pitch=0.0, rol
 def placed(what, cast, group, level) -> np.ndarray:
     """Where the shader puts each vertex of the mesh, (agents, vertices, 3): the pixels of a float32 target."""
     mesh = cast.characters[group].meshes[level]
-    info, between = programs.mesh_interface(skinned=True), gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
+    kind = cast.kind(level, group)
+    info, between = programs.mesh_interface(kind), gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
     between.flat("VEC3", "world")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
@@ -92,9 +99,9 @@ def placed(what, cast, group, level) -> np.ndarray:
     void main()
     {{
       Agent a = agent(base + gl_InstanceID);
-      world = a.feet + oriented(a, moved(skinned(a.phase, joints, weights), position));
+      world = a.feet + oriented(a, posed_at(a.phase).at);
       vec2 pixel = (vec2(gl_VertexID, gl_InstanceID) + 0.5) / vec2({columns}.0, {count}.0);
-      gl_Position = vec4(2.0 * pixel - 1.0, 0.0, 1.0) + 0.0 * vec4(normal, texelFetch(palette, ivec2(0), 0).x);
+      gl_Position = vec4(2.0 * pixel - 1.0, 0.0, 1.0) + 0.0 * vec4(texelFetch(palette, ivec2(0), 0).x);
       gl_PointSize = 1.0;
     }}"""
     info.vertex_source(programs.source("common.glsl") + main)
@@ -113,7 +120,7 @@ def placed(what, cast, group, level) -> np.ndarray:
             shader.uniform_block("view", batches.view)
             shader.uniform_sampler("agents", batches.agents)
             shader.uniform_sampler("palette", batches.palette)
-            gpu_side.bind_joints(shader, cast, group)
+            cast.bind(shader, level, group)
             shader.uniform_int("base", 0)
             points.draw_instanced(shader, instance_start=0, instance_count=count)
             pixels = buffer.read_color(0, 0, columns, count, 4, 0, "FLOAT")
@@ -269,6 +276,16 @@ def test_agents_stand_on_their_pixels_at_their_lod(cast):
         v, u = np.nonzero(found == k)
         box = u.min(), v.min(), u.max() + 1, v.max() + 1
         assert box == pytest.approx((*place.min(axis=0), *place.max(axis=0)), abs=2)  # thin tips miss pixels
+
+
+def test_both_ways_of_skinning_draw_the_same(characters, monkeypatch):
+    what = instances(some(7), [(0, 0, 0, 3), (1, 1, 3, 2), (2, 2, 5, 2)])
+    frames, _ = picture(what, Cast((), characters))
+    monkeypatch.setattr(gpu_side, "MOST_SKINNED", 0)
+    joints, _ = picture(what, Cast((), characters))
+    off = np.abs(frames - joints).max(axis=-1)
+    assert (joints > 0).any(axis=-1).sum() > 2000
+    assert (off > 2 / 255).sum() <= 10  # pixels on edges, which rounding gives to the one triangle or the other
 
 
 def test_a_cross_fade_fills_every_pixel_once(cast):

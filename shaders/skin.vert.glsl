@@ -1,0 +1,10 @@
+/* A vertex of a LOD mesh at a frame of the action (the instance), as the pixel of a texture: its place, and its normal packed.
+ * Skinned so once a frame of the action, an instance only mixes two frames. */
+void main()
+{
+  Posed here = posed(gl_InstanceID);
+  texel = vec4(here.at, coded(here.facing));
+  vec2 pixel = (vec2(gl_VertexID, gl_InstanceID) + 0.5) / size;
+  gl_Position = vec4(2.0 * pixel - 1.0, 0.0, 1.0);
+  gl_PointSize = 1.0;
+}
