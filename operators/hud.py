@@ -98,8 +98,9 @@ def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
     return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
 
 
-def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float) -> None:
-    """Write into the box (left, bottom, right, top) of the region that is being drawn, pixels, from the top down."""
+def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float) -> tuple[float, float]:
+    """Write into the box (left, bottom, right, top) of the region that is being drawn, pixels, from the top down; returns
+    the (right, bottom) of what was written."""
     import blf
 
     left, bottom, right, top = box
@@ -108,7 +109,7 @@ def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale
     letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
     fitting = broken(said, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
     if right - left < NARROWEST * ui_scale or not fitting:
-        return
+        return left, top
     width = indent + max(blf.dimensions(0, each.text)[0] for each in fitting)
     edge = MARGIN * ui_scale / 2
     _fill(left + edge, top - len(fitting) * line - 2 * edge, left + width + 2 * edge, top, BEHIND)
@@ -120,6 +121,7 @@ def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale
         blf.color(0, *WHITE)
         blf.position(0, left + indent + edge, base, 0)
         blf.draw(0, each.text)
+    return left + width + 2 * edge, top - len(fitting) * line - 2 * edge
 
 
 def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:

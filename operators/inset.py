@@ -54,13 +54,16 @@ def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale
     return colour
 
 
-def show(texture, box: tuple[float, float, float, float], ui_scale: float) -> None:
-    """Draw the picture into the right bottom corner of the box (left, bottom, right, top) of the region, pixels."""
+def show(texture, box: tuple[float, float, float, float], taken: tuple[float, float], ui_scale: float) -> None:
+    """Draw the picture into the right bottom corner of the box (left, bottom, right, top) of the region, pixels, beside or
+    below what is taken of its left top corner, to (right, bottom)."""
     from gpu_extras.presets import draw_texture_2d
 
     left, bottom, right, top = box
     width, height = SIZE
-    scale = min(ui_scale, MOST * (right - left) / width, MOST * (top - bottom) / height)
+    margin = MARGIN * ui_scale
+    free = max((right - taken[0] - 2 * margin) / width, (taken[1] - bottom - 2 * margin) / height)
+    scale = min(ui_scale, free, MOST * (right - left) / width, MOST * (top - bottom) / height)
     if scale >= SMALLEST * ui_scale:
-        at = right - MARGIN * ui_scale - scale * width, bottom + MARGIN * ui_scale
+        at = right - margin - scale * width, bottom + margin
         draw_texture_2d(texture, at, scale * width, scale * height, is_scene_linear_with_rec709_srgb_target=True)

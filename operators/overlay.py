@@ -174,14 +174,16 @@ def _draw_figures(context) -> None:
         return
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
     main = context.region_data == context.space_data.region_3d  # of a quad view only the one that turns freely
-    if settings.inset and main:
-        inset.show(_picture_from_above(shown, ui_scale), box, ui_scale)
+    above = _picture_from_above(shown, ui_scale) if settings.inset and main else None
     told = account_of(scene)
     if told is not None:
         hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
+    taken = box[0], box[3]
     if settings.hud and main:
         gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
-        hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
+        taken = hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
+    if above is not None:
+        inset.show(above, box, taken, ui_scale)
 
 
 def _picture_from_above(shown: Shown, ui_scale: float):

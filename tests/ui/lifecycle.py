@@ -1,22 +1,9 @@
 """Steps of session.py: pointing at agents, and all that may happen to a scene, a file or a window while the overlay is on."""
 
-import sys
-
 import bpy
 import robot
 from mathutils import Quaternion, Vector
-
-
-def scene():
-    return robot.window().scene
-
-
-def settings():
-    return scene().crowd_lod
-
-
-def overlay():
-    return sys.modules[f"{robot.MODULE}.operators.overlay"]
+from robot import overlay, scene, settings
 
 
 def seen():

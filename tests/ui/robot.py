@@ -4,6 +4,7 @@ import faulthandler
 import os
 import shutil
 import subprocess
+import sys
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -49,6 +50,19 @@ def start(folder):
 
 def window() -> bpy.types.Window:
     return bpy.context.window_manager.windows[0]
+
+
+def scene() -> bpy.types.Scene:
+    return window().scene
+
+
+def settings():
+    return scene().crowd_lod
+
+
+def overlay():
+    """The extension's module."""
+    return sys.modules[f"{MODULE}.operators.overlay"]
 
 
 def window_of(image) -> bpy.types.Window:

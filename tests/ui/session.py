@@ -15,6 +15,7 @@ import bpy
 sys.path.insert(0, str(Path(__file__).parent))
 import lifecycle as life  # noqa: E402
 import robot  # noqa: E402
+from robot import overlay, scene, settings  # noqa: E402
 
 FOLDER, *CHOSEN = sys.argv[sys.argv.index("--") + 1 :]
 FOLDER = Path(FOLDER)
@@ -34,18 +35,6 @@ def session():
         started = time.monotonic()
         results[step.__name__] = yield from step()
         results[step.__name__]["seconds"] = round(time.monotonic() - started, 1)
-
-
-def scene():
-    return robot.window().scene
-
-
-def settings():
-    return scene().crowd_lod
-
-
-def overlay():
-    return sys.modules[f"{robot.MODULE}.operators.overlay"]
 
 
 def listen():
