@@ -6,7 +6,7 @@ from ..crowd_lod.maps import Area
 from .drawing import Batches, paint
 
 SIZE = 360, 270  # nominal pixels
-SMALLEST = 0.35  # of SIZE, below which there is none
+SMALLEST = 0.3  # of SIZE, below which there is none
 MOST = 0.45  # of the viewport's width and height
 MARGIN = 10.0  # nominal pixels
 POINTS = 0.6  # how large agents are, compared with those in the viewport
