@@ -14,7 +14,7 @@ from . import scene as io
 from . import source as sources
 from .deviation import measure, poses
 from .operator import Stepwise
-from .populate import armatures_of, characters_of, measure_groups, store_groups
+from .populate import armatures_of, characters_of, measuring_groups, store_groups
 from .skin import skin_of
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
@@ -70,8 +70,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     """
     settings = scene.crowd_lod
     characters = characters_of(scene)
-    groups = measure_groups(scene)
     ratios = chain.ratios_of(settings)
+    groups = yield from standing(measuring_groups(scene), 0.0)
     earlier = settings.levels
     before = set(bpy.data.user_map())
     done = False

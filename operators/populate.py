@@ -1,7 +1,8 @@
 """From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
 
 import hashlib
-from collections.abc import Sequence
+import time as clock
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import bpy
@@ -16,14 +17,16 @@ from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
 from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from ..crowd_lod.shadows import Surroundings, surround
+from ..crowd_lod.steps import finished, share
 from . import scene as io
 from .cameras import read_cameras, read_shutter
-from .operator import Reporting
+from .operator import Stepwise
 from .source import may_have_faces, parts
 from .trouble import find
 
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
 MOST_POSES = 120
+TICK = 0.25  # seconds of measuring at a time
 # Trajectories by the digest of all they depend on: a cache, never the truth.
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
@@ -68,14 +71,21 @@ def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
-    """Every character group with its bounding sphere, stride and period; what is known of its LOD meshes is kept."""
+    """What `measuring_groups` measures, in one go."""
+    return finished(measuring_groups(scene))
+
+
+def measuring_groups(scene: bpy.types.Scene) -> Iterator[float]:
+    """Measure every character group's bounding sphere, stride and period; what is known of its LOD meshes is kept. Yields the
+    progress, 0 to 1, and returns the groups."""
     settings = scene.crowd_lod
     fps = scene.render.fps / scene.render.fps_base
     known = {group.name: group for group in groups_of(settings)}
-    measured = []
-    for name, objects, origin in characters_of(scene):
+    measured, characters = [], characters_of(scene)
+    for g, (name, objects, origin) in enumerate(characters):
         first, last = action_range(objects)
-        centre, radius = _bounds(objects, origin, _poses(first, last))
+        posing = share(_posing(objects, _poses(first, last)), g / len(characters), (g + 1) / len(characters))
+        centre, radius = _bounds(objects[0].name, origin, (yield from posing))
         stride = _custom(settings.characters, name, "stride")
         found = Group(name, centre, radius, stride, (last - first) / fps)
         lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
@@ -112,26 +122,37 @@ def _poses(first: float, last: float) -> np.ndarray:
     return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
 
 
-def _bounds(objects: list[bpy.types.Object], origin, frames: np.ndarray) -> tuple[float, float]:
-    """(centre, radius) of the sphere about the group's origin that holds the objects at all `frames`, and between them.
+def _posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Iterator[float]:
+    """Yields the progress, with nothing of its own in the file then, and returns the vertices (n, 3) of all objects, world
+    metres, at each of the `frames`."""
+    poses = []
+    while len(poses) < len(frames):
+        with io.scratch():
+            stage = bpy.data.scenes.new("Crowd LOD measure")
+            for item in {*objects, *armatures_of(objects)}:
+                stage.collection.objects.link(item)
+            until = clock.monotonic() + TICK
+            for frame in frames[len(poses) :]:
+                stage.frame_set(int(frame // 1), subframe=float(frame % 1))
+                depsgraph = stage.view_layers[0].depsgraph
+                poses.append(np.concatenate([io.world_points(item.evaluated_get(depsgraph)) for item in objects]))
+                if clock.monotonic() >= until:
+                    break
+        yield len(poses) / len(frames)
+    return poses
+
+
+def _bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
+    """(centre, radius) of the sphere about the group's origin that holds the objects in all `poses`, and between them.
 
     Between two frames a vertex leaves the straight line by up to an eighth of its acceleration, which the second
     difference of three poses is near; twice that is added.
     """
-    poses = []
-    with io.scratch():
-        stage = bpy.data.scenes.new("Crowd LOD measure")
-        for item in {*objects, *armatures_of(objects)}:
-            stage.collection.objects.link(item)
-        for frame in frames:
-            stage.frame_set(int(frame // 1), subframe=float(frame % 1))
-            depsgraph = stage.view_layers[0].depsgraph
-            poses.append(np.concatenate([io.world_points(item.evaluated_get(depsgraph)) for item in objects]))
     points = np.concatenate(poses) - np.array(origin)
     if not len(points):
-        raise CrowdError(f"The character {objects[0].name} has no vertices, modifiers applied: give it a mesh, or take it out.")
+        raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
     if not np.isfinite(points).all():
-        raise CrowdError(f"The character {objects[0].name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
+        raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
     centre, radius = bounding_sphere(points)
     threes = zip(poses, poses[1:], poses[2:], strict=False)
     bends = (np.linalg.norm(a - 2 * b + c, axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
@@ -310,15 +331,15 @@ def forget() -> None:
     io.forget()
 
 
-class CROWDLOD_OT_populate(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     """Measure the characters and place the crowd at its first frame"""
 
     bl_idname = "crowd_lod.populate"
     bl_label = "Populate"
 
-    def run(self, context):
+    def steps(self, context):
         settings = context.scene.crowd_lod
-        groups = measure_groups(context.scene)
+        groups = yield from measuring_groups(context.scene)
         trajectory = trajectory_of(context.scene, groups)
         troubles = find(trajectory)
         store_groups(settings, groups)

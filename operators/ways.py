@@ -16,7 +16,7 @@ from .transfer import barycentric, charts_of, dress, weights_of
 SAMPLES = 5_000  # points that the two ways are compared at
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
 MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
-SLACK = 1.5  # how many times the precise way's distance the fast way's may be
+SLACK = 1.1  # how many times the precise way's distance the fast way's may be
 NEAR_ENOUGH = 5e-4  # of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
 MISSED = 1.1  # times the triangles asked for that are worth a word
 MOST_PRECISE = 300_000  # triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there

@@ -85,8 +85,7 @@ def test_a_second_run_replaces_the_first_and_spares_what_the_user_put_there(scen
 def test_esc_leaves_nothing(scene):
     before = set(bpy.data.user_map())
     steps = make_levels(scene)
-    next(steps), next(steps)
-    assert set(bpy.data.user_map()) - before
+    assert any(set(bpy.data.user_map()) - before for _ in steps)
     steps.close()
     assert set(bpy.data.user_map()) == before and scene.crowd_lod.levels is None
 

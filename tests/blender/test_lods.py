@@ -113,3 +113,17 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     for wrong in ("0", "-1", "nan", "inf"):
         assert cli._run([*map(str, words), "--tolerance", wrong], "crowd-lod") == 1
         assert "tolerance" in capfd.readouterr().err
+
+
+def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, monkeypatch):
+    whole = populate.measure_groups(scene)
+    monkeypatch.setattr(populate, "TICK", 0.0)  # a pose at a time
+    before, progress, steps = set(bpy.data.user_map()), [], populate.measuring_groups(scene)
+    while True:
+        try:
+            progress.append(next(steps))
+        except StopIteration as end:
+            assert end.value == whole
+            break
+        assert set(bpy.data.user_map()) == before
+    assert progress == sorted(progress) and len(progress) > 20 and progress[-1] == 1.0
