@@ -16,7 +16,7 @@ POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5
 TEXEL = 16  # bytes
 WIDEST = 16384  # texels, of a texture on every GPU
-MOST_SKINNED = 64e6  # bytes of a LOD's skinned frames
+MOST_SKINNED = 32e6  # bytes of a LOD's skinned frames
 KEY = np.array([-0.4, 0.55, 0.75])  # towards the key light, in the viewer's space
 
 
