@@ -1,6 +1,7 @@
 """The build without its handler: all frames' points in the file, and node groups that show those of the scene's frame."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import bpy
 import numpy as np
@@ -65,20 +66,44 @@ def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterat
     libraries = {bucket.name: Library(posed.counts[:, bucket.level], posed.rates) for bucket in buckets_of(scene)}
     rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in libraries}
     points = dict.fromkeys(libraries, 0)
-    for done, number in enumerate(frames):
-        time = io.remapped(render, number)
-        around = lights.read_surroundings(scene, None, time)
-        frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory, around)
-        held = held_by(scene, trajectory, number, frame.crowd)
-        for name, agents in members(frame).items():
-            rows[name].append(columns_in_time(trajectory, held, number, agents, libraries[name], tilt))
-            points[name] += len(agents)
-            if points[name] > MOST_POINTS:
-                raise CrowdError(
-                    f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of one LOD: bake fewer frames at a time."
-                )
-        yield (done + 1) / len(frames)
+    with _evaluated(scene) as depsgraph_at:
+        for done, number in enumerate(frames):
+            time = io.remapped(render, number)
+            around = lights.read_surroundings(scene, depsgraph_at(number), time)
+            frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory, around)
+            held = held_by(scene, trajectory, number, frame.crowd)
+            for name, agents in members(frame).items():
+                rows[name].append(columns_in_time(trajectory, held, number, agents, libraries[name], tilt))
+                points[name] += len(agents)
+                if points[name] > MOST_POINTS:
+                    raise CrowdError(
+                        f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of one LOD: bake fewer frames at a time."
+                    )
+            yield (done + 1) / len(frames)
     return rows
+
+
+@contextmanager
+def _evaluated(scene: bpy.types.Scene) -> Iterator[Callable[[int], bpy.types.Depsgraph | None]]:
+    """What gives the depsgraph of `scene`, but for its build, at a frame of the timeline, where a shadow's way ends in what it
+    holds, as in a render of that frame; with motion blur it does not, and none is given."""
+    if scene.render.use_motion_blur or not scene.crowd_lod.shadows:
+        yield lambda number: None
+        return
+    stage, built = scene.copy(), scene.crowd_lod.build
+    try:
+        stage.crowd_lod.build = None
+        if built is not None and built.name in stage.collection.children:
+            stage.collection.children.unlink(built)
+        layer = stage.view_layers[0]
+
+        def depsgraph_at(number: int) -> bpy.types.Depsgraph:
+            stage.frame_set(number)
+            return layer.depsgraph
+
+        yield depsgraph_at
+    finally:
+        bpy.data.scenes.remove(stage)
 
 
 def columns_in_time(
