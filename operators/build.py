@@ -158,21 +158,48 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             _exclude(view_layer.layer_collection, library)
     shelves = {child[LIBRARY]: child for child in library.children if LIBRARY in child}
-    gone = bpy.data.collections.new("Crowd LOD")
+    gone, spare = bpy.data.collections.new("Crowd LOD"), {}
+    scene.collection.children.link(gone)  # what the user put into poses is to stay in this scene
     for level, shelf in list(shelves.items()):
-        for pose in list(shelf.children):
-            shelf.children.unlink(pose)
-            gone.children.link(pose)
+        spare[level] = _emptied(shelf, gone)
         if level >= len(posed.collections):
             gone.children.link(shelves.pop(level))
-    remove_owned(gone)
     for level, poses in enumerate(posed.collections):
         if level not in shelves:
-            shelves[level] = _library(library, f"Crowd LOD {level} poses", level)
-        for pose in poses:
-            shelves[level].children.link(pose)
+            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} poses", level), []
+        for home in spare[level][len(poses) :]:
+            shelves[level].children.unlink(home)
+            gone.children.link(home)
+    remove_owned(gone)
+    for level, poses in enumerate(posed.collections):
+        homes = spare[level][: len(poses)]
+        for home in homes:
+            home.name = "Crowd LOD pose"  # none keeps what another is to be called
+        for number, (name, items) in enumerate(poses):
+            home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
+            home.name, home[OWNED] = name, True
+            for item in items:
+                home.objects.link(item)
+            if number >= len(homes):
+                shelves[level].children.link(home)
     for block, name in posed.names.items():
         block.name = name
+
+
+def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
+    """Move the poses in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes seconds
+    to remove thousands. Not so those where the user has put something."""
+    left = []
+    for home in list(shelf.children):
+        if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
+            for item in list(home.objects):
+                gone.objects.link(item)
+                home.objects.unlink(item)
+            left.append(home)
+        else:
+            shelf.children.unlink(home)
+            gone.children.link(home)
+    return left
 
 
 def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.Collection:

@@ -1,4 +1,4 @@
-"""Posed LODs: of each LOD of each character group one collection a pose, which the build's agents instance."""
+"""Posed LODs: of each LOD of each character group the objects of each pose, which the build's agents instance."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -28,16 +28,16 @@ class Posed:
 
     counts: (G, n), poses of each group and LOD, at each of its rates; blurred: whether their vertices have velocities, with
     which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see poses.rates_of. off: pixels that a vertex is at most from its place at the agent's own
-    phase, where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its collections, a pose each,
-    group after group; sorted by name they keep this order. names: what each new block is to be called, as soon as those
-    of an earlier build have gone.
+    phase, where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its poses, group after group,
+    each a collection's name and objects; sorted by name they keep this order. names: what each new block is to be called, as
+    soon as those of an earlier build have gone.
     """
 
     counts: np.ndarray
     blurred: bool
     rates: np.ndarray
     off: float
-    collections: list[list[bpy.types.Collection]]
+    collections: list[list[tuple[str, list[bpy.types.Object]]]]
     names: dict[bpy.types.ID, str]
 
 
@@ -79,12 +79,11 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
                         if between:
                             continue
                         for r, rate in enumerate(own * pace):
-                            pose = bpy.data.collections.new("Crowd LOD pose")
-                            names[pose] = f"{begins[k][g] + r * counts[g, k] + j:05d} {name} LOD {k}"
+                            pose = f"{begins[k][g] + r * counts[g, k] + j:05d} {name} LOD {k}", []
                             for item in home.objects:
                                 flow = flows.get(actors[item], 0.0) * rate
                                 evaluated = actors[item].evaluated_get(depsgraph)
-                                pose.objects.link(_still(item, home, evaluated, depsgraph, flow, meshes, names, j))
+                                pose[1].append(_still(item, home, evaluated, depsgraph, flow, meshes, names, j))
                             posed.collections[k].append(pose)
                     yield MEASURING + (1 - MEASURING) * (g + (step + 1) / finest) / len(characters)
         done = True
