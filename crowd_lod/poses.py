@@ -82,8 +82,10 @@ def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.n
     """
     counts = np.asarray(counts, np.int64)
     of = counts[group]
-    nearest = np.abs(rates[group] - rate[:, None]).argmin(axis=1)
-    return (first_poses(counts, rates)[group] + nearest * of + np.rint(phase * of).astype(np.int64) % of).astype(np.int32)
+    first = first_poses(counts, rates)[group]
+    if rates.shape[1] > 1:
+        first += np.abs(rates[group] - rate[:, None]).argmin(axis=1) * of
+    return (first + np.rint(phase * of).astype(np.int64) % of).astype(np.int32)
 
 
 def played(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -85,8 +85,8 @@ def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterat
 
 @contextmanager
 def _evaluated(scene: bpy.types.Scene) -> Iterator[Callable[[int], bpy.types.Depsgraph | None]]:
-    """What gives the depsgraph of `scene`, but for its build, at a frame of the timeline, where a shadow's way ends in what it
-    holds, as in a render of that frame; with motion blur it does not, and none is given."""
+    """What gives the depsgraph of `scene`, but for its build, at a frame of the timeline: a shadow's way ends in what that
+    holds, as in a render of the frame. With motion blur it does not, and there is none."""
     if scene.render.use_motion_blur or not scene.crowd_lod.shadows:
         yield lambda number: None
         return

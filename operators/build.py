@@ -187,8 +187,8 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
 
 
 def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
-    """Move the poses in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes seconds
-    to remove thousands. Not so those where the user has put something."""
+    """Move the poses in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes
+    seconds to remove thousands. Not so those where the user has put something."""
     left = []
     for home in list(shelf.children):
         if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):

@@ -43,8 +43,9 @@ class Held:
     def poses(self, agents: np.ndarray, library: Library) -> np.ndarray:
         """(m,) int32: the pose of each of `agents`: of the phase in the middle of the shutter, and blurred at the rate at
         which the action is played meanwhile."""
-        opens, closes = [crowd.phase[agents] for _, crowd in self.ends] or [self.crowd.phase[agents]] * 2
-        phase, change = played(opens, closes)
+        phase, change = self.crowd.phase[agents], np.zeros(len(agents))
+        if self.ends:
+            phase, change = played(*(crowd.phase[agents] for _, crowd in self.ends))
         return pose_of(phase, change / self.seconds, self.crowd.group[agents], library.counts, library.rates)
 
 

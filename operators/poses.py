@@ -26,11 +26,11 @@ STILL = 1e-6  # metres per second and less are no motion
 class Posed:
     """Poses that stand in no scene yet.
 
-    counts: (G, n), poses of each group and LOD, at each of its rates; blurred: whether their vertices have velocities, with
-    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see poses.rates_of. off: pixels that a vertex is at most from its place at the agent's own
-    phase, where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its poses, group after group,
-    each a collection's name and objects; sorted by name they keep this order. names: what each new block is to be called, as
-    soon as those of an earlier build have gone.
+    counts: (G, n), poses of each group and LOD, at each of its rates. blurred: whether their vertices have velocities, by
+    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. off: pixels that a vertex is
+    at most from its place at the agent's own phase, where a LOD begins (LOD 0, which begins at the camera, left out).
+    collections: of each LOD its poses, each a collection's name and objects; sorted by name they stand in the order of
+    pose_of. names: what each new block is to be called, as soon as those of an earlier build have gone.
     """
 
     counts: np.ndarray
@@ -79,11 +79,12 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
                         if between:
                             continue
                         for r, rate in enumerate(own * pace):
-                            pose = f"{begins[k][g] + r * counts[g, k] + j:05d} {name} LOD {k}", []
+                            number = r * int(counts[g, k]) + j
+                            pose = f"{begins[k][g] + number:05d} {name} LOD {k}", []
                             for item in home.objects:
                                 flow = flows.get(actors[item], 0.0) * rate
                                 evaluated = actors[item].evaluated_get(depsgraph)
-                                pose[1].append(_still(item, home, evaluated, depsgraph, flow, meshes, names, j))
+                                pose[1].append(_still(item, home, evaluated, depsgraph, flow, meshes, names, number))
                             posed.collections[k].append(pose)
                     yield MEASURING + (1 - MEASURING) * (g + (step + 1) / finest) / len(characters)
         done = True
@@ -167,7 +168,9 @@ def _flows(stage: bpy.types.Scene, objects: list[bpy.types.Object], actors: dict
     return {actor: (b - a) / (end - begin) for actor, a, b in pairs if a.shape == b.shape}
 
 
-def _still(item, home: bpy.types.Collection, evaluated, depsgraph, flow, meshes: dict, names: dict, j: int) -> bpy.types.Object:
+def _still(
+    item, home: bpy.types.Collection, evaluated, depsgraph, flow, meshes: dict, names: dict, number: int
+) -> bpy.types.Object:
     """A copy of the LOD object `item`, in the collection `home`, as `evaluated`, that keeps slots, visibility and custom
     properties; its vertices move by `flow`, (v, 3) metres per second in the world, or 0. What has no faces, hair, moves with
     its parent but keeps its shape. It stands about the collection's offset as it will about the origin: geometry nodes
@@ -177,7 +180,7 @@ def _still(item, home: bpy.types.Collection, evaluated, depsgraph, flow, meshes:
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else io.mesh_like(item, mesh)
-    names[still] = f"{item.name} pose {j:02d}"
+    names[still] = f"{item.name} pose {number:02d}"
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None
