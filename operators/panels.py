@@ -262,7 +262,7 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
         if settings.build is not None and BAKED in settings.build:
             layout.label(text="Baked: frames {2:g} to {3:g}".format(*settings.build[BAKED]), icon="FREEZE")
         if settings.build is not None and context.scene.render.use_motion_blur and not settings.build.get(BLURRED):
-            layout.label(text="Built without motion blur: limbs are sharp", icon="INFO")
+            _say(context, layout, "Built without motion blur: limbs are not blurred. Build again.", "INFO")
         if settings.build is not None and len(context.scene.view_layers) > 1:
             column = layout.column(heading="View Layers")
             for name, place in layers_of(context.scene).items():
