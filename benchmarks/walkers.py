@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera
 from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.operators import follow
+from crowd_lod_extension.operators import build, follow
 from crowd_lod_extension.operators import scene as io
 from peers import Nodes, Tree
 
@@ -29,9 +29,10 @@ class Points:
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behaviour to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
-        poses = np.full(len(self.trajectory.groups), POSES)
+        groups, held = len(self.trajectory.groups), follow.Held(found.crowd)
+        library = build.Library(np.full(groups, POSES), np.zeros((groups, 1)))
         for level, each in enumerate(self.objects):
-            columns = follow.columns_of(self.trajectory, found.crowd, found.crowd, found.buckets[level], poses, False)
+            columns = follow.columns_of(self.trajectory, found.crowd, held, found.buckets[level], library, False)
             io.write_points(each.data, columns)
         self.scene.view_layers[0].update()
 

@@ -89,10 +89,10 @@ def _dress(scene: bpy.types.Scene, way: str, number: int) -> float:
     scene.frame_set(number)
     trajectory = trajectory_of(scene)
     frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
-    agents = np.arange(len(frame.crowd))
+    agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd)
     for points in build.points_of(top).values():
         points.data.clear_geometry()
-        columns = follow.columns_of(trajectory, frame.crowd, frame.crowd, agents, np.array(points[build.POSES]), settings.tilt)
+        columns = follow.columns_of(trajectory, frame.crowd, held, agents, build.library_of(points, len(trajectory.groups)), settings.tilt)
         if way in (EVERYONE, CAMERA_CULL) and points[build.BUCKET] == "LOD 0":
             io.write_points(points.data, columns)
         elif way == NODES and points[build.BUCKET].startswith("LOD"):

@@ -11,6 +11,7 @@ first. The way therefore leads from side to side of cells, never through a corne
 cells touch at their corners only. A timer that ends within a step cuts it too.
 """
 
+import operator
 import threading
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -250,7 +251,7 @@ class Trajectory:
     def __post_init__(self):
         self._cycles = cycles_of(self.groups)
         self._kept[0] = self.start
-        self._latest = 0, self.start
+        self._recent = ((0, self.start),)  # the latest, and the one before it, which the time before a frame asks for
         self._ground = None, None
         self.left_out = self.leave and self.leave & needless(
             self.start, self.machine, self.world, len(self.groups), self.heights is not None
@@ -344,13 +345,12 @@ class Trajectory:
 
     def _at_whole(self, target: int) -> Crowd:
         with self._lock:
-            frame, crowd = self._latest
             nearest = max(kept for kept in self._kept if kept <= target)
-            if not nearest <= frame <= target:
-                frame, crowd = nearest, self._kept[nearest]
+            known = [(nearest, self._kept[nearest]), *self._recent]
+            frame, crowd = max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
             while frame < target:
-                frame, crowd = frame + 1, self._step(crowd, 1.0)
+                before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
                 if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
                     self._keep(frame, crowd)
-            self._latest = frame, crowd
+                self._recent = (frame, crowd), before
             return crowd

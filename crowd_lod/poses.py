@@ -2,12 +2,16 @@
 
 import numpy as np
 
+from .agents import Group
+from .behaviour import cycles_of
 from .camera import Camera
+from .machine import StateMachine
 
 # Fewer poses would save next to nothing. More than MOST, a second's walk in steps of a third of a frame, only serve one
 # who asks for a tolerance, and then only LODs of so few vertices that they take no more memory than LOD 0 in MOST poses: a
 # renderer holds a mesh for each pose that it shows.
 LEAST, MOST, MOST_ASKED = 8, 64, 256
+MOST_RATES = 4  # at which a group's action is played, for its limbs' blur: each has poses of its own
 TOLERANCE = 1.0  # pixels, where the LODs have none of their own
 
 
@@ -48,11 +52,44 @@ def longest_step(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.linalg.norm(one - other, axis=1).max(initial=0.0)) if one.shape == other.shape else np.inf
 
 
-def pose_of(phase: np.ndarray, group: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """(m,) int32: the pose nearest to each agent's phase, as an index into all groups' poses of one LOD in turn.
+def rates_of(groups: tuple[Group, ...], machine: StateMachine) -> np.ndarray:
+    """(G, r) float64, rising: cycles per second at which each group's action is played at the speeds of `machine`, those
+    in between left out where they are more than MOST_RATES; infinity where a group has fewer than another."""
+    speeds = np.unique(np.hypot(*np.moveaxis(machine.velocity, 2, 0)))
+    if machine.edge == "stop":
+        speeds = np.union1d(speeds, 0.0)
+    found = [np.unique((per_metre * speeds + per_second).round(6)) for per_metre, per_second in cycles_of(groups)]
+    most = min(MOST_RATES, max(map(len, found)))
+    rates = np.full((len(groups), most), np.inf)
+    for row, own in zip(rates, found, strict=True):
+        kept = np.unique(np.linspace(0, len(own) - 1, most).round().astype(int))
+        row[: len(kept)] = own[kept]
+    return rates
 
-    phase: (m,) in [0, 1); group: (m,); counts: (G,), poses of each group.
+
+def first_poses(counts: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """(G + 1,) intp: of all groups' poses of one LOD in turn, where each group's begin, and where all end. A group has
+    counts (G,) poses for each of its rates (G, r), of rates_of."""
+    return np.append(0, np.cumsum(counts * np.isfinite(rates).sum(axis=1)))
+
+
+def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """(m,) int32: the pose nearest to each agent's phase, of those for the rate nearest to its own, as an index into all
+    groups' poses of one LOD in turn.
+
+    phase: (m,) in [0, 1); rate: (m,) cycles per second; group: (m,); counts: (G,), poses of each group at each of its rates
+    (G, r).
     """
     counts = np.asarray(counts, np.int64)
     of = counts[group]
-    return ((np.cumsum(counts) - counts)[group] + np.rint(phase * of).astype(np.int64) % of).astype(np.int32)
+    first = first_poses(counts, rates)[group]
+    if rates.shape[1] > 1:
+        first += np.abs(rates[group] - rate[:, None]).argmin(axis=1) * of
+    return (first + np.rint(phase * of).astype(np.int64) % of).astype(np.int32)
+
+
+def played(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(phase, change), each (m,): of agents whose phases are `opens` and `closes` when a shutter does, the phase in the
+    middle, in [0, 1), and the part of a cycle in between."""
+    change = (np.subtract(closes, opens, dtype=np.float64) + 0.5) % 1.0 - 0.5
+    return (opens + change / 2) % 1.0, change

@@ -1,21 +1,20 @@
 """The build without its handler: all frames' points in the file, and node groups that show those of the scene's frame."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 
 import bpy
 import numpy as np
 
-from ..crowd_lod.agents import Crowd
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.frame import Frame
 from ..crowd_lod.steps import share
 from . import cameras, lights
 from . import scene as io
-from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
-from .follow import columns_of, members, opening
+from .build import BAKED, Library, buckets_of, check_levels, dress_all, install, points_of
+from .follow import Held, columns_of, held_by, members, opening
 from .populate import frame_of, trajectory_of
-from .poses import make_poses
+from .poses import Posed, make_poses
 
 LONGEST = 1.0  # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
@@ -39,7 +38,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     done = False
     try:
         posed = yield from share(make_poses(scene), 0.0, 0.3)
-        rows = yield from share(_rows(scene, posed.counts, frames), 0.3, 0.95)
+        rows = yield from share(_rows(scene, posed, frames), 0.3, 0.95)
         done = True
     finally:
         if posed is not None and not done:
@@ -61,54 +60,63 @@ def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
     scene.crowd_lod.build[BAKED] = [rate, opening(render), float(frames[0]), float(frames[-1])]
 
 
-def _rows(scene: bpy.types.Scene, counts: np.ndarray, frames: Sequence[int]) -> Iterator[float]:
-    """The points of each bucket, by its name, frame by frame; counts: (G, n), the poses. Yields the progress."""
+def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterator[float]:
+    """The points of each bucket, by its name, frame by frame, that show the poses `posed`. Yields the progress."""
     render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
-    levels = {bucket.name: bucket.level for bucket in buckets_of(scene)}
-    rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in levels}
-    points = dict.fromkeys(levels, 0)
-    for done, number in enumerate(frames):
-        time = io.remapped(render, number)
-        around = lights.read_surroundings(scene, None, time)
-        frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory, around)
-        shutter = shutter_of(scene, trajectory, number)
-        for name, agents in members(frame).items():
-            rows[name].append(columns_in_time(trajectory, frame, number, shutter, agents, counts[:, levels[name]], tilt))
-            points[name] += len(agents)
-            if points[name] > MOST_POINTS:
-                raise CrowdError(
-                    f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of one LOD: bake fewer frames at a time."
-                )
-        yield (done + 1) / len(frames)
+    libraries = {bucket.name: Library(posed.counts[:, bucket.level], posed.rates) for bucket in buckets_of(scene)}
+    rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in libraries}
+    points = dict.fromkeys(libraries, 0)
+    with _evaluated(scene) as depsgraph_at:
+        for done, number in enumerate(frames):
+            time = io.remapped(render, number)
+            around = lights.read_surroundings(scene, depsgraph_at(number), time)
+            frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory, around)
+            held = held_by(scene, trajectory, number, frame.crowd)
+            for name, agents in members(frame).items():
+                rows[name].append(columns_in_time(trajectory, held, number, agents, libraries[name], tilt))
+                points[name] += len(agents)
+                if points[name] > MOST_POINTS:
+                    raise CrowdError(
+                        f"The frames {frames[0]} to {number} hold over {MOST_POINTS:,} points of one LOD: bake fewer frames at a time."
+                    )
+            yield (done + 1) / len(frames)
     return rows
 
 
-def shutter_of(scene: bpy.types.Scene, trajectory: Trajectory, number: int) -> list[tuple[float, Crowd]]:
-    """With motion blur, when the shutter of the frame `number` opens and closes, in frames of the timeline from that frame
-    where that is another time, and the crowd then."""
-    render = scene.render
-    if not render.use_motion_blur:
-        return []
-    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position]
-    parts = -opens * render.motion_blur_shutter, (1 - opens) * render.motion_blur_shutter
-    return [(part, trajectory.at(io.remapped(render, number + part))) for part in parts if part]
+@contextmanager
+def _evaluated(scene: bpy.types.Scene) -> Iterator[Callable[[int], bpy.types.Depsgraph | None]]:
+    """What gives the depsgraph of `scene`, but for its build, at a frame of the timeline: a shadow's way ends in what that
+    holds, as in a render of the frame. With motion blur it does not, and there is none."""
+    if scene.render.use_motion_blur or not scene.crowd_lod.shadows:
+        yield lambda number: None
+        return
+    stage, built = scene.copy(), scene.crowd_lod.build
+    try:
+        stage.crowd_lod.build = None
+        if built is not None and built.name in stage.collection.children:
+            stage.collection.children.unlink(built)
+        layer = stage.view_layers[0]
+
+        def depsgraph_at(number: int) -> bpy.types.Depsgraph:
+            stage.frame_set(number)
+            return layer.depsgraph
+
+        yield depsgraph_at
+    finally:
+        bpy.data.scenes.remove(stage)
 
 
 def columns_in_time(
-    trajectory: Trajectory,
-    frame: Frame,
-    number: int,
-    shutter: list[tuple[float, Crowd]],
-    agents: np.ndarray,
-    counts: np.ndarray,
-    tilt: bool,
+    trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library, tilt: bool
 ) -> dict[str, np.ndarray]:
     """The point attributes of `agents` (m,) for the tree of nodes/baked.py: follow.columns_of, the frame's `number` and,
-    from the `shutter` of shutter_of, velocities."""
-    columns = columns_of(trajectory, frame.crowd, frame.crowd, agents, counts, tilt)
+    from what it holds, velocities."""
+    columns = columns_of(trajectory, held.crowd, held, agents, library, tilt)
     moving = {"frame": np.full(len(agents), number, np.int32)}
-    for part, crowd in shutter:
-        then = columns_of(trajectory, crowd, frame.crowd, agents, counts, tilt)
+    for part, crowd in held.ends:
+        if not part:
+            continue
+        then = columns_of(trajectory, crowd, held, agents, library, tilt)
         when = "before" if part < 0 else "after"
         moving[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
         moving[f"turn_{when}"] = _turn(columns, then) / np.float32(part)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
+import numpy as np
 
 from ..crowd_lod.errors import CrowdError
 from . import scene as io
@@ -12,13 +13,30 @@ from .nodes import baked, instances, trees
 from .populate import policy_of
 from .poses import Posed, make_poses
 
-# Custom properties. Of a point object: its LOD, its bucket, and how many poses each group has there.
-LEVEL, BUCKET, POSES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses"
+# Custom properties. Of a point object: its LOD, its bucket, how many poses each group has there, and at which rates.
+LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
 LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's collection in it
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
+BLURRED = "crowd_lod_blurred"  # of the build's collection: its poses' limbs are blurred
+
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
+
+
+@dataclass(frozen=True)
+class Library:
+    """The poses that a point object shows. counts: (G,) intp, of each group at each of its rates; rates: (G, r) float64,
+    cycles per second at which their limbs are blurred, rising, infinity where a group has fewer."""
+
+    counts: np.ndarray
+    rates: np.ndarray
+
+
+def library_of(points: bpy.types.Object, groups: int) -> Library:
+    """The poses that a point object shows of so many `groups`; one each in a build from before there were poses."""
+    counts = np.array(points.get(POSES) or [1] * groups)
+    return Library(counts, np.reshape(points.get(RATES) or [0.0] * len(counts), (len(counts), -1)))
 
 
 @dataclass(frozen=True)
@@ -81,13 +99,14 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
         top = settings.build = bpy.data.collections.new("Crowd LOD Build")
         top[OWNED] = True
         scene.collection.children.link(top)
-    top[MADE_FROM] = made_from(scene)
+    top[MADE_FROM], top[BLURRED] = made_from(scene), posed.blurred
     top.pop(BAKED, None)
     _shelve(scene, top, posed)
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
         points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
+        points[RATES] = posed.rates.ravel().tolist()
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
@@ -139,21 +158,48 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             _exclude(view_layer.layer_collection, library)
     shelves = {child[LIBRARY]: child for child in library.children if LIBRARY in child}
-    gone = bpy.data.collections.new("Crowd LOD")
+    gone, spare = bpy.data.collections.new("Crowd LOD"), {}
+    scene.collection.children.link(gone)  # what the user put into poses is to stay in this scene
     for level, shelf in list(shelves.items()):
-        for pose in list(shelf.children):
-            shelf.children.unlink(pose)
-            gone.children.link(pose)
+        spare[level] = _emptied(shelf, gone)
         if level >= len(posed.collections):
             gone.children.link(shelves.pop(level))
-    remove_owned(gone)
     for level, poses in enumerate(posed.collections):
         if level not in shelves:
-            shelves[level] = _library(library, f"Crowd LOD {level} poses", level)
-        for pose in poses:
-            shelves[level].children.link(pose)
+            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} poses", level), []
+        for home in spare[level][len(poses) :]:
+            shelves[level].children.unlink(home)
+            gone.children.link(home)
+    remove_owned(gone)
+    for level, poses in enumerate(posed.collections):
+        homes = spare[level][: len(poses)]
+        for home in homes:
+            home.name = "Crowd LOD pose"  # none keeps what another is to be called
+        for number, (name, items) in enumerate(poses):
+            home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
+            home.name, home[OWNED] = name, True
+            for item in items:
+                home.objects.link(item)
+            if number >= len(homes):
+                shelves[level].children.link(home)
     for block, name in posed.names.items():
         block.name = name
+
+
+def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
+    """Move the poses in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes
+    seconds to remove thousands. Not so those where the user has put something."""
+    left = []
+    for home in list(shelf.children):
+        if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
+            for item in list(home.objects):
+                gone.objects.link(item)
+                home.objects.unlink(item)
+            left.append(home)
+        else:
+            shelf.children.unlink(home)
+            gone.children.link(home)
+    return left
 
 
 def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.Collection:

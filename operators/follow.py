@@ -1,6 +1,7 @@
 """The build follows frame and camera: each frame's agents are written to its points."""
 
 import sys
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -10,10 +11,10 @@ from ..crowd_lod.agents import Crowd
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
-from ..crowd_lod.poses import pose_of
+from ..crowd_lod.poses import played, pose_of
 from . import cameras, lights
 from . import scene as io
-from .build import BAKED, MADE_FROM, POSES, UNSEEN_BY, buckets_of, check_levels, made_from, points_of
+from .build import BAKED, MADE_FROM, UNSEEN_BY, Library, buckets_of, check_levels, library_of, made_from, points_of
 from .populate import frame_of, trajectory_of
 from .threads import on_main_thread
 
@@ -29,27 +30,58 @@ def members(frame: Frame) -> dict[str, np.ndarray]:
     }
 
 
+@dataclass(frozen=True)
+class Held:
+    """What a frame holds while its shutter is open. crowd: that of the frame. ends: without motion blur none, else when the
+    shutter opens and closes, in frames of the timeline from that frame, and the crowd then; seconds: of the animation in
+    between."""
+
+    crowd: Crowd
+    ends: tuple[tuple[float, Crowd], ...] = ()
+    seconds: float = 1.0
+
+    def poses(self, agents: np.ndarray, library: Library) -> np.ndarray:
+        """(m,) int32: the pose of each of `agents`: of the phase in the middle of the shutter, and blurred at the rate at
+        which the action is played meanwhile."""
+        phase, change = self.crowd.phase[agents], np.zeros(len(agents))
+        if self.ends:
+            phase, change = played(*(crowd.phase[agents] for _, crowd in self.ends))
+        return pose_of(phase, change / self.seconds, self.crowd.group[agents], library.counts, library.rates)
+
+
+def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
+    """What the frame `number` of the timeline holds; crowd: at that frame."""
+    render = scene.render
+    length = render.motion_blur_shutter
+    if not render.use_motion_blur or not length:
+        return Held(crowd)
+    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position] * length
+    parts = -opens, length - opens
+    ends = tuple((part, trajectory.at(io.remapped(render, number + part)) if part else crowd) for part in parts)
+    return Held(crowd, ends, io.remapped(render, length) * trajectory.seconds_per_frame)
+
+
 def columns_of(
-    trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray, counts: np.ndarray, tilt: bool
+    trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library, tilt: bool
 ) -> dict[str, np.ndarray]:
     """The point attributes of `agents` (m,) as they stand in `crowd`, by name; see scene.write_points.
 
     position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
-    group; pose, an index into the poses of all groups, `counts` (G,) of each, as the phases in `held` say; looks, a
-    number in [0, 1) of the agent's own for materials to vary by; and the stable id. Who comes back on the other side of
-    the map between `held` and `crowd` stays: the blur would draw it all across the picture.
+    group; pose, an index into the poses of the `library`; looks, a number in [0, 1) of the agent's own for materials to vary
+    by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
+    the blur would draw it all across the picture.
     """
     place = np.empty((len(agents), 3), np.float32)
-    stays = _jumped(trajectory, crowd, held, agents)
+    stays = _jumped(trajectory, crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
-        place[:, axis] = np.where(stays, getattr(held, name)[agents], getattr(crowd, name)[agents])
+        place[:, axis] = np.where(stays, getattr(held.crowd, name)[agents], getattr(crowd, name)[agents])
     heading, group = crowd.heading[agents], crowd.group[agents]
     columns = {
         "position": place,
         "heading": heading,
         "phase": crowd.phase[agents],
         "group": group.astype(np.int32),
-        "pose": pose_of(held.phase[agents], group, counts),
+        "pose": held.poses(agents, library),
         "looks": chance.uniform(trajectory.start.key[agents], chance.LOOKS).astype(np.float32),
         "id": agents.astype(np.int32),
     }
@@ -68,15 +100,14 @@ def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarra
     return (aside > width / 2) | (along > depth / 2)
 
 
-def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, crowd: Crowd, tilt: bool) -> None:
+def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd, tilt: bool) -> None:
     """Write the agents of the frame's buckets, as they stand in `crowd`, to the point objects of the build `top`. An
     older build, or a user, may have none for the unseen."""
     points = points_of(top)
     for name, agents in members(frame).items():
-        if name not in points:
-            continue
-        counts = np.array(points[name].get(POSES) or [1] * len(trajectory.groups))
-        io.write_points(points[name].data, columns_of(trajectory, crowd, frame.crowd, agents, counts, tilt))
+        if name in points:
+            library = library_of(points[name], len(trajectory.groups))
+            io.write_points(points[name].data, columns_of(trajectory, crowd, held, agents, library, tilt))
 
 
 def empty(top: bpy.types.Collection) -> None:
@@ -137,14 +168,16 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
     if top.get(MADE_FROM, made := made_from(scene)) != made:
         raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
-    time, whole = io.time_of(scene), io.remapped(scene.render, shutter_frame(scene))
+    number = shutter_frame(scene)
+    time, whole = io.time_of(scene), io.remapped(scene.render, number)
     if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
         film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
     else:
         film = cameras.camera_at(scene, whole)
     around = lights.read_surroundings(scene, depsgraph, whole)
     frame = frame_of(scene, depsgraph, whole, film, trajectory, around)
-    write(top, trajectory, frame, frame.crowd if whole == time else trajectory.at(time), settings.tilt)
+    held = held_by(scene, trajectory, number, frame.crowd)
+    write(top, trajectory, frame, held, frame.crowd if whole == time else trajectory.at(time), settings.tilt)
 
 
 @bpy.app.handlers.persistent

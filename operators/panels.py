@@ -7,7 +7,7 @@ import bpy
 from ..crowd_lod.meshes import missing_library
 from ..crowd_lod.reasons import REASONS
 from . import overlay
-from .build import BAKED, layers_of
+from .build import BAKED, BLURRED, layers_of
 from .hud import STAGES, share, told
 from .populate import count_of
 
@@ -261,6 +261,8 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
         row.operator("crowd_lod.bake", icon="FREEZE")
         if settings.build is not None and BAKED in settings.build:
             layout.label(text="Baked: frames {2:g} to {3:g}".format(*settings.build[BAKED]), icon="FREEZE")
+        if settings.build is not None and context.scene.render.use_motion_blur and not settings.build.get(BLURRED):
+            _say(context, layout, "Built without motion blur: limbs are not blurred. Build again.", "INFO")
         if settings.build is not None and len(context.scene.view_layers) > 1:
             column = layout.column(heading="View Layers")
             for name, place in layers_of(context.scene).items():

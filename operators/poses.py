@@ -1,4 +1,4 @@
-"""Posed LODs: of each LOD of each character group one collection a pose, which the build's agents instance."""
+"""Posed LODs: of each LOD of each character group the objects of each pose, which the build's agents instance."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,30 +10,34 @@ from mathutils import Matrix
 
 from ..crowd_lod.frame import deviations
 from ..crowd_lod.levels import limits
-from ..crowd_lod.poses import MOST, longest_step, path_pixels, pose_counts
+from ..crowd_lod.poses import MOST, first_poses, longest_step, path_pixels, pose_counts, rates_of
 from . import scene as io
 from .cameras import cameras_at
 from .deviation import SOLID
 from .levels import OWNED
-from .populate import action_range, characters_of, groups_of, policy_of
+from .populate import action_range, characters_of, groups_of, machine_of, policy_of
 
 MOST_CAMERAS = 9  # times of the shot whose cameras say how large a LOD is seen
 MEASURING = 0.3  # part of the time
+STILL = 1e-6  # metres per second and less are no motion
 
 
 @dataclass(frozen=True)
 class Posed:
     """Poses that stand in no scene yet.
 
-    counts: (G, n), poses of each group and LOD. off: pixels that a vertex is at most from its place at the agent's own
-    phase, where a LOD begins (LOD 0, which begins at the camera, left out). collections: of each LOD its collections, a pose each,
-    group after group; sorted by name they keep this order. names: what each new block is to be called, as soon as those
-    of an earlier build have gone.
+    counts: (G, n), poses of each group and LOD, at each of its rates. blurred: whether their vertices have velocities, by
+    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. off: pixels that a vertex is
+    at most from its place at the agent's own phase, where a LOD begins (LOD 0, which begins at the camera, left out).
+    collections: of each LOD its poses, each a collection's name and objects; sorted by name they stand in the order of
+    pose_of. names: what each new block is to be called, as soon as those of an earlier build have gone.
     """
 
     counts: np.ndarray
+    blurred: bool
+    rates: np.ndarray
     off: float
-    collections: list[list[bpy.types.Collection]]
+    collections: list[list[tuple[str, list[bpy.types.Object]]]]
     names: dict[bpy.types.ID, str]
 
 
@@ -41,10 +45,15 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
     """Evaluate the LODs of `scene` at even phases of their actions; yields the progress, 0 to 1, and returns the Posed.
 
     A pose holds copies of the LOD's objects without modifiers, parents and animation, where the originals stand at that
-    phase; an object that does not deform has one mesh in all poses. Closed early, it leaves nothing behind.
+    phase; an object that does not deform has one mesh in all poses, unless motion blur is on: then each vertex has the
+    velocity that it has at a rate of the action, in each pose at each rate. Closed early, it leaves nothing behind.
     """
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
     count = policy_of(scene.crowd_lod).count
+    blurred, rates = scene.render.use_motion_blur, np.zeros((len(characters), 1))
+    if blurred:
+        rates = rates_of(groups_of(scene.crowd_lod), machine_of(scene.crowd_lod))
+    pace = io.remapped(scene.render, 1.0)  # Cycles' seconds are those of the timeline
     paths, names = [], {}
     done = False
     try:
@@ -54,24 +63,29 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
         pixels = _pixels(scene, np.array(paths))
         vertices = np.array([[_vertices(level.children[g]) for level in levels[:count]] for g in range(len(characters))])
         counts = pose_counts(pixels, vertices, policy_of(scene.crowd_lod).tolerance)
-        posed = Posed(counts, float((pixels / counts / 2)[:, 1:].max(initial=0.0)), [[] for _ in range(count)], names)
+        off = float((pixels / counts / 2)[:, 1:].max(initial=0.0))
+        posed = Posed(counts, blurred, rates, off, [[] for _ in range(count)], names)
+        begins = [first_poses(counts[:, k], rates) for k in range(count)]
         for g, (name, objects, _) in enumerate(characters):
-            finest = int(posed.counts[g].max())
+            finest, own = int(counts[g].max()), rates[g][np.isfinite(rates[g])]
             homes = [level.children[g] for level in levels[:count]]
             meshes: dict[bpy.types.Object, bpy.types.Mesh] = {}  # of each object its first pose's
             with _stage(homes) as (stage, actors):
                 for step in range(finest):
+                    flows = _flows(stage, objects, actors, step / finest) if own.any() else {}
                     depsgraph = _act(stage, objects, step / finest)
                     for k, home in enumerate(homes):
-                        j, between = divmod(step * int(posed.counts[g, k]), finest)
+                        j, between = divmod(step * int(counts[g, k]), finest)
                         if between:
                             continue
-                        index = int(posed.counts[:g, k].sum()) + j
-                        pose = bpy.data.collections.new("Crowd LOD pose")
-                        names[pose] = f"{index:05d} {name} LOD {k}"
-                        for item in home.objects:
-                            pose.objects.link(_still(item, home, actors[item].evaluated_get(depsgraph), depsgraph, meshes, names, j))
-                        posed.collections[k].append(pose)
+                        for r, rate in enumerate(own * pace):
+                            number = r * int(counts[g, k]) + j
+                            pose = f"{begins[k][g] + number:05d} {name} LOD {k}", []
+                            for item in home.objects:
+                                flow = flows.get(actors[item], 0.0) * rate
+                                evaluated = actors[item].evaluated_get(depsgraph)
+                                pose[1].append(_still(item, home, evaluated, depsgraph, flow, meshes, names, number))
+                            posed.collections[k].append(pose)
                     yield MEASURING + (1 - MEASURING) * (g + (step + 1) / finest) / len(characters)
         done = True
     finally:
@@ -139,16 +153,34 @@ def _act(stage: bpy.types.Scene, objects: list[bpy.types.Object], phase: float) 
     return stage.view_layers[0].depsgraph
 
 
-def _still(item, home: bpy.types.Collection, evaluated, depsgraph, meshes: dict, names: dict, j: int) -> bpy.types.Object:
+def _flows(stage: bpy.types.Scene, objects: list[bpy.types.Object], actors: dict, phase: float) -> dict:
+    """Of each actor the way of its vertices (v, 3) about `phase`, metres per cycle in the world, from half a frame before to
+    half a frame after, within the action; not of those whose vertices become more or fewer meanwhile."""
+    first, last = action_range(objects)
+    if first == last:
+        return {}
+    begin, end = max(phase - 0.5 / (last - first), 0.0), min(phase + 0.5 / (last - first), 1.0)
+    before, after = [], []
+    for when, found in ((begin, before), (end, after)):
+        depsgraph = _act(stage, objects, when)
+        found += [io.world_points(actor.evaluated_get(depsgraph)) for actor in actors.values()]
+    pairs = zip(actors.values(), before, after, strict=True)
+    return {actor: (b - a) / (end - begin) for actor, a, b in pairs if a.shape == b.shape}
+
+
+def _still(
+    item, home: bpy.types.Collection, evaluated, depsgraph, flow, meshes: dict, names: dict, number: int
+) -> bpy.types.Object:
     """A copy of the LOD object `item`, in the collection `home`, as `evaluated`, that keeps slots, visibility and custom
-    properties. What has no faces, hair, moves with its parent but keeps its shape. It stands about the collection's
-    offset as it will about the origin: geometry nodes instance collections without their offsets."""
+    properties; its vertices move by `flow`, (v, 3) metres per second in the world, or 0. What has no faces, hair, moves with
+    its parent but keeps its shape. It stands about the collection's offset as it will about the origin: geometry nodes
+    instance collections without their offsets."""
     mesh = None
     if item.type in SOLID:
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else io.mesh_like(item, mesh)
-    names[still] = f"{item.name} pose {j:02d}"
+    names[still] = f"{item.name} pose {number:02d}"
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None
@@ -159,6 +191,10 @@ def _still(item, home: bpy.types.Collection, evaluated, depsgraph, meshes: dict,
     skew = still.matrix_basis.inverted_safe() @ matrix  # what location, rotation and scale cannot say
     if max(abs(a - b) for row, one in zip(skew, Matrix.Identity(4), strict=True) for a, b in zip(row, one, strict=True)) > 1e-5:
         mesh.transform(skew)
+    if np.shape(flow) == (len(mesh.vertices), 3) and np.abs(flow).max(initial=0.0) > STILL:
+        # by this attribute Cycles blurs a mesh, also an instanced one, about the middle of the shutter
+        speeds = flow @ np.linalg.pinv(np.array(still.matrix_basis)[:3, :3]).T
+        mesh.attributes.new("velocity", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", np.float32(speeds).ravel())
     first = meshes.setdefault(item, mesh)
     shared = first is not mesh and _same(first, mesh)
     still.data = first if shared else mesh
@@ -175,7 +211,13 @@ def _same(one: bpy.types.Mesh, other: bpy.types.Mesh) -> bool:
     """Whether two poses of one object are alike."""
     if len(one.vertices) != len(other.vertices) or len(one.loops) != len(other.loops):
         return False
-    places = [np.empty(3 * len(mesh.vertices), np.float32) for mesh in (one, other)]
-    for mesh, values in zip((one, other), places, strict=True):
-        mesh.vertices.foreach_get("co", values)
-    return np.array_equal(*places)
+    return all(np.array_equal(_vectors(one, name), _vectors(other, name)) for name in ("position", "velocity"))
+
+
+def _vectors(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
+    """(3v,) float32: an attribute of the mesh's points; none where it has none of this name."""
+    attribute = mesh.attributes.get(name)
+    values = np.empty(0 if attribute is None else 3 * len(mesh.vertices), np.float32)
+    if len(values):
+        attribute.data.foreach_get("vector", values)
+    return values

@@ -14,7 +14,7 @@ from ..crowd_lod.sorting import sort
 from ..crowd_lod.stereo import EYES
 from . import bake, build, cameras, lights
 from . import scene as io
-from .follow import members
+from .follow import Held, held_by, members
 from .levels import make_levels
 from .populate import characters_of, frame_of, measure_groups, store_groups, trajectory_of
 from .preview import Preview, stage_of
@@ -160,8 +160,8 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
     outline.frame_set(number)
     total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
     at = done * total / len(wanted.frames)
-    shutter = bake.shutter_of(stage, trajectory, number)
-    _write(stage, twins, trajectory, _together(frames["b"]), number, shutter)
+    held = held_by(stage, trajectory, number, planned.crowd)
+    _write(stage, twins, trajectory, _together(frames["b"]), number, held)
     worlds = stage.world, _dark(stage.world)
     row = {
         "frame": number,
@@ -176,7 +176,7 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
         ending = "_bounces" if bounces else ""
         shot = {}
         for name, frame in frames.items():
-            _write(stage, top, trajectory, frame, number, shutter)
+            _write(stage, top, trajectory, frame, number, held)
             shot[name] = _render(stage, folder / f"frame_{number:04d}_{name}{ending}.png")
             if not bounces and name in ("a", "c"):
                 masks[name] = _render(outline, folder / "outline.png")[..., 3]
@@ -203,12 +203,12 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
     return row, sheet
 
 
-def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: int, shutter: list) -> None:
+def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: int, held: Held) -> None:
     """Write the agents of the frame's buckets to the point objects in `home`, where with motion blur they move."""
     points = build.points_of(home)
     for name, agents in members(frame).items():
-        poses = np.array(points[name][build.POSES])
-        columns = bake.columns_in_time(trajectory, frame, number, shutter, agents, poses, stage.crowd_lod.tilt)
+        library = build.library_of(points[name], len(trajectory.groups))
+        columns = bake.columns_in_time(trajectory, held, number, agents, library, stage.crowd_lod.tilt)
         io.write_points(points[name].data, columns)
 
 

@@ -85,6 +85,27 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
     assert counts() == whole
 
 
+def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built):
+    shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(builder.LIBRARY) == 0)
+    before, mine = list(shelf.children), bpy.data.objects.new("mine", None)
+    before[3].objects.link(mine)
+    before[5].name = "my pose"
+    at_first, kept = len(before), {child.as_pointer() for child in before[6:]}
+    rig = next(item for item in built.crowd_lod.characters.all_objects if item.type == "ARMATURE")
+    action, poses = rig.animation_data.action, []
+    for given in (None, action):  # a group that stands has one pose
+        rig.animation_data.action = given
+        list(builder.build(built))
+        names = sorted(child.name for child in shelf.children)
+        assert [name.split(" ")[0] for name in names] == [f"{number:05d}" for number in range(len(names))]
+        assert sum(builder.points_of(built.crowd_lod.build)["LOD 0"][builder.POSES]) == len(names)
+        assert all(len(child.objects) == 1 and child.objects[0].name.split(" ")[0] == child.name.split(" ")[1] for child in shelf.children)
+        poses.append(len(names))
+        assert mine.users_collection == (built.collection,)
+    assert 1 < poses[0] < poses[1] == at_first
+    assert len({child.as_pointer() for child in shelf.children} & kept) > 10
+
+
 def stale(tree):
     """Make it the tree of version 2, which instanced the child of index `group`, with other sockets."""
     tree.name = NAME

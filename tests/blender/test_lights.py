@@ -6,6 +6,7 @@ import pytest
 from crowd_lod_extension.crowd_lod import lean
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators.bake import bake
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.lights import read_surroundings
 from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups
@@ -200,3 +201,33 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
     lit.crowd_lod.shadows = False
     lit.frame_set(11)
     assert not any(unseen(lit).values())
+
+
+@pytest.mark.parametrize("blur", [False, True])
+def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur):
+    """A sun that moves, and a wall that the shadows' way ends at."""
+    sun = lamp(lit, "SUN", angle=0.05)
+    wall = add(lit.collection, "Wall", [(tile(-30, 0, 30, 3), material("Wall", (0.5, 0.5, 0.5)))])
+    for frame, turn, y in ((1, (0, 1.2, 0), 50), (40, (0, 1.2, 1.5), 10)):
+        sun.rotation_euler, wall.location.y = turn, y
+        sun.keyframe_insert("rotation_euler", frame=frame)
+        wall.keyframe_insert("location", frame=frame)
+    lit.render.use_motion_blur = blur
+    list(make_levels(lit))
+    list(builder.build(lit))
+
+    def ids(mesh, name):
+        values = np.empty(len(mesh.vertices), np.int32)
+        mesh.attributes[name].data.foreach_get("value", values)
+        return values
+
+    live = {}
+    for number in (12, 3, 30):
+        lit.frame_set(number)
+        for name, item in builder.points_of(lit.crowd_lod.build).items():
+            live[number, name] = ids(item.data, "id").tolist()
+    list(bake(lit, [3, 12, 30]))
+    for (number, name), kept in live.items():
+        mesh = builder.points_of(lit.crowd_lod.build)[name].data
+        assert ids(mesh, "id")[ids(mesh, "frame") == number].tolist() == kept, (number, name)
+    assert all(live[number, "Shadow 2"] for number in (3, 12, 30))

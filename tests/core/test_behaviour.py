@@ -263,6 +263,16 @@ def test_trajectory_does_not_depend_on_the_order_of_frames(make):
         assert same(asked.at(time), make().at(time)), time
 
 
+def test_the_times_of_an_open_shutter_do_not_step_from_far_back_again():
+    """Blender asks for them before, at and after each frame: what those need is at hand."""
+    asked = trajectory()
+    for number in range(20, 36):
+        crowd, before = asked.at(number), asked.at(number - 1)
+        for time in (number - 0.25, number, number + 0.25, number, number - 0.75):
+            asked.at(time)
+        assert asked.at(number) is crowd and asked.at(number - 1) is before
+
+
 def test_an_agents_chances_do_not_depend_on_the_rest_of_the_crowd():
     whole = lively()
     part = lively()

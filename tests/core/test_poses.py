@@ -1,9 +1,24 @@
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.camera import Camera, window
-from crowd_lod_extension.crowd_lod.poses import LEAST, MOST, MOST_ASKED, longest_step, path_pixels, pose_counts, pose_of
+from crowd_lod_extension.crowd_lod.machine import parse
+from crowd_lod_extension.crowd_lod.poses import (
+    LEAST,
+    MOST,
+    MOST_ASKED,
+    MOST_RATES,
+    first_poses,
+    longest_step,
+    path_pixels,
+    played,
+    pose_counts,
+    pose_of,
+    rates_of,
+)
 
 CAMERA = Camera(
     kind="PERSP",
@@ -53,17 +68,46 @@ def test_an_orthographic_camera_shows_a_step_as_large_at_any_distance():
     assert counts.tolist() == [[16, 16, 16]]  # 2 m are 20 pixels
 
 
-def test_the_pose_is_the_nearest_of_the_agents_own_group():
+def test_the_pose_is_the_nearest_of_the_agents_own_group_at_the_rate_nearest_to_its_own():
     random = np.random.default_rng(5)
-    counts = np.array([8, 1, 64])
-    phase, group = random.random(2000).astype(np.float32), random.integers(0, 3, 2000)
-    poses = pose_of(phase, group, counts)
-    own = poses - np.array([0, 8, 9])[group]
-    assert ((own >= 0) & (own < counts[group])).all()
+    counts, rates = np.array([8, 1, 64]), np.array([[0.0, 0.5, 1.5], [1.0, np.inf, np.inf], [0.7, 0.8, np.inf]])
+    phase, group, rate = random.random(2000).astype(np.float32), random.integers(0, 3, 2000), random.random(2000) * 2
+    begins = first_poses(counts, rates)
+    assert begins.tolist() == [0, 24, 25, 153]
+    poses = pose_of(phase, rate, group, counts, rates)
+    own = poses - begins[group]
+    kind, own = own // counts[group], own % counts[group]
     away = np.abs(own / counts[group] - phase)
     assert (np.minimum(away, 1 - away) <= 0.5 / counts[group] + 1e-6).all()
+    off = np.abs(rates[group] - rate[:, None])
+    assert (off[np.arange(2000), kind] == off.min(axis=1)).all() and len(set(zip(group, kind, strict=True))) == 6
     assert poses.dtype == np.int32
-    assert pose_of(np.array([np.nextafter(np.float32(1), np.float32(0))]), np.array([0]), counts).tolist() == [0]
+    last = np.array([np.nextafter(np.float32(1), np.float32(0))])
+    assert pose_of(last, np.ones(1), np.array([0]), counts, rates).tolist() == [8]
+
+
+def table(*speeds, edge="clamp"):
+    """A state machine that walks at these speeds."""
+    states = {f"s{i}": {"on": {"*": {"speed": speed, "heading": 90 * i}}} for i, speed in enumerate(speeds)}
+    return parse(json.dumps({"version": 1, "edge": edge, "labels": {"ground": {"color": "#808080"}}, "states": states}), "test")
+
+
+def test_an_action_has_a_rate_for_each_speed_if_it_plays_by_the_way_and_one_if_by_time():
+    groups = Group("a", 1, 1, stride=2.0, period=1.0), Group("b", 1, 1, stride=0.0, period=0.5), Group("c", 1, 1, stride=0.0, period=0.0)
+    inf = np.inf
+    assert rates_of(groups, table(1.0, 3.0, 1.0)).tolist() == [[0.5, 1.5], [2.0, inf], [0.0, inf]]
+    assert rates_of(groups[:1], table(1.0, 0.0)).tolist() == [[0.0, 0.5]]
+    assert rates_of(groups[:1], table(1.0, edge="stop")).tolist() == [[0.0, 0.5]]  # who stands at the map's edge
+    many = rates_of(groups[:1], table(*range(11)))[0]
+    assert len(many) == MOST_RATES and many[0] == 0 and many[-1] == 5 and (np.diff(many) > 0.9).all()
+
+
+def test_the_way_of_a_phase_goes_the_short_way_round():
+    opens, closes = np.float32([0.2, 0.98, 0.5, 0.01]), np.float32([0.3, 0.02, 0.5, 0.99])
+    phase, change = played(opens, closes)
+    np.testing.assert_allclose(phase, [0.25, 0.0, 0.5, 0.0], atol=1e-7)
+    np.testing.assert_allclose(change, [0.1, 0.04, 0, -0.02], atol=1e-7)
+    assert (phase >= 0).all() and (phase < 1).all()
 
 
 def test_the_longest_step_is_that_of_the_vertex_which_moves_most():

@@ -1,0 +1,142 @@
+"""Characters, cameras and times that no sample has: the build shows them as they are, a bake as the build does."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import build as builder
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.populate import action_range, characters_of, measure_groups, store_groups
+
+from .characters import character, new, rig, skin, tube
+
+
+@pytest.fixture
+def bare(scene):
+    """The scene of the tests without its characters, and few small LODs."""
+    scene.crowd_lod.characters = None
+    bpy.data.batch_remove([bpy.data.collections["People"], *(item for item in bpy.data.objects if item.type != "CAMERA")])
+    scene.crowd_lod.level_count, scene.crowd_lod.count = 2, 60
+    return scene
+
+
+def person(name="body"):
+    armature, body = rig(f"{name} rig"), new(name, tube(name, 12, 8))
+    skin(body, armature)
+    return armature, body
+
+
+def two_armatures():
+    armature, body = person()
+    other, tail = person("tail")
+    other.location, other.rotation_euler = (0.4, 0, 0), (0, 0, 1)
+    return armature, body, other, tail
+
+
+def mirrored():
+    """Negative scales, of a rig and below it, and delta transforms."""
+    armature, body = person()
+    armature.scale = (-1, 1, 1.2)
+    bpy.ops.mesh.primitive_cone_add(radius1=0.2, depth=0.5)
+    hat = bpy.context.object
+    bpy.context.scene.collection.objects.unlink(hat)
+    hat.parent, hat.parent_type, hat.parent_bone = armature, "BONE", "upper"
+    hat.scale, hat.delta_location, hat.delta_scale = (1, -1, 1), (0, 0.2, 0.1), (1, 0.5, -1)
+    hat.delta_rotation_euler, hat.rotation_euler = (0.3, 0.5, 0.7), (0.2, 0.1, 0.8)
+    return armature, body, hat
+
+
+def shown(scene, number):
+    """Of each instance, sorted: its matrix, what it shows, and its own id."""
+    scene.frame_set(number)
+    found = []
+    for each in bpy.context.evaluated_depsgraph_get().object_instances:
+        if each.is_instance:
+            found.append((each.persistent_id[1], each.object.name, tuple(np.array(each.matrix_world).ravel().round(5))))
+    return sorted(found)
+
+
+@pytest.mark.parametrize("blur", [False, True])
+@pytest.mark.parametrize("parts", [two_armatures, mirrored])
+def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, parts, blur):
+    """From frame 1001 on, in steps of 2, at twice the speed, from a camera that an empty carries."""
+    character(*parts())
+    bare.frame_start, bare.frame_end, bare.frame_step = 1001, 1011, 2
+    bare.render.frame_map_new, bare.crowd_lod.first_frame = 50, 2001
+    bare.render.use_motion_blur = blur
+    dolly = new("dolly", None)
+    bare.collection.objects.link(dolly)
+    bare.camera.parent = dolly
+    for frame, x in ((2001, -6.0), (2030, 6.0)):
+        dolly.location.x = x
+        dolly.keyframe_insert("location", frame=frame)
+    store_groups(bare.crowd_lod, measure_groups(bare))
+    list(make_levels(bare))
+    list(builder.build(bare))
+    frames = range(bare.frame_start, bare.frame_end + 1, bare.frame_step)
+    live = [shown(bare, number) for number in (1009, 1001)]
+    assert live[0] != live[1] and min(map(len, live)) > 10
+
+    shelf = next(c for c in bare.crowd_lod.build.children_recursive if c.get(builder.LIBRARY) == 0)
+    poses = sorted(shelf.children, key=lambda pose: pose.name)
+    ((_, objects, origin),) = characters_of(bare)
+    first, last = action_range(objects)
+    lone = bpy.data.scenes.new("lone")
+    for item in bare.crowd_lod.characters.all_objects:
+        lone.collection.objects.link(item)
+    for j in (0, len(poses) // 3, len(poses) - 1):
+        time = first + (last - first) * j / len(poses)
+        lone.frame_set(int(time), subframe=time % 1)
+        for item in poses[j].objects:
+            character_item = next(each for each in objects if item.name.startswith(f"{each.name} LOD"))
+            real = io.world_points(character_item.evaluated_get(lone.view_layers[0].depsgraph)) - origin
+            points = np.empty((len(item.data.vertices), 3), np.float32)
+            item.data.vertices.foreach_get("co", points.ravel())
+            matrix = np.array(item.matrix_basis)
+            np.testing.assert_allclose(points @ matrix[:3, :3].T + matrix[:3, 3], real, atol=1e-5)
+    bpy.data.scenes.remove(lone)
+
+    list(bake(bare, frames))
+    for before, number in zip(live, (1009, 1001), strict=True):
+        after = shown(bare, number)
+        assert [each[:2] for each in after] == [each[:2] for each in before]
+        np.testing.assert_allclose([each[2] for each in after], [each[2] for each in before], atol=2e-5)
+
+
+def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp_path):
+    group = character(*person())
+    bpy.data.libraries.write(str(tmp_path / "people.blend"), {group}, fake_user=True)
+    bpy.data.batch_remove([*group.objects, group])
+    with bpy.data.libraries.load(str(tmp_path / "people.blend"), link=True) as (_, wanted):
+        wanted.collections = ["someone"]
+    (linked,), top = wanted.collections, bare.crowd_lod.characters
+    pictures = []
+    for of_library in (True, False):
+        if of_library:
+            top.children.link(linked)
+        else:
+            top.children.unlink(linked)
+            override = linked.override_hierarchy_create(bare, bare.view_layers[0])
+            for parent in (bare.collection, top):
+                if override.name in parent.children:
+                    parent.children.unlink(override)
+            top.children.link(override)
+        store_groups(bare.crowd_lod, measure_groups(bare))
+        list(make_levels(bare))
+        list(builder.build(bare))
+        pictures.append(shown(bare, 7))
+    assert len(pictures[0]) > 10 and [each[2] for each in pictures[0]] == [each[2] for each in pictures[1]]
+
+
+def test_a_collection_instanced_inside_a_character_is_refused_with_what_to_do(bare):
+    armature, body = person()
+    hat = new("hat", None)
+    hat.instance_type, hat.instance_collection, hat.parent = "COLLECTION", bpy.data.collections.new("hats"), armature
+    hat.instance_collection.objects.link(new("cone", tube("cone", 6, 2)))
+    character(armature, body, hat)
+    before = set(bpy.data.user_map())
+    with pytest.raises(CrowdError, match="hat, .* instances the collection hats: put that collection in its place"):
+        list(make_levels(bare))
+    assert set(bpy.data.user_map()) == before
