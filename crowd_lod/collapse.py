@@ -13,9 +13,10 @@ from .skin import Skin
 MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
 STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
 FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
+FOLDED = -1.0  # the same where nothing else is left to collapse
 THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
 SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
-PASSES = 3  # choices of edges in a round
+PASSES = 6  # choices of edges in a round
 
 
 def quadrics_of(points: np.ndarray, triangles: np.ndarray, seams: np.ndarray) -> np.ndarray:
@@ -46,7 +47,7 @@ def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
     return np.minimum(*ends) * n + np.maximum(*ends)
 
 
-def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> Iterator[None]:
+def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=(), off=None) -> Iterator[None]:
     """Yields between the rounds and returns (points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target`
     triangles, or the fewest that hold.
 
@@ -59,26 +60,32 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     Mohr, Gleicher, "Deformation sensitive decimation", 2003.
     """
     points, quadrics, normals, n = points.copy(), quadrics.copy(), normals.copy(), len(points)
+    off = np.zeros(n) if off is None else off.copy()
     bent, follows = [each.copy() for each in bent], np.arange(n)
-    landed, refused, thorough = np.arange(n), np.zeros(0, np.intp), False
+    landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
     corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
     while corners.shape[1] > target:
         keys, edges, faces = _edges_of(corners, n)
         at, cost = _place(points.T, quadrics, *edges)
         border = np.zeros(n, bool)
         border[edges[:, faces != 2]] = True
+        weight = quadrics[10].take(edges).sum(axis=0) + 1e-300
+        cost += off.take(edges).max(axis=0) ** 2 * weight ** (1 - MEAN)
         follow, bent_cost = _follow(skin, bent, follows, edges, at)
-        cost += bent_cost / (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
+        cost += bent_cost / weight**MEAN
         cost[(faces == 2) & border[edges[0]] & border[edges[1]] | np.isin(keys, refused)] = np.inf
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
-        chosen, bad = _choose(points, corners, normals, edges, faces, order, at, len(order) if thorough else PASSES)
+        passes = len(order) if thorough else PASSES
+        chosen, bad = _choose(points, corners, normals, edges, faces, order, at, passes, facing)
         refused = np.append(refused, keys[bad])
         if not len(chosen):
-            if thorough:
+            if thorough and facing == FOLDED:
                 break
-            thorough = True
+            if thorough:
+                refused, facing = refused[:0], FOLDED
+            thorough = not thorough
             continue
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
         keep, gone = ends = edges[:, chosen]
@@ -88,6 +95,7 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         for each in (quadrics, *bent):
             each[:, keep] += each[:, gone]
         normals[keep] += normals[gone]
+        off[keep] = np.maximum(off[keep], off[gone])
         move = np.arange(n)
         move[gone] = keep
         landed, corners = move[landed], move[corners]
@@ -110,7 +118,7 @@ def _flat(corners: np.ndarray) -> np.ndarray:
     return (a == b) | (b == c) | (c == a)
 
 
-def _choose(points, corners, normals, edges, faces, order, at, passes: int) -> tuple[np.ndarray, np.ndarray]:
+def _choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
     """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first."""
     n = len(points)
     ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
@@ -120,7 +128,7 @@ def _choose(points, corners, normals, edges, faces, order, at, passes: int) -> t
         if not len(found):
             break
         free[found] = False
-        good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found])
+        good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found], facing)
         bad = np.append(bad, found[~good])
         chosen = np.append(chosen, found[good])
         free &= ~_ring(corners, ends[:, found[good]], n)[ends].any(axis=0)
@@ -197,8 +205,9 @@ def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> n
     return edge[(reach[ends[:, edge]] == edge).all(axis=0)]
 
 
-def _valid(points, corners, normals, edges, ends, at, faces) -> np.ndarray:
-    """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart."""
+def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> np.ndarray:
+    """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart. facing:
+    the least cosine between a triangle's normals before and after."""
     n, k = len(points), ends.shape[1]
     which = np.full(n, -1)
     which[ends] = np.arange(k)
@@ -226,7 +235,7 @@ def _valid(points, corners, normals, edges, ends, at, faces) -> np.ndarray:
     outward = normals.copy()
     outward[ends] = normals[ends].sum(axis=0)
     stands_for = _unit(_unit(outward)[0][rest].sum(axis=0))[0]
-    turned = (np.einsum("nd,nd->n", was, now) < FACING) & (was_size > 0) | (np.einsum("nd,nd->n", stands_for, now) < FACING)
+    turned = (np.einsum("nd,nd->n", was, now) < facing) & (was_size > 0) | (np.einsum("nd,nd->n", stands_for, now) < facing)
     good[edge[thin | turned]] = False
     return good
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-WALKS = 8  # steps along a surface to the nearest triangle, at most
+WALKS = 40  # steps along a surface to the nearest triangle, at most
 FAR = 0.4  # of the largest distance: beyond it a point's nearest triangle is sought again
 DOUBTS = 12  # times that those farthest off are doubted, at most, while any of them was wrong
 DOUBTED = 32  # points farthest off, whose walks may have ended at a wrong place
@@ -48,12 +48,15 @@ class Walkable:
         return face, weights
 
     def follow(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray) -> None:
-        """Bring `face` and `weights` up to date for those of `others` that are farthest from them."""
+        """Bring `face` and `weights` up to date for those of `others` that are farthest from them: on their triangles, and
+        by walks from the sides of these."""
         distance = length(others - self.at(face, weights))
         far = np.flatnonzero(distance > FAR * distance.max(initial=0))
-        start = self.corner(face[far], weights.take(far, 1))
-        face[far], weights[:, far] = self.walk(start, others.take(far, 1))
-        self.doubt(face, weights, others, 4)
+        at = barycentric(others.take(far, 1), *(self.points.take(c, 1) for c in self.corners.take(face[far], 1)))
+        weights[:, far] = at
+        on_side = (at <= 0).any(axis=0)
+        far, at = far[on_side], at.compress(on_side, axis=1)
+        face[far], weights[:, far] = self.walk(self.corner(face[far], at), others.take(far, 1))
 
     def doubt(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, count: int = DOUBTED) -> None:
         """Seek those of `others` that are farthest from `face` and `weights` again, on all triangles near enough."""

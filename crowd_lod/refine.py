@@ -44,9 +44,13 @@ class Fit:
         n, m = len(points), len(triangles)
         self.grid = _grid(int(np.clip(np.sqrt(2 * SAMPLES / m), 1, FINEST)))
         own = self._own()
-        near = np.empty(n, np.intp)
+        near = np.zeros(n, np.intp)
         near[landed[self.mine]] = self.mine
-        start = np.append(near[self.lod.corners[self.grid.argmax(axis=0)]], near)
+        # from a source's point on the same triangle, where there is one
+        start = near[self.lod.corners[self.grid.argmax(axis=0)]]
+        cell = np.stack([((self.weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
+        start[cell, self.face] = self.mine
+        start = np.append(start, near)
         self.hit, self.hit_weights = self.source.walk(start, own)
         self.own_pull = np.zeros(len(self.hit))
         self._doubt(own)
@@ -66,16 +70,23 @@ class Fit:
 
     def measure(self) -> float:
         """The worst distance; `off` and `own_off` are the ways to the nearest points, `distance` and `own_distance` their
-        lengths."""
+        lengths. A worst distance that is no less than before may be of a walk that ended at a wrong place."""
         here = self.lod.at(self.own_face, self.own_weights)
         self.lod.follow(self.face, self.weights, self.there)
         self.source.follow(self.hit, self.hit_weights, here)
+        if self._measured(here) >= self.least:
+            self.lod.doubt(self.face, self.weights, self.there, 4)
+            self.source.doubt(self.hit, self.hit_weights, here, 4)
+            self._measured(here)
+        if self.worst < self.least:
+            self.least, self.best = self.worst, (self.lod.points.T, self.lod.corners.T)
+        return self.worst
+
+    def _measured(self, here: np.ndarray) -> float:
         self.off = self.there - self.lod.at(self.face, self.weights)
         self.own_off = self.source.at(self.hit, self.hit_weights) - here
         self.distance, self.own_distance = length(self.off), length(self.own_off)
         self.worst = max(self.distance.max(), self.own_distance.max())
-        if self.worst < self.least:
-            self.least, self.best = self.worst, (self.lod.points.T, self.lod.corners.T)
         return self.worst
 
     def watch(self) -> None:
@@ -85,12 +96,16 @@ class Fit:
         near = near[self.source.corners]
         away = np.where(near >= 0, self.distance[near], -np.inf)
         some = np.flatnonzero((away.max(axis=0) > WATCHED * self.worst) & (near >= 0).all(axis=0))
-        if not len(some):
-            return
         face, grid = np.tile(some, GRID.shape[1]), np.repeat(GRID, len(some), axis=1)
         there, at = self.source.at(face, grid), near[grid.argmax(axis=0), face]
-        start = self.lod.corner(self.face[at], self.weights.take(at, 1))
-        face, weights = self.lod.walk(start, there)
+        # what is near the triangles of its corners has none farther
+        face = self.face[at]
+        weights = barycentric(there, *(self.lod.points.take(c, 1) for c in self.lod.corners.take(face, 1)))
+        far = np.flatnonzero(length(there - self.lod.at(face, weights)) > SEEN * self.worst)
+        if not len(far):
+            return
+        there = there.take(far, 1)
+        face, weights = self.lod.walk(self.lod.corner(face[far], weights.take(far, 1)), there)
         self.lod.doubt(face, weights, there)
         far = np.flatnonzero(length(there - self.lod.at(face, weights)) > SEEN * self.worst)
         if len(far):
