@@ -47,7 +47,7 @@ def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
     return np.minimum(*ends) * n + np.maximum(*ends)
 
 
-def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=(), off=None) -> Iterator[None]:
+def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> Iterator[None]:
     """Yields between the rounds and returns (points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target`
     triangles, or the fewest that hold.
 
@@ -60,25 +60,20 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     Mohr, Gleicher, "Deformation sensitive decimation", 2003.
     """
     points, quadrics, normals, n = points.copy(), quadrics.copy(), normals.copy(), len(points)
-    off = np.zeros(n) if off is None else off.copy()
     bent, follows = [each.copy() for each in bent], np.arange(n)
     landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
     corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
     while corners.shape[1] > target:
-        keys, edges, faces = _edges_of(corners, n)
-        at, cost = _place(points.T, quadrics, *edges)
-        border = np.zeros(n, bool)
-        border[edges[:, faces != 2]] = True
-        weight = quadrics[10].take(edges).sum(axis=0) + 1e-300
-        cost += off.take(edges).max(axis=0) ** 2 * weight ** (1 - MEAN)
+        keys, edges, faces = edges_of(corners, n)
+        at, cost = place(points.T, quadrics, *edges)
         follow, bent_cost = _follow(skin, bent, follows, edges, at)
-        cost += bent_cost / weight**MEAN
-        cost[(faces == 2) & border[edges[0]] & border[edges[1]] | np.isin(keys, refused)] = np.inf
+        cost += bent_cost / (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
+        cost[bridges(edges, faces, n) | np.isin(keys, refused)] = np.inf
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else PASSES
-        chosen, bad = _choose(points, corners, normals, edges, faces, order, at, passes, facing)
+        chosen, bad = choose(points, corners, normals, edges, faces, order, at, passes, facing)
         refused = np.append(refused, keys[bad])
         if not len(chosen):
             if thorough and facing == FOLDED:
@@ -95,7 +90,6 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         for each in (quadrics, *bent):
             each[:, keep] += each[:, gone]
         normals[keep] += normals[gone]
-        off[keep] = np.maximum(off[keep], off[gone])
         move = np.arange(n)
         move[gone] = keep
         landed, corners = move[landed], move[corners]
@@ -104,12 +98,19 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     return points, corners.T, landed, follows
 
 
-def _edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(keys (k,), ends (2, k), how many triangles (k,)) of each edge of the triangles `corners` (3, m)."""
     keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     faces, keys = np.diff(first, append=len(keys)), keys[first]
     return keys, np.stack(np.divmod(keys, n)), faces
+
+
+def bridges(edges: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
+    """Which of the edges (2, k), of `faces` (k,) triangles, would join two borders if they collapsed, (k,) bool."""
+    border = np.zeros(n, bool)
+    border[edges[:, faces != 2]] = True
+    return (faces == 2) & border[edges[0]] & border[edges[1]]
 
 
 def _flat(corners: np.ndarray) -> np.ndarray:
@@ -118,7 +119,7 @@ def _flat(corners: np.ndarray) -> np.ndarray:
     return (a == b) | (b == c) | (c == a)
 
 
-def _choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
+def choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
     """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first."""
     n = len(points)
     ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
@@ -151,7 +152,7 @@ def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
     return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
 
 
-def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+def place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
     p, q = points.take(a, 1), points.take(b, 1)
     xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)

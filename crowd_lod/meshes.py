@@ -11,6 +11,7 @@ from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
 from .parts import parts_of, within
 from .refine import SAMPLES, Fit
+from .share import share
 from .skin import Skin
 from .steps import finished
 
@@ -18,10 +19,10 @@ BULK = 4  # times the triangles wanted: down to that fast-simplification collaps
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 BULK_AGGRESSION = 3  # with this care; its default is 7
 EFFORT = 170_000  # samples sought, about a second's: 1.5 to collapse a triangle, 0.6 of all to begin, 0.3 of all a round
+ROUND = 0.4
 OVERHEAD = 2_000  # samples that cost as much as a round with none
 ROUNDS = 40  # of moves, at most
 POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
-FLIPS = 2  # of these rounds begin with flips
 STEPS = 5  # moves of all points in a round
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -136,20 +137,22 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     count = len(new_triangles)
     samples = len(points) + max(min(14 * count, SAMPLES), count + len(kept)) + OVERHEAD
     spare = EFFORT - 1.5 * (1 + len(bent)) * (len(some) - target) - 0.6 * samples
-    rounds = min(round(spare / (0.3 * samples)), POSED_ROUNDS if bent else ROUNDS)
+    rounds = min(round(spare / (ROUND * samples)), POSED_ROUNDS if bent else ROUNDS)
     if rounds > 0:
         keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
         inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
         yield
         fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
         for k in range(rounds):
+            if 0 < k < rounds - 1 and not bent:
+                share(fit)
             if k % 2:
                 fit.watch()
-            elif k < 2 * FLIPS and not bent:
+            elif not bent:
                 fit.flip()
             fit.move(STEPS)
             yield
-        new_points, new_triangles = fit.best
+        new_points, new_triangles, landed = fit.best
     return new_points, new_triangles, landed, follows[kept]
 
 
