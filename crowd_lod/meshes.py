@@ -10,17 +10,16 @@ import numpy as np
 from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
 from .parts import parts_of, within
-from .refine import SAMPLES, Fit
+from .refine import Fit
 from .share import share
 from .skin import Skin
 from .steps import finished
 
-BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
+BULK = 2.5  # times the triangles wanted: down to that fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT = 170_000  # samples sought, about a second's: 1.5 to collapse a triangle, 0.6 of all to begin, 0.3 of all a round
-ROUND = 0.4
-OVERHEAD = 2_000  # samples that cost as much as a round with none
+EFFORT, EACH = 170_000, 2.8  # samples sought, about a second's, and for each triangle of the source where that is more
+OVERHEAD = 6_000  # samples that cost as much as a round with none
 ROUNDS = 40  # of moves, at most
 POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
 STEPS = 5  # moves of all points in a round
@@ -123,7 +122,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
     spared = BENT if bent else SEAMED if len(seams) else 0
     yield
-    start, some, landed = _bulk(points, triangles, part, max(BULK * target, spared), skin.place[0] if bent else points)
+    start, some, landed = _bulk(points, triangles, part, max(int(BULK * target), spared), skin.place[0] if bent else points)
     yield
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
@@ -134,25 +133,23 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     index = np.full(len(start), -1)
     index[kept] = np.arange(len(kept))
     landed = index[landed]
-    count = len(new_triangles)
-    samples = len(points) + max(min(14 * count, SAMPLES), count + len(kept)) + OVERHEAD
-    spare = EFFORT - 1.5 * (1 + len(bent)) * (len(some) - target) - 0.6 * samples
-    rounds = min(round(spare / (ROUND * samples)), POSED_ROUNDS if bent else ROUNDS)
-    if rounds > 0:
-        keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
-        inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
+    yield
+    keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
+    inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
+    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
+    samples = fit.samples + OVERHEAD
+    spare = max(EFFORT, EACH * len(triangles)) - 0.5 * len(triangles) - 1.5 * (1 + len(bent)) * (len(some) - target)
+    rounds = min(round((spare - 0.35 * samples) / (0.42 * samples)), POSED_ROUNDS if bent else ROUNDS)
+    for k in range(rounds):
+        if k and not bent:
+            share(fit)
+        if k % 4 == 2 and not bent:
+            fit.flip()
+        if k % 4 == 1:
+            fit.watch()
+        fit.move(STEPS)
         yield
-        fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
-        for k in range(rounds):
-            if 0 < k < rounds - 1 and not bent:
-                share(fit)
-            if k % 2:
-                fit.watch()
-            elif not bent:
-                fit.flip()
-            fit.move(STEPS)
-            yield
-        new_points, new_triangles, landed = fit.best
+    new_points, new_triangles, landed = fit.best
     return new_points, new_triangles, landed, follows[kept]
 
 
@@ -181,7 +178,10 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
     count, sound = (np.bincount(part[each[:, 0]], minlength=n) for each in (some, whole))
     bad = (count == 0) | (sound < count) | (_uneven(some, part) > _uneven(triangles, part))
     # where planes hardly differ it may throw a point far away
-    bad[part[(np.abs(moved - moved.clip(points.min(axis=0), points.max(axis=0))) > 0.01).any(axis=1)]] = True
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    np.minimum.at(low, part, points)
+    np.maximum.at(high, part, points)
+    bad[part[(np.abs(moved - moved.clip(low[part], high[part])) > 0.01).any(axis=1)]] = True
     bad[part[part[landed] != part]] = True
     bad = bad[part]
     some = np.concatenate([some[~bad[some[:, 0]]], triangles[bad[triangles[:, 0]]]])

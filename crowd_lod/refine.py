@@ -55,6 +55,11 @@ class Fit:
         self.own_pull = np.zeros(len(self.hit))
         self.doubt(own)
 
+    @property
+    def samples(self) -> int:
+        """How many points are held against the other surface."""
+        return len(self.face) + len(self.hit)
+
     def spread(self) -> np.ndarray:
         """Put samples on the LOD: own_face (g m + n,), own_weights; returns where they are."""
         m, n = self.lod.corners.shape[1], self.lod.points.shape[1]
@@ -72,21 +77,17 @@ class Fit:
         """The worst distance; `off` and `own_off` are the ways to the nearest points, `distance` and `own_distance` their
         lengths. A worst distance that is no less than before may be of a walk that ended at a wrong place."""
         here = self.lod.at(self.own_face, self.own_weights)
-        self.lod.follow(self.face, self.weights, self.there)
-        self.source.follow(self.hit, self.hit_weights, here)
-        if self._measured(here) >= self.least:
+        for again in (False, True):
+            self.off, self.distance = self.lod.follow(self.face, self.weights, self.there)
+            self.own_off, self.own_distance = self.source.follow(self.hit, self.hit_weights, here)
+            self.own_off *= -1
+            self.worst = max(self.distance.max(), self.own_distance.max())
+            if again or self.worst < self.least:
+                break
             self.lod.doubt(self.face, self.weights, self.there, 4)
             self.source.doubt(self.hit, self.hit_weights, here, 4)
-            self._measured(here)
         if self.worst < self.least:
             self.least, self.best = self.worst, (self.lod.points.T, self.lod.corners.T, self.landed)
-        return self.worst
-
-    def _measured(self, here: np.ndarray) -> float:
-        self.off = self.there - self.lod.at(self.face, self.weights)
-        self.own_off = self.source.at(self.hit, self.hit_weights) - here
-        self.distance, self.own_distance = length(self.off), length(self.own_off)
-        self.worst = max(self.distance.max(), self.own_distance.max())
         return self.worst
 
     def watch(self) -> None:
@@ -204,7 +205,7 @@ class Fit:
         new = np.flatnonzero(taken[self.own_face])
         start = self.source.corner(self.hit[new], self.hit_weights.take(new, 1))
         self.hit[new], self.hit_weights[:, new] = self.source.walk(start, own.take(new, 1))
-        self.doubt(own)
+        self.measure()
         if self.worst > WORSE * before["worst"]:
             self.__dict__.update(before)
 

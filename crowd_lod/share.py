@@ -79,7 +79,7 @@ def share(fit: Fit) -> None:
     again = np.flatnonzero(changed[fit.own_face])
     start = fit.source.corner(fit.hit[again], fit.hit_weights.take(again, 1))
     fit.hit[again], fit.hit_weights[:, again] = fit.source.walk(start, own.take(again, 1))
-    fit.doubt(own)
+    fit.measure()
 
 
 def _spare(fit: Fit) -> np.ndarray:
