@@ -10,7 +10,7 @@ import numpy as np
 from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
 from .parts import parts_of, within
-from .refine import Fit
+from .refine import FINE, Fit
 from .share import share
 from .skin import Skin
 from .steps import finished
@@ -141,6 +141,8 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     spare = max(EFFORT, EACH * len(triangles)) - 0.5 * len(triangles) - 1.5 * (1 + len(bent)) * (len(some) - target)
     rounds = min(round((spare - 0.35 * samples) / (0.42 * samples)), POSED_ROUNDS if bent else ROUNDS)
     for k in range(rounds):
+        if fit.worst < FINE:
+            break
         if k and not bent:
             share(fit)
         if k % 4 == 2 and not bent:

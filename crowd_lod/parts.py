@@ -17,8 +17,8 @@ def parts_of(n: int, triangles: np.ndarray) -> np.ndarray:
 
 
 def within(points, part, new_points, new_triangles, landed, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(new points (n, 3), new triangles (k, 3), landed (n,)) with at most `target` triangles, or those of one part: parts become
-    cards of two triangles, the smallest first; where that is not enough, those nearest to others go.
+    """(new points (n, 3), new triangles (k, 3), landed (n,)) with at most `target` triangles, or those of the largest part: the
+    others become cards of two triangles, the smallest first; where that is not enough, those nearest to others go.
 
     points: (n, 3) of the source; part: (n,) the first point of each one's part; new_points (n, 3), new_triangles (m, 3): the
     LOD, its points numbered as the source's; landed: (n,) the point that each collapsed into.
@@ -35,7 +35,7 @@ def within(points, part, new_points, new_triangles, landed, target: int) -> tupl
     own, faces = np.split(members, begin[1:]), np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1])
     faces = [new_triangles[each] for each in faces]
     excess = len(new_triangles) - target
-    for k in np.argsort(radius, kind="stable"):
+    for k in np.argsort(radius, kind="stable")[:-1]:
         card = own[k][_card(points[own[k]])] if excess > 0 and len(faces[k]) > 2 else faces[k]
         if 0 < len(card) < len(faces[k]):
             excess -= len(faces[k]) - len(card)

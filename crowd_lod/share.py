@@ -15,71 +15,75 @@ UPRIGHT = 0.5  # least cosine between a triangle's normal and those of its halve
 
 
 def share(fit: Fit) -> None:
-    """Split the longest sides of the triangles of `fit` that are farthest off, and collapse as many triangles."""
-    errors = fit.errors()
-    spare = _spare(fit)
+    """Split the longest sides of the triangles of `fit` that are farthest off, and collapse as many triangles where that leads
+    less far."""
+    errors, spare, n, m = fit.errors(), _spare(fit), fit.lod.points.shape[1], fit.lod.corners.shape[1]
     halves = _longest(fit, errors, spare)
     added = np.cumsum((halves >= 0).sum(axis=0))
     if not len(added):
         return
-    slack = fit.most - fit.lod.corners.shape[1]
+    slack = fit.most - m
     keep, gone, at, freed = _cheapest(fit, errors, halves, added[-1] - slack)
     halves = halves[:, : np.searchsorted(added, freed + slack, side="right")]
     if not halves.shape[1]:
         return
-    # collapse
-    points, corners, (n, m) = fit.lod.points.copy(), fit.lod.corners, (fit.lod.points.shape[1], fit.lod.corners.shape[1])
+    # the edges collapse: went is each point's new index, after each triangle's or -1; stay and alive are those that are left
+    points, went, after = fit.lod.points.copy(), np.ones(n, bool), np.full(m, -1)
     points[:, keep] = at
-    index = np.ones(n, bool)
-    index[gone] = False
-    kept = np.flatnonzero(index)
-    index = np.cumsum(index) - 1
-    index[gone] = index[keep]
-    corners = index[corners]
+    went[gone] = False
+    stay, went = np.flatnonzero(went), np.cumsum(went) - 1
+    went[gone] = went[keep]
+    corners = went[fit.lod.corners]
     alive = np.flatnonzero((corners != np.roll(corners, 1, axis=0)).all(axis=0))
-    after = np.full(m, -1)
     after[alive] = np.arange(len(alive))
+    seams = went[fit.seams]
+    # the sides are split
     halves = np.where(halves >= 0, halves // m * len(alive) + after[halves % m], -1)
-    points, seams = points[:, kept], index[fit.seams]
-    lod, seams, parent = _split(points, corners[:, alive], seams[:, seams[0] != seams[1]], halves)
-    # each new point takes the nearest of the source's points that can be spared there
-    old, k = len(kept), halves.shape[1]
-    new = np.full(m, -1)
-    for half in halves:
-        new[alive[half[half >= 0] % len(alive)]] = np.flatnonzero(half >= 0)
-    here = new[fit.face[spare]]
-    spare, here = spare[here >= 0], here[here >= 0]
-    order = np.lexsort((length(fit.there.take(spare, 1) - lod.points.take(old + here, 1)), here))
-    owner = fit.mine[spare[order[np.searchsorted(here[order], np.arange(k))]]]
-    landed = np.where(fit.landed >= 0, index[fit.landed], -1)
-    landed[owner] = np.arange(old, old + k)
-    # and goes to the source's surface, but for borders and seams, and where that would fold the halves
-    hit, hit_weights = fit.source.walk(owner.copy(), lod.points[:, old:])
-    there = lod.points.copy()
-    there[:, old:] = fit.source.at(hit, hit_weights)
-    was, now = (normals(*(each.take(c, 1) for c in lod.corners)) for each in (lod.points, there))
-    held = np.unique(lod.corners[:, np.einsum("dn,dn->n", was, now) < UPRIGHT * length(was) * length(now)])
-    held = np.concatenate([held, old + np.flatnonzero(halves[1] < 0), seams.ravel()])
-    there[:, held] = lod.points[:, held]
-    lod.points = there
-    changed = np.zeros(old + k, bool)
-    changed[index[keep]] = changed[old:] = True
-    # samples go along with their triangles; where these changed they are sought again
-    corner, face, weights = index[fit.lod.corner(fit.face, fit.weights)], after[fit.face], fit.weights.copy()
+    lod, fit.seams, parent = _split(points[:, stay], corners[:, alive], seams[:, seams[0] != seams[1]], halves)
+    landed = np.where(fit.landed >= 0, went[fit.landed], -1)
+    hit = _settle(fit, lod, alive[parent], len(stay), halves, spare, landed)
+    changed = np.zeros(lod.points.shape[1], bool)
+    changed[went[keep]] = changed[len(stay) :] = True
     changed = changed[lod.corners].any(axis=0)
+    # samples go along with their triangles; where these changed they are sought again
+    corner, face, weights = went[fit.lod.corner(fit.face, fit.weights)], after[fit.face], fit.weights.copy()
     again = np.flatnonzero((face < 0) | changed[face])
     face[again], weights[:, again] = lod.walk(corner[again], fit.there.take(again, 1))
     g = fit.grid.shape[1]
-    every = np.append(np.arange(g * m).reshape(g, m)[:, alive[parent]], g * m + kept)
-    fit.lod, fit.seams, fit.landed, fit.face, fit.weights = lod, seams, landed, face, weights
-    fit.hit = np.append(fit.hit[every], hit)
-    fit.hit_weights = np.append(fit.hit_weights.take(every, 1), hit_weights, axis=1)
-    fit.own_pull = np.append(fit.own_pull[every], np.zeros(k))
+    every = np.append(np.arange(g * m).reshape(g, m)[:, alive[parent]], g * m + stay)
+    fit.lod, fit.landed, fit.face, fit.weights = lod, landed, face, weights
+    fit.hit = np.append(fit.hit[every], hit[0])
+    fit.hit_weights = np.append(fit.hit_weights.take(every, 1), hit[1], axis=1)
+    fit.own_pull = np.append(fit.own_pull[every], np.zeros(len(hit[0])))
     own = fit.spread()
     again = np.flatnonzero(changed[fit.own_face])
     start = fit.source.corner(fit.hit[again], fit.hit_weights.take(again, 1))
     fit.hit[again], fit.hit_weights[:, again] = fit.source.walk(start, own.take(again, 1))
     fit.measure()
+
+
+def _settle(fit: Fit, lod: Walkable, was, n: int, halves, spare, landed) -> tuple[np.ndarray, np.ndarray]:
+    """(triangles, weights) of the source where the points from the n-th on of `lod`, in the middle of the sides `halves`, lie:
+    they go there, but for borders and seams, and where that would fold. was: each triangle's index in `fit`. The nearest of the
+    source's `spare` points lands on each, in `landed`."""
+    points, k = lod.points, halves.shape[1]
+    new = np.full(fit.lod.corners.shape[1], -1)
+    for half in halves:
+        new[was[half[half >= 0] % (len(was) - (halves >= 0).sum())]] = np.flatnonzero(half >= 0)
+    here = new[fit.face[spare]]
+    spare, here = spare[here >= 0], here[here >= 0]
+    order = np.lexsort((length(fit.there.take(spare, 1) - points.take(n + here, 1)), here))
+    owner = fit.mine[spare[order[np.searchsorted(here[order], np.arange(k))]]]
+    landed[owner] = np.arange(n, n + k)
+    hit, weights = fit.source.walk(owner, points[:, n:])
+    there = points.copy()
+    there[:, n:] = fit.source.at(hit, weights)
+    before, after = (normals(*(each.take(c, 1) for c in lod.corners)) for each in (points, there))
+    folds = np.einsum("dn,dn->n", before, after) < UPRIGHT * length(before) * length(after)
+    held = np.concatenate([np.unique(lod.corners[:, folds]), n + np.flatnonzero(halves[1] < 0), fit.seams.ravel()])
+    there[:, held] = points[:, held]
+    lod.points = there
+    return hit, weights
 
 
 def _spare(fit: Fit) -> np.ndarray:
@@ -132,12 +136,12 @@ def _cheapest(fit: Fit, errors, halves, count: int) -> tuple[np.ndarray, np.ndar
     off = off[edges].max(axis=0)
     barred = bridges(edges, faces, n) | busy[edges].any(axis=0) | (off > LEAD * fit.worst)
     barred |= seam[edges].any(axis=0) & ~np.isin(edge_keys(edges, n), edge_keys(fit.seams, n))
-    cost = np.where(barred, np.inf, cost + off**2 / 4)
+    cost = np.where(barred, np.inf, cost + (off / 2) ** 2)
     most = min(TRIED * max(count, 4), len(cost))
     order = np.argpartition(cost, most - 1)[:most]
     order = np.sort(order[cost[order] < np.inf])
     there = _after(fit, edges[:, order], at[:, order])
-    order = order[there < LEAD * fit.worst][np.argsort(there[there < LEAD * fit.worst], kind="stable")]
+    order = order[np.argsort(there, kind="stable")[: (there < LEAD * fit.worst).sum()]]
     around = normals_of(points.T, corners.T)
     order, _ = choose(points.T, corners, around, edges, faces, order, at, PASSES, FACING)
     freed = np.cumsum(faces[order])
