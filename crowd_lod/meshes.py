@@ -1,5 +1,5 @@
 """LOD meshes by decimation: fast-simplification makes the many cheap collapses, quadric collapses the last, and the points
-left are moved to where the largest distance to the source is least."""
+and triangles left are moved until the largest distance to the source is least."""
 
 import threading
 from collections.abc import Iterator
@@ -15,10 +15,12 @@ from .share import share
 from .skin import Skin
 from .steps import finished
 
-BULK = 2.5  # times the triangles wanted: down to that fast-simplification collapses
+BULK, REST = 2.5, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT, EACH = 170_000, 2.8  # samples sought, about a second's, and for each triangle of the source where that is more
+EFFORT, EACH = 160_000, 2.5  # samples sought, about a second's, and for each triangle of the source where that is more
+# Samples that cost as much: a triangle of the source, one that collapses, a sample to begin with, and in each round.
+TRIANGLE, COLLAPSED, BEGUN, FITTED = 0.5, 1.5, 0.35, 0.42
 OVERHEAD = 6_000  # samples that cost as much as a round with none
 ROUNDS = 40  # of moves, at most
 POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
@@ -116,13 +118,14 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     """Collapse, then fit while EFFORT lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
-    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification and flips know no poses, and take the
-    rings of a straight elbow first: the one goes less far, in the pose that bends most, the other are left out."""
+    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification, flips and shares know no poses, and take
+    the rings of a straight elbow first: the one goes less far, in the pose that bends most, the others are left out."""
     part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
     quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
     spared = BENT if bent else SEAMED if len(seams) else 0
     yield
-    start, some, landed = _bulk(points, triangles, part, max(int(BULK * target), spared), skin.place[0] if bent else points)
+    most = max(int(BULK * target + REST * len(triangles)), spared)
+    start, some, landed = _bulk(points, triangles, part, most, skin.place[0] if bent else points)
     yield
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
@@ -138,8 +141,9 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
     fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
     samples = fit.samples + OVERHEAD
-    spare = max(EFFORT, EACH * len(triangles)) - 0.5 * len(triangles) - 1.5 * (1 + len(bent)) * (len(some) - target)
-    rounds = min(round((spare - 0.35 * samples) / (0.42 * samples)), POSED_ROUNDS if bent else ROUNDS)
+    spare = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - BEGUN * samples
+    spare -= COLLAPSED * (1 + len(bent)) * (len(some) - target)
+    rounds = min(round(spare / (FITTED * samples)), POSED_ROUNDS if bent else ROUNDS)
     for k in range(rounds):
         if fit.worst < FINE:
             break

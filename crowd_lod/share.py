@@ -11,6 +11,7 @@ FAR = 0.8  # of the worst distance: triangles as far off as this are split
 LEAD = 0.95  # of it: no collapse may lead farther
 MOST = 0.05  # of the triangles may be added at once
 TRIED = 2  # collapses tried for each that is needed
+CROWDED = 24  # triangles round an edge beyond which none is tried: what that costs grows with their square
 UPRIGHT = 0.5  # least cosine between a triangle's normal and those of its halves
 
 
@@ -136,6 +137,7 @@ def _cheapest(fit: Fit, errors, halves, count: int) -> tuple[np.ndarray, np.ndar
     off = off[edges].max(axis=0)
     barred = bridges(edges, faces, n) | busy[edges].any(axis=0) | (off > LEAD * fit.worst)
     barred |= seam[edges].any(axis=0) & ~np.isin(edge_keys(edges, n), edge_keys(fit.seams, n))
+    barred |= np.diff(fit.lod.first)[edges].sum(axis=0) > CROWDED
     cost = np.where(barred, np.inf, cost + (off / 2) ** 2)
     most = min(TRIED * max(count, 4), len(cost))
     order = np.argpartition(cost, most - 1)[:most]
