@@ -13,9 +13,10 @@ from .skin import Skin
 MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
 STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
 FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
+FOLDED = -1.0  # the same where nothing else is left to collapse
 THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
 SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
-PASSES = 3  # choices of edges in a round
+PASSES = 6  # choices of edges in a round
 
 
 def quadrics_of(points: np.ndarray, triangles: np.ndarray, seams: np.ndarray) -> np.ndarray:
@@ -60,25 +61,26 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     """
     points, quadrics, normals, n = points.copy(), quadrics.copy(), normals.copy(), len(points)
     bent, follows = [each.copy() for each in bent], np.arange(n)
-    landed, refused, thorough = np.arange(n), np.zeros(0, np.intp), False
+    landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
     corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
     while corners.shape[1] > target:
-        keys, edges, faces = _edges_of(corners, n)
-        at, cost = _place(points.T, quadrics, *edges)
-        border = np.zeros(n, bool)
-        border[edges[:, faces != 2]] = True
+        keys, edges, faces = edges_of(corners, n)
+        at, cost = place(points.T, quadrics, *edges)
         follow, bent_cost = _follow(skin, bent, follows, edges, at)
         cost += bent_cost / (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
-        cost[(faces == 2) & border[edges[0]] & border[edges[1]] | np.isin(keys, refused)] = np.inf
+        cost[bridges(edges, faces, n) | np.isin(keys, refused)] = np.inf
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
-        chosen, bad = _choose(points, corners, normals, edges, faces, order, at, len(order) if thorough else PASSES)
+        passes = len(order) if thorough else PASSES
+        chosen, bad = choose(points, corners, normals, edges, faces, order, at, passes, facing)
         refused = np.append(refused, keys[bad])
         if not len(chosen):
-            if thorough:
+            if thorough and facing == FOLDED:
                 break
-            thorough = True
+            if thorough:
+                refused, facing = refused[:0], FOLDED
+            thorough = not thorough
             continue
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
         keep, gone = ends = edges[:, chosen]
@@ -96,12 +98,19 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     return points, corners.T, landed, follows
 
 
-def _edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(keys (k,), ends (2, k), how many triangles (k,)) of each edge of the triangles `corners` (3, m)."""
     keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     faces, keys = np.diff(first, append=len(keys)), keys[first]
     return keys, np.stack(np.divmod(keys, n)), faces
+
+
+def bridges(edges: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
+    """Which of the edges (2, k), of `faces` (k,) triangles, would join two borders if they collapsed, (k,) bool."""
+    border = np.zeros(n, bool)
+    border[edges[:, faces != 2]] = True
+    return (faces == 2) & border[edges[0]] & border[edges[1]]
 
 
 def _flat(corners: np.ndarray) -> np.ndarray:
@@ -110,7 +119,7 @@ def _flat(corners: np.ndarray) -> np.ndarray:
     return (a == b) | (b == c) | (c == a)
 
 
-def _choose(points, corners, normals, edges, faces, order, at, passes: int) -> tuple[np.ndarray, np.ndarray]:
+def choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
     """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first."""
     n = len(points)
     ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
@@ -120,7 +129,7 @@ def _choose(points, corners, normals, edges, faces, order, at, passes: int) -> t
         if not len(found):
             break
         free[found] = False
-        good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found])
+        good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found], facing)
         bad = np.append(bad, found[~good])
         chosen = np.append(chosen, found[good])
         free &= ~_ring(corners, ends[:, found[good]], n)[ends].any(axis=0)
@@ -143,7 +152,7 @@ def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
     return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
 
 
-def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+def place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
     p, q = points.take(a, 1), points.take(b, 1)
     xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
@@ -197,8 +206,9 @@ def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> n
     return edge[(reach[ends[:, edge]] == edge).all(axis=0)]
 
 
-def _valid(points, corners, normals, edges, ends, at, faces) -> np.ndarray:
-    """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart."""
+def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> np.ndarray:
+    """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart. facing:
+    the least cosine between a triangle's normals before and after."""
     n, k = len(points), ends.shape[1]
     which = np.full(n, -1)
     which[ends] = np.arange(k)
@@ -226,7 +236,7 @@ def _valid(points, corners, normals, edges, ends, at, faces) -> np.ndarray:
     outward = normals.copy()
     outward[ends] = normals[ends].sum(axis=0)
     stands_for = _unit(_unit(outward)[0][rest].sum(axis=0))[0]
-    turned = (np.einsum("nd,nd->n", was, now) < FACING) & (was_size > 0) | (np.einsum("nd,nd->n", stands_for, now) < FACING)
+    turned = (np.einsum("nd,nd->n", was, now) < facing) & (was_size > 0) | (np.einsum("nd,nd->n", stands_for, now) < facing)
     good[edge[thin | turned]] = False
     return good
 

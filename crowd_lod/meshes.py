@@ -1,5 +1,5 @@
 """LOD meshes by decimation: fast-simplification makes the many cheap collapses, quadric collapses the last, and the points
-left are moved to where the largest distance to the source is least."""
+and triangles left are moved until the largest distance to the source is least."""
 
 import threading
 from collections.abc import Iterator
@@ -9,18 +9,21 @@ import numpy as np
 
 from .collapse import collapse, edge_keys, normals_of, quadrics_of
 from .errors import CrowdError
-from .refine import SAMPLES, Fit
+from .parts import parts_of, within
+from .refine import FINE, Fit
+from .share import share
 from .skin import Skin
 from .steps import finished
 
-BULK = 4  # times the triangles wanted: down to that fast-simplification collapses
+BULK, REST = 2.5, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT = 170_000  # samples sought, about a second's: 1.5 to collapse a triangle, 1.2 of all to begin, 0.7 of all a round
-OVERHEAD = 2_000  # samples that cost as much as a round with none
+EFFORT, EACH = 160_000, 2.5  # samples sought, about a second's, and for each triangle of the source where that is more
+# Samples that cost as much: a triangle of the source, one that collapses, a sample to begin with, and in each round.
+TRIANGLE, COLLAPSED, BEGUN, FITTED = 0.5, 1.5, 0.35, 0.42
+OVERHEAD = 6_000  # samples that cost as much as a round with none
 ROUNDS = 40  # of moves, at most
 POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
-FLIPS = 2  # of these rounds begin with flips
 STEPS = 5  # moves of all points in a round
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -65,8 +68,8 @@ def decimating(
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
     the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. Points without a triangle
-    are dropped, open borders at the same points become one. No loose part is lost while there are triangles for all, one
-    each, or four for one that is closed: beyond that the smallest go first.
+    are dropped, open borders at the same points become one. No loose part is lost while there are triangles for all, two
+    each: then those that lie nearest to others go first.
     """
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
@@ -115,50 +118,55 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     """Collapse, then fit while EFFORT lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
-    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification and flips know no poses, and take the
-    rings of a straight elbow first: the one goes less far, in the pose that bends most, the other are left out."""
-    part, facing = _parts(len(points), triangles), normals_of(points, triangles)
+    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification, flips and shares know no poses, and take
+    the rings of a straight elbow first: the one goes less far, in the pose that bends most, the others are left out."""
+    part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
     quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
     spared = BENT if bent else SEAMED if len(seams) else 0
     yield
-    start, some, landed = _bulk(points, triangles, part, max(BULK * target, spared), skin.place[0] if bent else points)
+    most = max(int(BULK * target + REST * len(triangles)), spared)
+    start, some, landed = _bulk(points, triangles, part, most, skin.place[0] if bent else points)
     yield
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
-    new_triangles = _largest_parts(points, triangles, part, new_triangles, target)
+    new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
+    follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
     new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
     index = np.full(len(start), -1)
     index[kept] = np.arange(len(kept))
-    landed = index[end[landed]]
-    count = len(new_triangles)
-    samples = len(points) + max(min(14 * count, SAMPLES), count + len(kept)) + OVERHEAD
-    spare = EFFORT - 1.5 * (1 + len(bent)) * (len(some) - target) - 1.2 * samples
-    rounds = min(round(spare / (0.7 * samples)), POSED_ROUNDS if bent else ROUNDS)
-    if rounds > 0:
-        keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
-        inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
+    landed = index[landed]
+    yield
+    keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
+    inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
+    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
+    samples = fit.samples + OVERHEAD
+    spare = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - BEGUN * samples
+    spare -= COLLAPSED * (1 + len(bent)) * (len(some) - target)
+    rounds = min(round(spare / (FITTED * samples)), POSED_ROUNDS if bent else ROUNDS)
+    for k in range(rounds):
+        if fit.worst < FINE:
+            break
+        if k and not bent:
+            share(fit)
+        if k % 4 == 2 and not bent:
+            fit.flip()
+        if k % 4 == 1:
+            fit.watch()
+        fit.move(STEPS)
         yield
-        fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
-        for k in range(rounds):
-            if k % 2:
-                fit.watch()
-            elif k < 2 * FLIPS and not bent:
-                fit.flip()
-            fit.move(STEPS)
-            yield
-        new_points, new_triangles = fit.best
+    new_points, new_triangles, landed = fit.best
     return new_points, new_triangles, landed, follows[kept]
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(points (n, 3), triangles, landed (n,)) about `target` triangles by fast-simplification, which chooses what to collapse
-    with the points at `seen` (n, 3); the mesh itself where that would lose a part or open, double or join faces."""
+    with the points at `seen` (n, 3). Parts that it would lose, or whose faces it would open, double or join, stay as they are."""
     import fast_simplification
 
-    same = points, triangles, np.arange(len(points))
+    n, every = len(points), np.arange(len(points))
     if target >= len(triangles):
-        return same
+        return points, triangles, every
     faces = np.ascontiguousarray(triangles, np.int32)
     with _one_at_a_time:
         _, _, collapses = fast_simplification.simplify(
@@ -168,23 +176,28 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
     # it numbers the points anew: each takes back the number of the first that landed on it
     _, first = np.unique(landed, return_index=True)
     if len(first) != len(some_points) or (landed[first] != np.arange(len(first))).any():
-        return same
+        return points, triangles, every
     moved = points.copy()
     moved[first] = some_points
+    some, landed = first[some], first[landed]
+    whole = _without_flat_and_doubled(some)
+    count, sound = (np.bincount(part[each[:, 0]], minlength=n) for each in (some, whole))
+    bad = (count == 0) | (sound < count) | (_uneven(some, part) > _uneven(triangles, part))
     # where planes hardly differ it may throw a point far away
-    if (np.abs(moved - moved.clip(points.min(axis=0), points.max(axis=0))) > 0.01).any():
-        return same
-    some = first[some]
-    doubled = len(_without_flat_and_doubled(some)) < len(some)
-    opened = _uneven(some, len(points)) > _uneven(triangles, len(points))
-    lost = len(np.unique(part[some])) < len(np.unique(part[triangles]))
-    return same if doubled or opened or lost else (moved, some, first[landed])
+    low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
+    np.minimum.at(low, part, points)
+    np.maximum.at(high, part, points)
+    bad[part[(np.abs(moved - moved.clip(low[part], high[part])) > 0.01).any(axis=1)]] = True
+    bad[part[part[landed] != part]] = True
+    bad = bad[part]
+    some = np.concatenate([some[~bad[some[:, 0]]], triangles[bad[triangles[:, 0]]]])
+    return np.where(bad[:, None], points, moved), some, np.where(bad, every, landed)
 
 
-def _uneven(triangles: np.ndarray, n: int) -> int:
-    """How many edges have not two triangles."""
-    keys = edge_keys(_half_edges(triangles).T, n)
-    return int((np.unique(keys, return_counts=True)[1] != 2).sum())
+def _uneven(triangles: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """How many edges of each part have not two triangles, (n,) at its first point."""
+    keys, count = np.unique(edge_keys(_half_edges(triangles).T, len(part)), return_counts=True)
+    return np.bincount(part[keys[count != 2] // len(part)], minlength=len(part))
 
 
 def _half_edges(triangles: np.ndarray) -> np.ndarray:
@@ -215,31 +228,6 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
         apart = np.isin(joined, joined[half[count[inverse] > 2]])
         joined[apart] = np.flatnonzero(apart)
     return joined, joined[border]
-
-
-def _parts(n: int, triangles: np.ndarray) -> np.ndarray:
-    """For each of n points the first of its loose part, (n,) intp."""
-    part, before = np.arange(n), None
-    while before is None or (part != before).any():
-        before = part.copy()
-        least = part[triangles].min(axis=1)
-        for corner in triangles.T:
-            np.minimum.at(part, part[corner], least)
-            np.minimum.at(part, corner, least)
-        part = part[part]
-    return part
-
-
-def _largest_parts(points, triangles, part, new_triangles, target: int) -> np.ndarray:
-    """The new triangles, without those of the loose parts smallest by area where they are more than `target`."""
-    if len(new_triangles) <= target:
-        return new_triangles
-    a, b, c = (points[triangles[:, i]] for i in range(3))
-    area = np.bincount(part[triangles[:, 0]], np.linalg.norm(np.cross(b - a, c - a), axis=1), len(points))
-    order = np.argsort(-area, kind="stable")
-    part_of = part[new_triangles[:, 0]]
-    total = np.cumsum(np.bincount(part_of, minlength=len(points))[order])
-    return new_triangles[np.isin(part_of, order[(total <= target) | (np.arange(len(order)) == 0)])]
 
 
 def _nearest(points: np.ndarray, new_points: np.ndarray, landed: np.ndarray) -> np.ndarray:

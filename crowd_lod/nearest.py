@@ -2,8 +2,8 @@
 
 import numpy as np
 
-WALKS = 8  # steps along a surface to the nearest triangle, at most
-FAR = 0.4  # of the largest distance: beyond it a point's nearest triangle is sought again
+WALKS = 40  # steps along a surface to the nearest triangle, at most
+FAR = 0.5  # of the largest distance: beyond it a point's nearest triangle is sought again
 DOUBTS = 12  # times that those farthest off are doubted, at most, while any of them was wrong
 DOUBTED = 32  # points farthest off, whose walks may have ended at a wrong place
 
@@ -47,13 +47,20 @@ class Walkable:
             face[going], weights[:, going] = self._round(corner, others.take(going, 1))
         return face, weights
 
-    def follow(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray) -> None:
-        """Bring `face` and `weights` up to date for those of `others` that are farthest from them."""
-        distance = length(others - self.at(face, weights))
+    def follow(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(ways (3, k) from the nearest points to `others`, their lengths (k,)), with `face` and `weights` brought up to date for
+        those that are farthest off: on their triangles, and by walks from the sides of these."""
+        off = others - self.at(face, weights)
+        distance = length(off)
         far = np.flatnonzero(distance > FAR * distance.max(initial=0))
-        start = self.corner(face[far], weights.take(far, 1))
-        face[far], weights[:, far] = self.walk(start, others.take(far, 1))
-        self.doubt(face, weights, others, 4)
+        there = others.take(far, 1)
+        at = barycentric(there, *(self.points.take(c, 1) for c in self.corners.take(face[far], 1)))
+        weights[:, far] = at
+        side = np.flatnonzero((at <= 0).any(axis=0))
+        face[far[side]], weights[:, far[side]] = self.walk(self.corner(face[far[side]], at.take(side, 1)), there.take(side, 1))
+        off[:, far] = there - self.at(face[far], weights.take(far, 1))
+        distance[far] = length(off.take(far, 1))
+        return off, distance
 
     def doubt(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, count: int = DOUBTED) -> None:
         """Seek those of `others` that are farthest from `face` and `weights` again, on all triangles near enough."""

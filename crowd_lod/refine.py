@@ -14,7 +14,7 @@ HALVES = 3  # times that a move which turns a triangle is halved before it is le
 FLIP = 0.9  # a flip must lessen the local worst distance to this part
 WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
 FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is flipped
-WATCHED = 0.6  # of the worst distance: beside such points the source's sides and triangles are looked at as well
+WATCHED = 0.4  # of the worst distance: beside such points the source's sides and triangles are looked at as well
 SEEN = 0.9  # of the worst distance: those as far off as this count from then on
 SAMPLES = 15_000  # of the LOD's surface, about
 FINEST = 5  # samples along a side, at most
@@ -34,24 +34,33 @@ class Fit:
         self.source, self.lod = Walkable.of(source, source_triangles), Walkable.of(points, triangles)
         ends = landed[seams].T
         self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
-        self.least, self.best = np.inf, None
+        self.least, self.best, self.most = np.inf, None, len(triangles)
         # the source's points
-        self.mine = np.flatnonzero(landed >= 0)
+        self.landed, self.mine = landed, np.flatnonzero(landed >= 0)
         self.there = self.source.points.take(self.mine, 1)
         self.face, self.weights = self.lod.walk(landed[self.mine], self.there)
         self.pull = np.zeros(len(self.mine))
         # a grid on each of the LOD's triangles, then the LOD's points
         n, m = len(points), len(triangles)
-        self.grid = _grid(int(np.clip(np.sqrt(2 * SAMPLES / m), 1, FINEST)))
-        own = self._own()
+        self.grid = _grid(int(np.clip(np.round(np.sqrt(2 * SAMPLES / m)), 1, FINEST)))
+        own = self.spread()
         near = np.empty(n, np.intp)
         near[landed[self.mine]] = self.mine
-        start = np.append(near[self.lod.corners[self.grid.argmax(axis=0)]], near)
+        # from a source's point on the same triangle, where there is one
+        start = near[self.lod.corners[self.grid.argmax(axis=0)]]
+        cell = np.stack([((self.weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
+        start[cell, self.face] = self.mine
+        start = np.append(start, near)
         self.hit, self.hit_weights = self.source.walk(start, own)
         self.own_pull = np.zeros(len(self.hit))
-        self._doubt(own)
+        self.doubt(own)
 
-    def _own(self) -> np.ndarray:
+    @property
+    def samples(self) -> int:
+        """How many points are held against the other surface."""
+        return len(self.face) + len(self.hit)
+
+    def spread(self) -> np.ndarray:
         """Put samples on the LOD: own_face (g m + n,), own_weights; returns where they are."""
         m, n = self.lod.corners.shape[1], self.lod.points.shape[1]
         one = self.lod.star[self.lod.first[:-1]]
@@ -59,23 +68,26 @@ class Fit:
         self.own_weights = np.concatenate([np.repeat(self.grid, m, axis=1), self.lod.corners[:, one] == np.arange(n)], axis=1)
         return self.lod.at(self.own_face, self.own_weights)
 
-    def _doubt(self, own) -> None:
+    def doubt(self, own) -> None:
         self.lod.doubt(self.face, self.weights, self.there)
         self.source.doubt(self.hit, self.hit_weights, own)
         self.measure()
 
     def measure(self) -> float:
         """The worst distance; `off` and `own_off` are the ways to the nearest points, `distance` and `own_distance` their
-        lengths."""
+        lengths. A worst distance that is no less than before may be of a walk that ended at a wrong place."""
         here = self.lod.at(self.own_face, self.own_weights)
-        self.lod.follow(self.face, self.weights, self.there)
-        self.source.follow(self.hit, self.hit_weights, here)
-        self.off = self.there - self.lod.at(self.face, self.weights)
-        self.own_off = self.source.at(self.hit, self.hit_weights) - here
-        self.distance, self.own_distance = length(self.off), length(self.own_off)
-        self.worst = max(self.distance.max(), self.own_distance.max())
+        for again in (False, True):
+            self.off, self.distance = self.lod.follow(self.face, self.weights, self.there)
+            self.own_off, self.own_distance = self.source.follow(self.hit, self.hit_weights, here)
+            self.own_off *= -1
+            self.worst = max(self.distance.max(), self.own_distance.max())
+            if again or self.worst < self.least:
+                break
+            self.lod.doubt(self.face, self.weights, self.there, 4)
+            self.source.doubt(self.hit, self.hit_weights, here, 4)
         if self.worst < self.least:
-            self.least, self.best = self.worst, (self.lod.points.T, self.lod.corners.T)
+            self.least, self.best = self.worst, (self.lod.points.T, self.lod.corners.T, self.landed)
         return self.worst
 
     def watch(self) -> None:
@@ -85,12 +97,16 @@ class Fit:
         near = near[self.source.corners]
         away = np.where(near >= 0, self.distance[near], -np.inf)
         some = np.flatnonzero((away.max(axis=0) > WATCHED * self.worst) & (near >= 0).all(axis=0))
-        if not len(some):
-            return
         face, grid = np.tile(some, GRID.shape[1]), np.repeat(GRID, len(some), axis=1)
         there, at = self.source.at(face, grid), near[grid.argmax(axis=0), face]
-        start = self.lod.corner(self.face[at], self.weights.take(at, 1))
-        face, weights = self.lod.walk(start, there)
+        # what is near the triangles of its corners has none farther
+        face = self.face[at]
+        weights = barycentric(there, *(self.lod.points.take(c, 1) for c in self.lod.corners.take(face, 1)))
+        far = np.flatnonzero(length(there - self.lod.at(face, weights)) > SEEN * self.worst)
+        if not len(far):
+            return
+        there = there.take(far, 1)
+        face, weights = self.lod.walk(self.lod.corner(face[far], weights.take(far, 1)), there)
         self.lod.doubt(face, weights, there)
         far = np.flatnonzero(length(there - self.lod.at(face, weights)) > SEEN * self.worst)
         if len(far):
@@ -141,14 +157,19 @@ class Fit:
             move[:, held] = normal * np.einsum("dn,dn->n", normal, move.take(held, 1)) + slid
         return points + move
 
+    def errors(self) -> np.ndarray:
+        """The worst distance at each of the LOD's triangles, (m,)."""
+        errors = np.zeros(self.lod.corners.shape[1])
+        np.maximum.at(errors, self.face, self.distance)
+        np.maximum.at(errors, self.own_face, self.own_distance)
+        return errors
+
     def flip(self) -> None:
         """Flip sides where that lessens the local worst distance; no seams."""
         points, corners, before = self.lod.points, self.lod.corners, self.__dict__.copy()
         n, m = points.shape[1], corners.shape[1]
-        errors = np.zeros(m)
-        np.maximum.at(errors, self.face, self.distance)
-        np.maximum.at(errors, self.own_face, self.own_distance)
-        one, two, keys = _double(corners, n)
+        errors = self.errors()
+        one, two, keys = sides_of_two(corners, n)
         a, b, c = (corners[(one // m + k) % 3, one % m] for k in (1, 2, 0))
         d, one, two = corners[two // m, two % m], one % m, two % m
         was = np.maximum(errors[one], errors[two])
@@ -180,11 +201,11 @@ class Fit:
         )
         new = np.flatnonzero(taken[self.face])
         self.face[new], self.weights[:, new] = self.lod.walk(start[new], self.there.take(new, 1))
-        own = self._own()
+        own = self.spread()
         new = np.flatnonzero(taken[self.own_face])
         start = self.source.corner(self.hit[new], self.hit_weights.take(new, 1))
         self.hit[new], self.hit_weights[:, new] = self.source.walk(start, own.take(new, 1))
-        self._doubt(own)
+        self.measure()
         if self.worst > WORSE * before["worst"]:
             self.__dict__.update(before)
 
@@ -211,7 +232,7 @@ class Fit:
         return worst
 
 
-def _double(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def sides_of_two(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(one, two (k,): the sides of two triangles, as seen from each; keys of all sides). Side i m + t is that of triangle t
     opposite of its corner i."""
     keys = edge_keys(np.stack([np.roll(corners, -1, axis=0).ravel(), np.roll(corners, -2, axis=0).ravel()]), n)

@@ -194,12 +194,26 @@ def test_borders_at_the_same_points_do_not_part():
 
 
 @pytest.mark.parametrize(("columns", "ratio", "parts"), [(1, 0.5, 200), (2, 0.5, 200), (2, 0.3, 200), (1, 0.3, 120), (2, 0.03, 24)])
-def test_cards_stay_while_there_are_triangles_and_the_largest_after(columns, ratio, parts):
+def test_cards_stay_while_there_are_triangles_and_are_spread_out_after(columns, ratio, parts):
     points, triangles = cards(columns=columns)
     lod = decimate(points, triangles, ratio, "hair")
     kept = np.unique(lod.source[lod.triangles[:, 0]] // (2 * (columns + 1)))
-    assert len(lod.triangles) == round(ratio * len(triangles))
-    assert (kept == np.arange(200 - parts, 200)).all()
+    assert len(lod.triangles) == round(ratio * len(triangles)) and len(kept) == parts
+    if parts < 200:
+        largest = triangles[triangles[:, 0] // (2 * (columns + 1)) >= 200 - parts]
+        assert farthest(lod.points, lod.triangles, points) < farthest(points, largest, points) / 2
+
+
+@pytest.mark.parametrize(("ratio", "parts"), [(0.05, 40), (0.01, 8)])
+def test_closed_parts_become_cards_before_any_goes(ratio, parts):
+    """Forty balls: 96 triangles are too few for tetrahedra of all, but enough for cards of all but the largest; 19 are enough for seven."""
+    one, triangles = sphere(8)
+    place = 4 * np.stack(np.meshgrid(np.arange(5), np.arange(8)), -1).reshape(-1, 2)
+    points = np.concatenate([one * (0.5 + k / 40) + (x, y, 0) for k, (x, y) in enumerate(place)])
+    lod = decimate(points, np.concatenate([triangles + k * len(one) for k in range(40)]), ratio, "balls")
+    assert len(np.unique(lod.source // len(one))) == parts
+    assert len(lod.triangles) <= round(ratio * 40 * len(triangles))
+    assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
 
 
 @pytest.mark.parametrize(("size", "offset"), [(2.0**-10, 0), (2.0**20, 0), (1e-3, 0), (1e6, 0), (1.0, 4096.0)])
