@@ -75,12 +75,12 @@ def test_every_button_fails_well_in_an_empty_scene(seen):
     buttons = seen["empty"]["buttons"]
     assert set(buttons) == set(AT_REST)
     assert {name: button["changed"] for name, button in buttons.items()} == {name: {} for name in AT_REST}
-    assert buttons["populate"]["status"].startswith("CANCELLED: Error: ")
+    assert buttons["remove_build"]["status"].startswith("CANCELLED: Error: ")
 
 
 def test_the_sample_scene_is_made_and_populated(seen):
     sample = seen["sample"]
-    assert sample["status"] == ["FINISHED", "FINISHED"]
+    assert sample["status"] == ["FINISHED", "MODAL"]
     assert sample["scene"] == "Chapter" and sample["overlay"]
     assert 0 < sample["visible"] == sum(sample["counts"]) < 4096
     assert all(sample["counts"])
