@@ -99,6 +99,20 @@ def stance(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float
     return _about(2, heading) @ _about(1, -pitch) @ _about(0, roll) @ _about(2, np.array([turn]))
 
 
+def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
+    """The x and the y axis, (n, 3) float32 each, of the rotations of `stance`, in a fraction of its time."""
+    cos, sin = np.cos(heading), np.sin(heading)
+    ahead, left = np.zeros((2, len(heading), 3), np.float32)
+    ahead[:, 0], ahead[:, 1], left[:, 0], left[:, 1] = cos, sin, -sin, cos
+    if pitch.any() or roll.any():
+        ahead *= np.cos(pitch)[:, None]
+        ahead[:, 2] = np.sin(pitch)
+        up = np.cross(ahead, left)
+        left = np.cos(roll)[:, None] * left + np.sin(roll)[:, None] * up
+    c, s = np.float32(np.cos(turn)), np.float32(np.sin(turn))
+    return c * ahead + s * left, c * left - s * ahead
+
+
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
     """Rotations (n, 3, 3) float64 about a coordinate axis."""
     cos, sin = np.cos(angle, dtype=np.float64), np.sin(angle, dtype=np.float64)

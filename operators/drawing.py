@@ -6,7 +6,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from ..crowd_lod.agents import Group
-from ..crowd_lod.animation import SkinnedMesh
+from ..crowd_lod.animation import SkinnedMesh, axes
 from . import programs
 from .joints import Character
 from .points import Drawing
@@ -64,13 +64,13 @@ class Batches:
         from gpu.types import Buffer, GPUUniformBuf
 
         self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
-        self.draws, self.turn, self.materials = what.draws if cast is not None else (), what.turn, what.materials
+        self.draws, self.materials = what.draws if cast is not None else (), what.materials
         self.fading, self.nbytes = what.fading, what.nbytes
         self._made: dict[str, tuple] = {}
         if self.draws:
-            self.agents = self._make("agents", before, _agent_texture, what.agents)
+            self.agents = self._make("agents", before, _agent_texture, what.agents, np.array(what.turn))
             self.palette = self._make("palette", before, _palette_texture, what.palette)
-            self.view = GPUUniformBuf(Buffer("FLOAT", 24))
+            self.view = GPUUniformBuf(Buffer("FLOAT", 20))
         self.points = self._make("points", before, _point_batch, what.positions, what.colours, what.sizes)
         self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colours)
 
@@ -137,7 +137,7 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
     import gpu
 
     cast, bound = batches.cast, None
-    batches.view.update(view_buffer(matrix, view, batches.turn))
+    batches.view.update(view_buffer(matrix, view))
     materials = batches.materials and bool(cast.characters)
     for level, group, first, count in batches.draws:
         batch = cast.meshes[group][level] if cast.characters else cast.boxes[group]
@@ -162,16 +162,15 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
     gpu.state.face_culling_set("NONE")
 
 
-def view_buffer(matrix: np.ndarray, view: np.ndarray, turn: float):
+def view_buffer(matrix: np.ndarray, view: np.ndarray):
     """What changes with the viewer, as the shaders' CrowdView."""
     from gpu.types import Buffer
 
     key = view[:3, :3].T @ KEY
-    values = np.zeros(24, np.float32)
+    values = np.zeros(20, np.float32)
     values[:16] = matrix.T.ravel()
     values[16:19] = key / np.linalg.norm(key)
-    values[20:22] = np.cos(turn), np.sin(turn)
-    return Buffer("FLOAT", 24, values)
+    return Buffer("FLOAT", 20, values)
 
 
 @contextmanager
@@ -221,11 +220,15 @@ def _line_batch(lines: np.ndarray, colours: np.ndarray):
     return batch_for_shader(programs.lines(), "LINES", columns) if len(lines) else None
 
 
-def _agent_texture(agents: np.ndarray):
-    """Two texels an instance, one after the other, programs.TEXELS to a row. agents: (m, 8) float32."""
-    rows = -(-2 * len(agents) // programs.TEXELS)
+def _agent_texture(agents: np.ndarray, turn: np.ndarray):
+    """Three texels an instance, one after the other, programs.TEXELS to a row: what every vertex would work out anew.
+    agents: (m, 8) float32, turn: () radians, of a Drawing."""
+    m, (heading, phase, look, pitch, roll) = len(agents), agents.T[3:]
+    rows = -(-3 * m // programs.TEXELS)
     texels = np.zeros((rows * programs.TEXELS, 4), np.float32)
-    texels[: 2 * len(agents)] = agents.reshape(-1, 4)
+    one, two, three = (texels[k : 3 * m : 3] for k in range(3))
+    one[:, :3], one[:, 3], two[:, 3] = agents[:, :3], phase, look
+    two[:, :3], three[:, :3] = axes(heading, pitch, roll, float(turn))
     return _texture(texels.reshape(rows, programs.TEXELS, 4))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 SHADERS = Path(__file__).parent.parent / "shaders"
 TEXELS = 4096  # in a row of the texture of instances
-VIEW = "struct CrowdView { mat4 matrix; vec4 key; vec4 turn; };"
+VIEW = "struct CrowdView { mat4 matrix; vec4 key; };"
 
 
 def source(*names: str) -> str:

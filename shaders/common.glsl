@@ -83,7 +83,7 @@ Posed posed(int frame)
 #endif
 
 #ifdef INSTANCES
-/* An instance: two texels of a texture that is TEXELS wide. */
+/* An instance: three texels of a texture that is TEXELS wide. */
 struct Agent {
   vec3 feet; /* relative to the drawing's origin */
   float phase;
@@ -92,27 +92,22 @@ struct Agent {
   vec3 x_axis, y_axis, z_axis; /* of the character, in the world */
 };
 
+vec4 of_agents(int number)
+{
+  return texelFetch(agents, ivec2(number % TEXELS, number / TEXELS), 0);
+}
+
 Agent agent(int number)
 {
-  ivec2 at = ivec2(2 * number % TEXELS, 2 * number / TEXELS);
-  vec4 one = texelFetch(agents, at, 0), two = texelFetch(agents, at + ivec2(1, 0), 0);
+  vec4 one = of_agents(3 * number), two = of_agents(3 * number + 1), three = of_agents(3 * number + 2);
   Agent a;
   a.feet = one.xyz;
-  a.phase = two.x;
-  a.colour = int(two.y) / 4;
-  a.share = two.y - float(4 * a.colour) - 2.0;
-  /* Rz(heading) Ry(-pitch) Rx(roll) Rz(turn) */
-  float c = cos(one.w), s = sin(one.w);
-  vec3 ahead = vec3(c, s, 0.0), left = vec3(-s, c, 0.0), up = vec3(0.0, 0.0, 1.0);
-  if (two.z != 0.0 || two.w != 0.0) {
-    ahead = vec3(c * cos(two.z), s * cos(two.z), sin(two.z));
-    vec3 level_up = cross(ahead, left);
-    up = cos(two.w) * level_up - sin(two.w) * left;
-    left = cos(two.w) * left + sin(two.w) * level_up;
-  }
-  a.x_axis = view.turn.x * ahead + view.turn.y * left;
-  a.y_axis = view.turn.x * left - view.turn.y * ahead;
-  a.z_axis = up;
+  a.phase = one.w;
+  a.colour = int(two.w) / 4;
+  a.share = two.w - float(4 * a.colour) - 2.0;
+  a.x_axis = two.xyz;
+  a.y_axis = three.xyz;
+  a.z_axis = cross(a.x_axis, a.y_axis);
   return a;
 }
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.animation import SkinnedMesh, closed, merge, pose, skin, stance, strongest
+from crowd_lod_extension.crowd_lod.animation import SkinnedMesh, axes, closed, merge, pose, skin, stance, strongest
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.fading import fade, fades_of
@@ -86,6 +86,14 @@ def test_agents_stand_square_on_the_slope():
     assert np.arctan2(ahead[:, 1], ahead[:, 0]) == pytest.approx(heading, abs=1e-5)
     level = stance(heading, 0 * pitch, 0 * roll, np.pi / 2)
     assert level[:, :, 1] == pytest.approx(np.stack([-np.cos(heading), -np.sin(heading), 0 * heading], 1), abs=1e-6)
+
+
+@pytest.mark.parametrize("tilted", [0.0, 1.0])
+def test_axes_are_those_of_the_stance(tilted):
+    heading, pitch, roll = (RANDOM.uniform(-3, 3, (3, 40)) * ((1,), (tilted,), (tilted,))).astype(np.float32)
+    turned = stance(heading, pitch, roll, -np.pi / 2)
+    for axis, found in enumerate(axes(heading, pitch, roll, -np.pi / 2)):
+        assert found.dtype == np.float32 and found == pytest.approx(turned[:, :, axis], abs=1e-6)
 
 
 def test_fades_cross_half_way_at_the_limits_that_assign():

@@ -116,7 +116,7 @@ def placed(what, cast, group, level) -> np.ndarray:
             buffer = gpu.state.active_framebuffer_get()
             buffer.clear(color=(0, 0, 0, 0))
             shader.bind()
-            batches.view.update(gpu_side.view_buffer(np.eye(4), np.eye(4), what.turn))
+            batches.view.update(gpu_side.view_buffer(np.eye(4), np.eye(4)))
             shader.uniform_block("view", batches.view)
             shader.uniform_sampler("agents", batches.agents)
             shader.uniform_sampler("palette", batches.palette)
