@@ -33,10 +33,13 @@ class Cast:
         self.boxes = [_batch(*_box(group)) for group in groups] if not characters else []
         self.joints = [_joint_texture(character.frames) for character in characters]
         self.images = [_images(character.images) for character in characters]
-        self.meshes = [[_skinned_batch(mesh) for mesh in character.meshes] for character in characters]
         self.skinned = [
             [_skinned_frames(mesh, len(character.frames), joints) for mesh in character.meshes]
             for character, joints in zip(characters, self.joints, strict=True)
+        ]
+        self.meshes = [
+            [_mesh_batch(mesh, frames is None) for mesh, frames in zip(character.meshes, skinned, strict=True)]
+            for character, skinned in zip(characters, self.skinned, strict=True)
         ]
         skinned = sum(TEXEL * each.width * each.height for levels in self.skinned for each in levels if each)
         self.nbytes = skinned + sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
@@ -246,7 +249,6 @@ def _skinned_frames(mesh: SkinnedMesh, frames: int, joints):
     size = len(mesh.points), frames
     if not len(mesh.triangles) or size[0] > WIDEST or TEXEL * size[0] * size[1] > MOST_SKINNED:
         return None
-    columns = {"position": mesh.points, "normal": mesh.normals, "joints": mesh.joints, "weights": mesh.weights}
     texture, shader = GPUTexture(size, format="RGBA32F"), programs.skin()
     with GPUFrameBuffer(color_slots=texture).bind(), _gpu_state():
         gpu.state.depth_test_set("NONE")
@@ -254,7 +256,7 @@ def _skinned_frames(mesh: SkinnedMesh, frames: int, joints):
         shader.bind()
         shader.uniform_sampler("joint_frames", joints)
         shader.uniform_float("size", size)
-        _batch(columns, None, "POINTS").draw_instanced(shader, instance_start=0, instance_count=frames)
+        _batch(_jointed(mesh), None, "POINTS").draw_instanced(shader, instance_start=0, instance_count=frames)
     return texture
 
 
@@ -272,18 +274,15 @@ def _images(pictures: np.ndarray):
     return texture
 
 
-def _skinned_batch(mesh: SkinnedMesh):
-    """The batch of a LOD mesh; None without triangles."""
-    columns = {
-        "position": mesh.points,
-        "normal": mesh.normals,
-        "joints": mesh.joints,
-        "weights": mesh.weights,
-        "uv": mesh.uvs,
-        "base_colour": mesh.colours,
-        "layer": mesh.layers,
-    }
+def _mesh_batch(mesh: SkinnedMesh, joints: bool):
+    """The batch of a LOD mesh, with what its `joints` move where they do so at each instance; None without triangles."""
+    columns = {"uv": mesh.uvs, "base_colour": mesh.colours, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
     return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
+
+
+def _jointed(mesh: SkinnedMesh) -> dict[str, np.ndarray]:
+    """The vertex attributes of programs.mesh_interface's JOINTS."""
+    return {"position": mesh.points, "normal": mesh.normals, "joints": mesh.joints, "weights": mesh.weights}
 
 
 def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS"):

@@ -54,10 +54,18 @@ def _vertex_interface(kind: str):
     return info
 
 
+def _compiled(info, name: str, *shared: str):
+    """The program of the shader files of that name, the vertex shader's after the `shared` ones."""
+    from gpu import shader
+
+    info.vertex_source(source(*shared, f"{name}.vert.glsl"))
+    info.fragment_source(source(f"{name}.frag.glsl"))
+    return shader.create_from_info(info)
+
+
 @cache
 def meshes(kind: str, materials: bool, fading: bool):
     """Draws instances: of LOD meshes, in their materials' colours or those of the palette, or of rigid boxes."""
-    from gpu import shader
     from gpu.types import GPUStageInterfaceInfo
 
     info = mesh_interface(kind, materials)
@@ -71,15 +79,12 @@ def meshes(kind: str, materials: bool, fading: bool):
         between.flat("FLOAT", "share")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
-    info.vertex_source(source("common.glsl", "mesh.vert.glsl"))
-    info.fragment_source(source("mesh.frag.glsl"))
-    return shader.create_from_info(info)
+    return _compiled(info, "mesh", "common.glsl")
 
 
 @cache
 def skin():
     """Skins a mesh at all frames of an action, into a texture."""
-    from gpu import shader
     from gpu.types import GPUStageInterfaceInfo
 
     between = GPUStageInterfaceInfo("crowd_lod_skin")
@@ -88,15 +93,12 @@ def skin():
     info.push_constant("VEC2", "size")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
-    info.vertex_source(source("common.glsl", "skin.vert.glsl"))
-    info.fragment_source(source("skin.frag.glsl"))
-    return shader.create_from_info(info)
+    return _compiled(info, "skin", "common.glsl")
 
 
 @cache
 def points():
     """Draws round points."""
-    from gpu import shader
     from gpu.types import GPUShaderCreateInfo, GPUStageInterfaceInfo
 
     between = GPUStageInterfaceInfo("crowd_lod_points")
@@ -111,15 +113,12 @@ def points():
     info.vertex_in(2, "FLOAT", "size")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
-    info.vertex_source(source("points.vert.glsl"))
-    info.fragment_source(source("points.frag.glsl"))
-    return shader.create_from_info(info)
+    return _compiled(info, "points")
 
 
 @cache
 def depth():
     """Writes depths, and no colour."""
-    from gpu import shader
     from gpu.types import GPUShaderCreateInfo
 
     info = GPUShaderCreateInfo()
@@ -127,9 +126,7 @@ def depth():
     info.vertex_in(0, "VEC2", "position")
     info.depth_write("ANY")
     info.fragment_out(0, "VEC4", "result")
-    info.vertex_source(source("depth.vert.glsl"))
-    info.fragment_source(source("depth.frag.glsl"))
-    return shader.create_from_info(info)
+    return _compiled(info, "depth")
 
 
 @cache
