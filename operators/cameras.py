@@ -10,6 +10,8 @@ from ..crowd_lod.camera import Camera, crop, lens_blur, opened, referential, win
 from ..crowd_lod.errors import CrowdError
 from .scene import remapped, scratch
 
+OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
+
 
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
     """Width and height of the rendered image in pixels."""
@@ -195,7 +197,7 @@ def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
     render = scene.render
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return []
-    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position]
+    opens = OPENS[render.motion_blur_position]
     length = remapped(render, render.motion_blur_shutter)
     return [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
 

@@ -55,7 +55,7 @@ def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd
     length = render.motion_blur_shutter
     if not render.use_motion_blur or not length:
         return Held(crowd)
-    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position] * length
+    opens = cameras.OPENS[render.motion_blur_position] * length
     parts = -opens, length - opens
     ends = tuple((part, trajectory.at(io.remapped(render, number + part)) if part else crowd) for part in parts)
     return Held(crowd, ends, io.remapped(render, length) * trajectory.seconds_per_frame)
@@ -148,7 +148,7 @@ def shutter_frame(scene: bpy.types.Scene) -> float:
 def opening(render: bpy.types.RenderSettings) -> float:
     """The part of a frame by which the shutter opens before it. Blender's engines ask for times that a float32 has
     rounded: a frame's own time stays its own."""
-    opens = {"START": 0.0, "CENTER": 0.5, "END": 1.0}[render.motion_blur_position] if render.use_motion_blur else 0.0
+    opens = cameras.OPENS[render.motion_blur_position] if render.use_motion_blur else 0.0
     return opens + (-1e-4 if opens == 1.0 else 1e-4)
 
 
