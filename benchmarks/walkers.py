@@ -9,7 +9,8 @@ from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera
 from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.operators import build, follow
+from crowd_lod_extension.crowd_lod.poses import Library
+from crowd_lod_extension.operators import follow
 from crowd_lod_extension.operators import scene as io
 from peers import Nodes, Tree
 
@@ -30,7 +31,7 @@ class Points:
         """The frame, from behaviour to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
         groups, held = len(self.trajectory.groups), follow.Held(found.crowd)
-        library = build.Library(np.full(groups, POSES), np.zeros((groups, 1)))
+        library = Library(np.full(groups, POSES), np.zeros((groups, 1)), np.full(groups, np.inf), np.zeros(groups, bool))
         for level, each in enumerate(self.objects):
             columns = follow.columns_of(self.trajectory, found.crowd, held, found.buckets[level], library, False)
             io.write_points(each.data, columns)

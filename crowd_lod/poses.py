@@ -1,4 +1,8 @@
-"""Poses: at how many evenly spaced phases of its action a LOD is kept, and which of them an agent shows."""
+"""Poses: at how many evenly spaced phases of its action a LOD is kept, and which of them an agent shows: the nearest, or,
+where that shows, what lies between two."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,12 +19,34 @@ MOST_RATES = 4  # at which a group's action is played, for its limbs' blur: each
 TOLERANCE = 1.0  # pixels, where the LODs have none of their own
 
 
+@dataclass(frozen=True)
+class Motion:
+    """What an action does to a mesh. path: metres, an upper bound of a vertex's way in a cycle: so many times the longest step
+    from one of MOST even phases to the next; infinity if the vertices become more or fewer. bends: metres, the furthest that
+    a vertex is, halfway between two of MOST / 2 even phases, and of MOST, from the middle of where it is at both. closed:
+    whether the action ends where it begins, as far as the bend tells."""
+
+    path: float = 0.0
+    bends: tuple[float, float] = (0.0, 0.0)
+    closed: bool = True
+
+
+@dataclass(frozen=True)
+class Library:
+    """The poses of one LOD, of all groups in turn. counts: (G,) intp, of each group at each of its rates; rates: (G, r)
+    float64, of rates_of, at which their limbs are blurred. coarse: (G,) float64, of blended, from where on agents show what
+    lies between two poses. closed: (G,) bool, whether the action ends as it begins."""
+
+    counts: np.ndarray
+    rates: np.ndarray
+    coarse: np.ndarray
+    closed: np.ndarray
+
+
 def path_pixels(path: np.ndarray, begin: np.ndarray, radius: np.ndarray, camera: Camera) -> np.ndarray:
     """(G, n) pixels that a vertex's way in a cycle shows where each LOD begins, that is where its agents are largest.
 
-    path: (G,) metres, the upper bound of a vertex's way in a cycle: so many times the longest step from one of so many
-    even phases to the next (the last to the first does not count, an action need not be closed). begin: (G, n - 1)
-    metres, from levels.limits; LOD 0 begins at the near plane. radius: (G,) metres, of the bounding spheres, by which a
+    path: (G,) metres, see Motion. begin: (G, n - 1) metres, from levels.limits; LOD 0 begins at the near plane. radius: (G,) metres, of the bounding spheres, by which a
     surface may be nearer than an agent's centre.
     """
     first = np.full((len(path), 1), -np.inf)
@@ -44,6 +70,59 @@ def pose_counts(pixels: np.ndarray, vertices: np.ndarray, tolerance: float | Non
     needed = np.clip(pixels / (2 * (tolerance or TOLERANCE)), LEAST, most)
     counts = 2 ** np.ceil(np.log2(needed)).astype(np.intp)
     return np.where(pixels > 0, counts, 1)
+
+
+def pixels_per_metre(points: np.ndarray, radius: np.ndarray, cameras: Sequence[Camera]) -> np.ndarray:
+    """(m,) float64: the most pixels that a metre across the view shows on spheres about `points` (3, m) of `radius` (m,),
+    metres, in the pictures of `cameras`. Of a sphere outside a picture it is as if it stood in the picture's corner, so
+    that it does not depend on who is culled."""
+    most = np.zeros(points.shape[1])
+    for camera in cameras:
+        distance = np.ones(1)  # an orthographic camera shows a metre as so many pixels at any
+        if camera.kind != "ORTHO":
+            way = points - camera.origin[:, None]
+            distance = np.linalg.norm(way, axis=0)
+            if camera.kind == "PERSP":
+                w = camera.window
+                corner = np.hypot(max(-w.left, w.right), max(-w.bottom, w.top))
+                distance = np.maximum(camera.Z @ way, distance / np.hypot(1.0, corner))
+            distance = np.maximum(distance - radius, max(camera.near, 1e-9))
+        most = np.maximum(most, camera.pixels_per_unit / distance)
+    return most
+
+
+def blended(
+    motions: Sequence[Motion], pixels: np.ndarray, counts: np.ndarray, mixed: np.ndarray, tolerance: float | None = None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(counts, coarse, off): where the nearest of `counts` (G, n) poses is off by more than the tolerance as the LOD begins,
+    agents so near show what lies between two of them; of a LOD for which that is too far off, too, there are more.
+
+    pixels: (G, n), of path_pixels. mixed: (G,) bool, whether something lies between two poses of a group. tolerance: pixels,
+    None for TOLERANCE at most, and no more poses. counts: (G, n) intp. coarse: (G, n) float64, the pixels per metre, times
+    the share of the pose `beside`, beyond which agents show what lies between; infinity: none do. off: (G, n) pixels that
+    a vertex is off at most, about, where a LOD begins.
+    """
+    path, bends = (np.array([getattr(motion, name) for motion in motions]) for name in ("path", "bends"))
+    mixed = mixed & np.isfinite(path) & (path > 0)
+    scale = pixels / np.where(mixed, path, 1.0)[:, None]
+    while True:
+        nearest, between = pixels / counts / 2, scale * chord(bends, counts)
+        far = mixed[:, None] & (nearest > (tolerance or TOLERANCE))
+        more = far & (between > (tolerance or TOLERANCE)) & (counts < MOST_ASKED) & bool(tolerance)
+        more[:, 0] = False  # LOD 0 begins at the camera
+        if not more.any():
+            break
+        counts = np.where(more, 2 * counts, counts)
+    coarse = np.where(far, (tolerance or TOLERANCE) * counts / np.where(mixed, path, 1.0)[:, None], np.inf)
+    return counts, coarse, np.where(far, np.minimum(nearest, between), nearest)
+
+
+def chord(bends: np.ndarray, counts: np.ndarray) -> np.ndarray:
+    """(G, n) float64 metres: how far what lies between two of `counts` (G, n) poses is from the action at most, about.
+    bends: (G, 2) metres, see Motion: they tell by which power of the poses it falls, the second, or less where the action
+    has a kink."""
+    rough, fine = np.maximum(np.asarray(bends, np.float64), 1e-12).T[..., None]
+    return fine * (MOST / counts) ** np.clip(np.log2(rough / fine), 1.0, 2.0)
 
 
 def longest_step(one: np.ndarray, other: np.ndarray) -> float:
@@ -86,6 +165,17 @@ def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.n
     if rates.shape[1] > 1:
         first += np.abs(rates[group] - rate[:, None]).argmin(axis=1) * of
     return (first + np.rint(phase * of).astype(np.int64) % of).astype(np.int32)
+
+
+def beside(phase: np.ndarray, counts: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(step, share), each (m,): where the pose next to the phase `phase` (m,), besides the nearest of `counts` (m,), lies,
+    1 after it or -1 before, int64; and how far towards it the phase lies, float32 in [0, 0.5]. Between the last pose and
+    the first it is 0 where the action is not `closed` (m,): it does not lead from the one to the other."""
+    at = phase * counts
+    nearest = np.rint(at)
+    step = np.where(at >= nearest, 1, -1)
+    within = closed | ((nearest < counts) & (nearest + step < counts))
+    return step, np.where(within, np.abs(at - nearest), 0.0).astype(np.float32)
 
 
 def played(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -8,10 +8,11 @@ import numpy as np
 
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.poses import Library
 from ..crowd_lod.steps import share
 from . import cameras, lights
 from . import scene as io
-from .build import BAKED, Library, buckets_of, check_levels, dress_all, install, points_of
+from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
 from .populate import frame_of, trajectory_of
 from .poses import Posed, make_poses
@@ -63,15 +64,16 @@ def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
 def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterator[float]:
     """The points of each bucket, by its name, frame by frame, that show the poses `posed`. Yields the progress."""
     render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
-    libraries = {bucket.name: Library(posed.counts[:, bucket.level], posed.rates) for bucket in buckets_of(scene)}
+    libraries = {bucket.name: posed.library(bucket.level) for bucket in buckets_of(scene)}
     rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in libraries}
     points = dict.fromkeys(libraries, 0)
     with _evaluated(scene) as depsgraph_at:
         for done, number in enumerate(frames):
             time = io.remapped(render, number)
             around = lights.read_surroundings(scene, depsgraph_at(number), time)
-            frame = frame_of(scene, None, time, cameras.camera_at(scene, time), trajectory, around)
-            held = held_by(scene, trajectory, number, frame.crowd)
+            film = cameras.camera_at(scene, time)
+            frame = frame_of(scene, None, time, film, trajectory, around)
+            held = held_by(scene, trajectory, number, frame.crowd, film)
             for name, agents in members(frame).items():
                 rows[name].append(columns_in_time(trajectory, held, number, agents, libraries[name], tilt))
                 points[name] += len(agents)

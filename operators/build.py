@@ -7,14 +7,16 @@ import bpy
 import numpy as np
 
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.poses import Library
 from . import scene as io
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
 from .populate import policy_of
 from .poses import Posed, make_poses
 
-# Custom properties. Of a point object: its LOD, its bucket, how many poses each group has there, and at which rates.
+# Custom properties. Of a point object: its LOD, its bucket, and what a Library holds.
 LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
+COARSE, CLOSED = "crowd_lod_coarse", "crowd_lod_closed"
 LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's collection in it
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
@@ -24,19 +26,12 @@ BLURRED = "crowd_lod_blurred"  # of the build's collection: its poses' limbs are
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
 
-@dataclass(frozen=True)
-class Library:
-    """The poses that a point object shows. counts: (G,) intp, of each group at each of its rates; rates: (G, r) float64,
-    cycles per second at which their limbs are blurred, rising, infinity where a group has fewer."""
-
-    counts: np.ndarray
-    rates: np.ndarray
-
-
 def library_of(points: bpy.types.Object, groups: int) -> Library:
     """The poses that a point object shows of so many `groups`; one each in a build from before there were poses."""
     counts = np.array(points.get(POSES) or [1] * groups)
-    return Library(counts, np.reshape(points.get(RATES) or [0.0] * len(counts), (len(counts), -1)))
+    rates = np.reshape(points.get(RATES) or [0.0] * len(counts), (len(counts), -1))
+    coarse = np.array(points.get(COARSE) or [np.inf] * len(counts))
+    return Library(counts, rates, coarse, np.array(points.get(CLOSED) or [False] * len(counts)))
 
 
 @dataclass(frozen=True)
@@ -107,6 +102,7 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
         points = made.pop(bucket.name, None) or _points(top, bucket)
         points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
         points[RATES] = posed.rates.ravel().tolist()
+        points[COARSE], points[CLOSED] = posed.coarse[:, bucket.level].tolist(), posed.closed.tolist()
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top

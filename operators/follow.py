@@ -1,20 +1,22 @@
 """The build follows frame and camera: each frame's agents are written to its points."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ..crowd_lod import chance
-from ..crowd_lod.agents import Crowd
+from ..crowd_lod.agents import Crowd, Group
 from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
-from ..crowd_lod.poses import played, pose_of
+from ..crowd_lod.poses import Library, beside, pixels_per_metre, played, pose_of
 from . import cameras, lights
 from . import scene as io
-from .build import BAKED, MADE_FROM, UNSEEN_BY, Library, buckets_of, check_levels, library_of, made_from, points_of
+from .build import BAKED, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
 from .populate import frame_of, trajectory_of
 from .threads import on_main_thread
 
@@ -32,33 +34,55 @@ def members(frame: Frame) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Held:
-    """What a frame holds while its shutter is open. crowd: that of the frame. ends: without motion blur none, else when the
-    shutter opens and closes, in frames of the timeline from that frame, and the crowd then; seconds: of the animation in
-    between."""
+    """What a frame holds while its shutter is open. crowd: that of the frame; film: its cameras, or none, then all agents
+    show the nearest of their poses. ends: without motion blur none, else when the shutter opens and closes, in frames of the
+    timeline from that frame, and the crowd then; seconds: of the animation in between; pace: seconds of the animation in one
+    of the timeline."""
 
     crowd: Crowd
+    film: Sequence[Camera] = ()
     ends: tuple[tuple[float, Crowd], ...] = ()
     seconds: float = 1.0
+    pace: float = 1.0
 
-    def poses(self, agents: np.ndarray, library: Library) -> np.ndarray:
-        """(m,) int32: the pose of each of `agents`: of the phase in the middle of the shutter, and blurred at the rate at
-        which the action is played meanwhile."""
+    def poses(self, agents: np.ndarray, library: Library, groups: Sequence[Group]) -> dict[str, np.ndarray]:
+        """The point attributes of `agents` (m,) that say which poses they show, of the phase in the middle of the shutter.
+
+        pose: the nearest, blurred at the rate at which the action is played meanwhile. Where agents may be so near that
+        it is off by more than the tolerance: blend, the share, 0 to 0.5, of the pose `beside` it; with motion blur also
+        blend_rate, how often a second of the timeline all the way from the one to the other is played.
+        """
         phase, change = self.crowd.phase[agents], np.zeros(len(agents))
         if self.ends:
             phase, change = played(*(crowd.phase[agents] for _, crowd in self.ends))
-        return pose_of(phase, change / self.seconds, self.crowd.group[agents], library.counts, library.rates)
+        rate, group = change / self.seconds, self.crowd.group[agents]
+        columns = {"pose": pose_of(phase, rate, group, library.counts, library.rates)}
+        if not np.isfinite(library.coarse).any() or not self.film:
+            return columns
+        count = library.counts[group]
+        step, share = beside(phase, count, library.closed[group])
+        about = np.array([(each.centre, each.radius) for each in groups])[group].T
+        points = np.stack([getattr(self.crowd, axis)[agents] for axis in "xyz"])
+        points[2] += about[0]
+        share[share * pixels_per_metre(points, about[1], self.film) <= library.coarse[group]] = 0.0
+        phase = (phase + step / count) % 1.0
+        columns |= {"beside": pose_of(phase, rate, group, library.counts, library.rates), "blend": share}
+        if self.ends:
+            columns["blend_rate"] = (step * count * rate * self.pace).astype(np.float32)
+        return columns
 
 
-def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
-    """What the frame `number` of the timeline holds; crowd: at that frame."""
+def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd, film: Sequence[Camera]) -> Held:
+    """What the frame `number` of the timeline holds; crowd, film: at that frame."""
     render = scene.render
     length = render.motion_blur_shutter
     if not render.use_motion_blur or not length:
-        return Held(crowd)
+        return Held(crowd, film)
     opens = cameras.OPENS[render.motion_blur_position] * length
     parts = -opens, length - opens
     ends = tuple((part, trajectory.at(io.remapped(render, number + part)) if part else crowd) for part in parts)
-    return Held(crowd, ends, io.remapped(render, length) * trajectory.seconds_per_frame)
+    pace = io.remapped(render, 1.0)
+    return Held(crowd, film, ends, length * pace * trajectory.seconds_per_frame, pace)
 
 
 def columns_of(
@@ -67,7 +91,7 @@ def columns_of(
     """The point attributes of `agents` (m,) as they stand in `crowd`, by name; see scene.write_points.
 
     position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
-    group; pose, an index into the poses of the `library`; looks, a number in [0, 1) of the agent's own for materials to vary
+    group; what `held` says of the poses of the `library`; looks, a number in [0, 1) of the agent's own for materials to vary
     by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
     the blur would draw it all across the picture.
     """
@@ -81,7 +105,7 @@ def columns_of(
         "heading": heading,
         "phase": crowd.phase[agents],
         "group": group.astype(np.int32),
-        "pose": held.poses(agents, library),
+        **held.poses(agents, library, trajectory.groups),
         "looks": chance.uniform(trajectory.start.key[agents], chance.LOOKS).astype(np.float32),
         "id": agents.astype(np.int32),
     }
@@ -176,7 +200,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         film = cameras.camera_at(scene, whole)
     around = lights.read_surroundings(scene, depsgraph, whole)
     frame = frame_of(scene, depsgraph, whole, film, trajectory, around)
-    held = held_by(scene, trajectory, number, frame.crowd)
+    held = held_by(scene, trajectory, number, frame.crowd, film)
     write(top, trajectory, frame, held, frame.crowd if whole == time else trajectory.at(time), settings.tilt)
 
 

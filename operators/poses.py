@@ -10,7 +10,17 @@ from mathutils import Matrix
 
 from ..crowd_lod.frame import deviations
 from ..crowd_lod.levels import limits
-from ..crowd_lod.poses import MOST, first_poses, longest_step, path_pixels, pose_counts, rates_of
+from ..crowd_lod.poses import (
+    MOST,
+    Library,
+    Motion,
+    blended,
+    first_poses,
+    longest_step,
+    path_pixels,
+    pose_counts,
+    rates_of,
+)
 from . import scene as io
 from .cameras import cameras_at
 from .deviation import SOLID
@@ -20,6 +30,7 @@ from .populate import action_range, characters_of, groups_of, machine_of, policy
 MOST_CAMERAS = 9  # times of the shot whose cameras say how large a LOD is seen
 MEASURING = 0.3  # part of the time
 STILL = 1e-6  # metres per second and less are no motion
+TINY = 1e-6  # metres, rounding
 
 
 @dataclass(frozen=True)
@@ -27,8 +38,9 @@ class Posed:
     """Poses that stand in no scene yet.
 
     counts: (G, n), poses of each group and LOD, at each of its rates. blurred: whether their vertices have velocities, by
-    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. off: pixels that a vertex is
-    at most from its place at the agent's own phase, where a LOD begins (LOD 0, which begins at the camera, left out).
+    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. coarse: (G, n), and closed:
+    (G,), see Library. off: pixels that a vertex is at most, about, from its place at the agent's own phase, where a LOD begins
+    (LOD 0, which begins at the camera, left out).
     collections: of each LOD its poses, each a collection's name and objects; sorted by name they stand in the order of
     pose_of. names: what each new block is to be called, as soon as those of an earlier build have gone.
     """
@@ -36,9 +48,15 @@ class Posed:
     counts: np.ndarray
     blurred: bool
     rates: np.ndarray
+    coarse: np.ndarray
+    closed: np.ndarray
     off: float
     collections: list[list[tuple[str, list[bpy.types.Object]]]]
     names: dict[bpy.types.ID, str]
+
+    def library(self, level: int) -> Library:
+        """The poses of one LOD."""
+        return Library(self.counts[:, level], self.rates, self.coarse[:, level], self.closed)
 
 
 def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
@@ -54,27 +72,29 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
     if blurred:
         rates = rates_of(groups_of(scene.crowd_lod), machine_of(scene.crowd_lod))
     pace = io.remapped(scene.render, 1.0)  # Cycles' seconds are those of the timeline
-    paths, names = [], {}
+    motions, names = [], {}
     done = False
     try:
         for g, (_, objects, _) in enumerate(characters):
             share = MEASURING / len(characters)
-            paths.append((yield from _path(objects, levels[0].children[g], g * share, share)))
-        pixels = _pixels(scene, np.array(paths))
-        vertices = np.array([[_vertices(level.children[g]) for level in levels[:count]] for g in range(len(characters))])
-        counts = pose_counts(pixels, vertices, policy_of(scene.crowd_lod).tolerance)
-        off = float((pixels / counts / 2)[:, 1:].max(initial=0.0))
-        posed = Posed(counts, blurred, rates, off, [[] for _ in range(count)], names)
+            motions.append((yield from _motion(objects, levels[0].children[g], g * share, share)))
+        chains = [[level.children[g] for level in levels[:count]] for g in range(len(characters))]
+        vertices = np.array([[_vertices(home) for home in chain] for chain in chains])
+        # between poses of what has no vertices lies nothing
+        mixed = np.array([all(item.type in SOLID for home in chain for item in home.objects) for chain in chains])
+        pixels, tolerance = _pixels(scene, np.array([motion.path for motion in motions])), policy_of(scene.crowd_lod).tolerance
+        counts, coarse, off = blended(motions, pixels, pose_counts(pixels, vertices, tolerance), mixed, tolerance)
+        closed = np.array([motion.closed for motion in motions])
+        posed = Posed(counts, blurred, rates, coarse, closed, float(off[:, 1:].max(initial=0.0)), [[] for _ in range(count)], names)
         begins = [first_poses(counts[:, k], rates) for k in range(count)]
         for g, (name, objects, _) in enumerate(characters):
             finest, own = int(counts[g].max()), rates[g][np.isfinite(rates[g])]
-            homes = [level.children[g] for level in levels[:count]]
             meshes: dict[bpy.types.Object, bpy.types.Mesh] = {}  # of each object its first pose's
-            with _stage(homes) as (stage, actors):
+            with _stage(chains[g]) as (stage, actors):
                 for step in range(finest):
                     flows = _flows(stage, objects, actors, step / finest) if own.any() else {}
                     depsgraph = _act(stage, objects, step / finest)
-                    for k, home in enumerate(homes):
+                    for k, home in enumerate(chains[g]):
                         j, between = divmod(step * int(counts[g, k]), finest)
                         if between:
                             continue
@@ -100,21 +120,28 @@ def _vertices(home: bpy.types.Collection) -> int:
     return sum(len(item.data.vertices) for item in home.objects if item.type == "MESH")
 
 
-def _path(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: float, share: float) -> Iterator[float]:
-    """What path_pixels calls the path of the group of `objects`, whose LOD is `home`; yields the progress from `begin`
-    on, `share` in all."""
+def _motion(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: float, share: float) -> Iterator[float]:
+    """The Motion of the group of `objects`, whose LOD is `home`; yields the progress from `begin` on, `share` in all."""
     first, last = action_range(objects)
     if first == last:
-        return 0.0
-    longest, before = 0.0, None
+        return Motion()
+    longest, rough, fine = 0.0, 0.0, 0.0
     with _stage([home]) as (stage, actors):
-        for step in range(MOST):
-            depsgraph = _act(stage, objects, step / MOST)
-            points = np.concatenate([io.world_points(actor.evaluated_get(depsgraph)) for actor in actors.values()])
-            longest = longest if before is None else max(longest, longest_step(before, points))
-            before = points
-            yield begin + share * (step + 1) / MOST
-    return MOST * longest
+
+        def points(half: int) -> np.ndarray:
+            depsgraph = _act(stage, objects, half / (2 * MOST))
+            return np.concatenate([io.world_points(actor.evaluated_get(depsgraph)) for actor in actors.values()])
+
+        begins = ends = points(0)
+        for half in range(0, 2 * MOST, 4):
+            seen = [ends, *(points(half + k) for k in range(1, 5))]
+            ends = seen[4]
+            longest = max(longest, longest_step(seen[0], seen[2]), longest_step(seen[2], seen[4]))
+            if np.isfinite(longest):
+                rough = max(rough, longest_step((seen[0] + seen[4]) / 2, seen[2]))
+                fine = max(fine, *(longest_step((seen[i] + seen[i + 2]) / 2, seen[i + 1]) for i in (0, 2)))
+            yield begin + share * (half + 4) / (2 * MOST)
+    return Motion(MOST * longest, (rough, fine), longest_step(begins, ends) <= max(fine, TINY))
 
 
 def _pixels(scene: bpy.types.Scene, paths: np.ndarray) -> np.ndarray:
@@ -188,6 +215,9 @@ def _still(
     if mesh is None:
         return still
     still.modifiers.clear()
+    for index, slot in enumerate(item.material_slots[: len(mesh.materials)]):
+        if slot.link == "OBJECT":  # which a mesh between two poses would lose
+            mesh.materials[index] = slot.material
     skew = still.matrix_basis.inverted_safe() @ matrix  # what location, rotation and scale cannot say
     if max(abs(a - b) for row, one in zip(skew, Matrix.Identity(4), strict=True) for a, b in zip(row, one, strict=True)) > 1e-5:
         mesh.transform(skew)

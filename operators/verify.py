@@ -160,7 +160,8 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
     outline.frame_set(number)
     total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
     at = done * total / len(wanted.frames)
-    held = held_by(stage, trajectory, number, planned.crowd)
+    film = cameras.read_cameras(stage, depsgraph)
+    held = held_by(stage, trajectory, number, planned.crowd, film)
     _write(stage, twins, trajectory, _together(frames["b"]), number, held)
     worlds = stage.world, _dark(stage.world)
     row = {
@@ -194,7 +195,6 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
     (folder / "outline.png").unlink()
     eyes = len(_views(stage.render))
     shift = max(difference.shift(*pair) for pair in zip(*(np.split(masks[name], eyes, axis=1) for name in "ac"), strict=True))
-    film = cameras.read_cameras(stage, depsgraph)
     each = [difference.predicted(replace(planned, camera=camera), trajectory.groups) for camera in film]
     predicted = None if None in each else max(each)
     row |= {"silhouette_shift": shift, "predicted_shift": predicted}

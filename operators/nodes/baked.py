@@ -6,7 +6,7 @@ from . import instances
 from .trees import attribute, current, spread
 
 NAME = "Crowd LOD Baked"
-VERSION = 1
+VERSION = 2
 
 
 def baked() -> bpy.types.GeometryNodeTree:
