@@ -80,8 +80,7 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
             motions.append((yield from _motion(objects, levels[0].children[g], g * share, share)))
         chains = [[level.children[g] for level in levels[:count]] for g in range(len(characters))]
         vertices = np.array([[_vertices(home) for home in chain] for chain in chains])
-        # between poses of what has no vertices lies nothing
-        mixed = np.array([all(item.type in SOLID for home in chain for item in home.objects) for chain in chains])
+        mixed = np.array([all(_mixes(item) for home in chain for item in home.objects) for chain in chains])
         pixels, tolerance = _pixels(scene, np.array([motion.path for motion in motions])), policy_of(scene.crowd_lod).tolerance
         counts, coarse, off = blended(motions, pixels, pose_counts(pixels, vertices, tolerance), mixed, tolerance)
         closed = np.array([motion.closed for motion in motions])
@@ -114,6 +113,11 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
     for block in names:
         block[OWNED] = True
     return posed
+
+
+def _mixes(item: bpy.types.Object) -> bool:
+    """Whether a mesh between two poses can show in the object's place: the mesh is then the point object's."""
+    return item.type in SOLID and io.shows_plainly(item)
 
 
 def _vertices(home: bpy.types.Collection) -> int:

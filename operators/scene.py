@@ -127,6 +127,12 @@ SHOWN = ("hide_render", "hide_viewport", "visible_camera", "visible_diffuse", "v
          "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher", "pass_index", "color")  # fmt: skip
 
 
+def shows_plainly(item: bpy.types.Object) -> bool:
+    """Whether nothing of SHOWN, its colour left out, is set, so that its mesh shows alike as another object's."""
+    properties = bpy.types.Object.bl_rna.properties
+    return all(getattr(item, name) == properties[name].default for name in SHOWN if name != "color")
+
+
 def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
     """An object of `mesh` that shows as `item` does, which is of another kind: a text or a curve cannot hold a mesh."""
     copy = bpy.data.objects.new(item.name, mesh)

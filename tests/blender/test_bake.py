@@ -86,10 +86,9 @@ def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
 def test_a_bake_that_is_stopped_leaves_the_live_build(built):
     built.frame_set(12)
     before = set(bpy.data.user_map())
-    for steps in (20, 200, 262):
+    for part in (0.05, 0.28, 0.6, 0.95):
         baking = bake(built, range(1, 20))
-        for _ in range(steps):
-            next(baking)
+        assert next(progress for progress in baking if progress >= part) < 1.0
         baking.close()
         assert set(bpy.data.user_map()) == before and builder.BAKED not in built.crowd_lod.build
 

@@ -145,3 +145,16 @@ def test_an_agents_own_mesh_keeps_its_materials_and_its_looks(near, tmp_path):
         assert np.abs(nearest - value).min() < 1e-4, value
     own = [value for value, share in shown.items() if share]
     assert sum(min(abs(value - each) for each in drawn) < 1e-4 for value in own) > 3
+
+
+def test_a_group_of_which_an_object_is_hidden_from_rays_or_has_a_pass_index_keeps_its_poses(near):
+    assert own_meshes(near)
+    for group, name, value in ((0, "pass_index", 3), (1, "visible_shadow", False)):
+        for level in near.crowd_lod.levels.children:
+            setattr(level.children[group].objects[0], name, value)
+    list(builder.build(near))
+    near.frame_set(8)
+    near.frame_set(9)
+    assert not own_meshes(near)
+    shown = bpy.context.evaluated_depsgraph_get().object_instances
+    assert {each.object.pass_index for each in shown if each.is_instance} == {0, 3}

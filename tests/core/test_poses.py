@@ -11,9 +11,14 @@ from crowd_lod_extension.crowd_lod.poses import (
     MOST,
     MOST_ASKED,
     MOST_RATES,
+    Motion,
+    beside,
+    blended,
+    chord,
     first_poses,
     longest_step,
     path_pixels,
+    pixels_per_metre,
     played,
     pose_counts,
     pose_of,
@@ -84,6 +89,95 @@ def test_the_pose_is_the_nearest_of_the_agents_own_group_at_the_rate_nearest_to_
     assert poses.dtype == np.int32
     last = np.array([np.nextafter(np.float32(1), np.float32(0))])
     assert pose_of(last, np.ones(1), np.array([0]), counts, rates).tolist() == [8]
+
+
+def curve(count, kink=0.0, power=3):
+    """A vertex's way in a cycle, (count, 2) metres: a closed curve; with `kink` it also turns sharply twice."""
+    phase = np.arange(count) / count
+    angle = 2 * np.pi * phase
+    x = np.cos(angle) + 0.3 * np.sin(power * angle)
+    return np.stack([x, np.sin(angle) + kink * np.abs((phase - 0.37) % 1 - 0.5)], axis=1)
+
+
+def of_curve(kink=0.0):
+    """The Motion of `curve`, by what its docstring says of it."""
+    way = curve(2 * MOST, kink)
+    longest = np.linalg.norm(np.roll(way[::2], -1, axis=0) - way[::2], axis=1).max()
+    rough, fine = (
+        np.linalg.norm((way[::step] + np.roll(way[::step], -1, axis=0)) / 2 - way[step // 2 :: step], axis=1).max() for step in (4, 2)
+    )
+    return Motion(MOST * longest, (rough, fine))
+
+
+@pytest.mark.parametrize("kink", [0.0, 4.0])
+@pytest.mark.parametrize("count", [16, 32, 64, 128, 256])
+def test_what_lies_between_two_poses_is_off_by_the_chord(count, kink):
+    motion, fine = of_curve(kink), 8192
+    way, poses = curve(fine, kink), curve(count, kink)
+    phase = np.arange(fine) / fine
+    nearest = np.rint(phase * count).astype(int) % count
+    step, share = beside(phase, np.full(fine, count), np.ones(fine, bool))
+    other = poses[(nearest + step) % count]
+    off = np.linalg.norm(poses[nearest] + share[:, None] * (other - poses[nearest]) - way, axis=1).max()
+    expected = chord(np.array([motion.bends]), np.array([[count]]))[0, 0]
+    assert off / 1.6 < expected < 3 * off
+    assert off < np.linalg.norm(poses[nearest] - way, axis=1).max() / 2
+
+
+def test_the_pose_beside_lies_on_the_other_side_of_the_phase_and_not_beyond_the_end_of_an_open_action():
+    phase = np.array([0.0, 0.1, 0.125, 0.2, 0.9, 0.97])
+    step, share = beside(phase, np.full(6, 8), np.ones(6, bool))
+    np.testing.assert_allclose(share, [0, 0.2, 0, 0.4, 0.2, 0.24], atol=1e-6)
+    nearest = np.rint(phase * 8)
+    np.testing.assert_allclose((nearest + step * share) / 8, phase, atol=1e-6)
+    _, share = beside(phase, np.full(6, 8), np.zeros(6, bool))
+    np.testing.assert_allclose(share, [0, 0.2, 0, 0.4, 0, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "PANO", "ORTHO"])
+def test_no_point_of_a_sphere_shows_more_pixels_a_metre_than_it_is_said_to(kind):
+    random = np.random.default_rng(2)
+    eye = replace(CAMERA, kind=kind, origin=np.array([1.0, 2, 3]))
+    points, radius = random.normal(scale=8, size=(3, 500)) + eye.origin[:, None], random.uniform(0.1, 1.5, 500)
+    most = pixels_per_metre(points, radius, [eye])
+    rays = random.normal(size=(2000, 3))
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    seen, reached = 0, 0.0
+    for i in range(500):
+        x, y, z = ((points[:, i] + radius[i] * rays - eye.origin) @ axis for axis in (eye.X, eye.Y, eye.Z))
+        if kind == "ORTHO":
+            pixels = np.full(1, eye.pixels_per_unit)
+        elif kind == "PANO":
+            pixels = eye.pixels_per_unit / np.maximum(np.sqrt(x * x + y * y + z * z), eye.near)
+        else:
+            w = eye.window
+            inside = (z > eye.near) & (x >= w.left * z) & (x <= w.right * z) & (y >= w.bottom * z) & (y <= w.top * z)
+            pixels = eye.pixels_per_unit / z[inside]
+        if len(pixels):
+            seen += 1
+            assert pixels.max() <= most[i] * (1 + 1e-6)
+            reached = max(reached, pixels.max() / most[i])
+    assert seen > 30 and reached > 0.9
+    both = pixels_per_metre(points, radius, [eye, replace(eye, origin=np.zeros(3))])
+    assert (both >= most).all() and (kind == "ORTHO" or (both > most).any())
+
+
+def test_a_lod_is_blended_where_its_nearest_pose_is_too_far_off_and_gets_more_poses_where_that_is_still_too_far():
+    motions = [of_curve(), of_curve(40.0), of_curve(), Motion(np.inf), Motion()]
+    path = np.array([motion.path for motion in motions])
+    pixels = np.where(np.isfinite(path), path, 1e9)[:, None] * np.array([400.0, 30.0, 1.0])
+    counts = pose_counts(pixels, np.full((5, 3), 4000), 1.0)
+    mixed = np.array([True, True, False, True, True])
+    found, coarse, off = blended(motions, pixels, counts, mixed, 1.0)
+    assert (found[:, 0] == counts[:, 0]).all() and (found >= counts).all() and found[1, 1] > counts[1, 1]
+    assert np.isinf(coarse[2:]).all()  # nothing lies between, or nothing moves
+    far = pixels / found / 2 > 1.0
+    np.testing.assert_array_equal(np.isfinite(coarse), far & np.array([1, 1, 0, 0, 0], bool)[:, None])
+    assert off[0, 1] <= 1.0 < (pixels / counts / 2)[0, 1]
+    # an agent that shows `coarse` pixels a metre, all of the way between two poses, is a pixel off
+    np.testing.assert_allclose(coarse[0, 0] * path[0] / found[0, 0], 1.0)
+    same, _, _ = blended(motions, pixels, counts, mixed, None)
+    np.testing.assert_array_equal(same, counts)
 
 
 def table(*speeds, edge="clamp"):
