@@ -15,7 +15,7 @@ from ..crowd_lod.stereo import EYES
 from . import bake, build, cameras, lights
 from . import scene as io
 from .follow import Held, held_by, members
-from .levels import make_levels
+from .levels import OWNED, make_levels
 from .populate import characters_of, frame_of, measure_groups, store_groups, trajectory_of
 from .preview import Preview, stage_of
 
@@ -66,12 +66,13 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         bake.mark(stage, wanted.frames)  # with motion blur its points move by themselves
         build.dress_all(stage)
         top, stage.crowd_lod.build = stage.crowd_lod.build, None  # it holds what is written here, not what the frame asks
-        twins, outline = _twins(stage, top), _outline(stage, top)
+        outline = _outline(stage, top)
+        _twin(stage, top)
         rows, sheet = [], []
         for number in wanted.frames:
             outline.camera = stage.camera = cameras.bound_camera(scene, io.remapped(stage.render, number))
             stage.frame_set(number)
-            row, pictures = yield from _frame(stage, layer.depsgraph, top, twins, outline, number, wanted, folder, len(rows))
+            row, pictures = yield from _frame(stage, layer.depsgraph, top, outline, number, wanted, folder, len(rows))
             rows.append(row)
             sheet.append(pictures)
         result = _result(rows, wanted, command, _left_out(scene, stage, rows, wanted))
@@ -124,18 +125,21 @@ def _dark(world: bpy.types.World | None) -> bpy.types.World | None:
     return dark
 
 
-def _twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Collection:
-    """Copies of the build's point objects that no ray of a direct picture meets. Cycles rounds a mesh differently where it
-    is instanced once and where it is more often; with its twin every mesh in the picture is."""
-    twins = bpy.data.collections.new("Crowd LOD twins")
+def _twin(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
+    """Put a second of each instance of the build into the stage, which no ray meets. Cycles rounds a mesh differently where
+    it is instanced once and where it is more often; so every mesh is, however many agents show it."""
     for points in build.points_of(top).values():
-        twin = points.copy()
-        twin.data = points.data.copy()
-        twins.objects.link(twin)
+        tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
+        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+        shown, leave = tree.nodes.new("GeometryNodeObjectInfo"), tree.nodes.new("NodeGroupOutput")
+        shown.inputs["Object"].default_value = points
+        tree.links.new(shown.outputs["Geometry"], leave.inputs["Geometry"])
+        twin = bpy.data.objects.new(tree.name, bpy.data.meshes.new(tree.name))
+        twin[OWNED] = True
+        twin.modifiers.new(tree.name, "NODES").node_group = tree
         for ray in RAYS:
             setattr(twin, f"visible_{ray}", False)
-    stage.collection.children.link(twins)
-    return twins
+        stage.collection.objects.link(twin)
 
 
 def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
@@ -152,7 +156,7 @@ def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Sce
     return outline
 
 
-def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, folder: Path, done: int):
+def _frame(stage, depsgraph, top, outline, number: int, wanted: Verify, folder: Path, done: int):
     """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
     around, trajectory = lights.read_surroundings(stage, depsgraph, io.time_of(stage)), trajectory_of(stage)
     planned = frame_of(stage, depsgraph, around=around)
@@ -162,7 +166,6 @@ def _frame(stage, depsgraph, top, twins, outline, number: int, wanted: Verify, f
     at = done * total / len(wanted.frames)
     film = cameras.read_cameras(stage, depsgraph)
     held = held_by(stage, trajectory, number, planned.crowd, film)
-    _write(stage, twins, trajectory, _together(frames["b"]), number, held)
     worlds = stage.world, _dark(stage.world)
     row = {
         "frame": number,
@@ -225,15 +228,6 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
         "bare": replace(culled, shadow=nobody, mirrored=nobody),
         "c": planned,
     }
-
-
-def _together(frame: Frame) -> Frame:
-    """The frame with all its agents in one bucket of the finest LOD, whoever sees them."""
-    held = np.zeros(len(frame.crowd), bool)
-    for buckets in (frame.buckets, frame.shadow, frame.mirrored):
-        held[buckets.order] = True
-    buckets = sort(held, np.zeros(len(held), np.uint8), len(frame.buckets.counts))
-    return replace(frame, buckets=buckets, shadow=None, mirrored=None)
 
 
 def _views(render: bpy.types.RenderSettings) -> list[str]:
