@@ -31,7 +31,7 @@ class Points:
         """The frame, from behaviour to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
         groups, held = len(self.trajectory.groups), follow.Held(found.crowd)
-        library = Library(np.full(groups, POSES), np.zeros((groups, 1)), np.full(groups, np.inf), np.zeros(groups, bool))
+        library = Library(np.full(groups, POSES), np.zeros((groups, 1)), np.full(groups, np.inf), np.zeros(groups), np.zeros(groups, bool))
         for level, each in enumerate(self.objects):
             columns = follow.columns_of(self.trajectory, found.crowd, held, found.buckets[level], library, False)
             io.write_points(each.data, columns)

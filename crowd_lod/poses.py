@@ -1,5 +1,5 @@
 """Poses: at how many evenly spaced phases of its action a LOD is kept, and which of them an agent shows: the nearest, or,
-where that shows, what lies between two."""
+where that would show, a mesh between two, which agents share."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +17,8 @@ from .machine import StateMachine
 LEAST, MOST, MOST_ASKED = 8, 64, 256
 MOST_RATES = 4  # at which a group's action is played, for its limbs' blur: each has poses of its own
 TOLERANCE = 1.0  # pixels, where the LODs have none of their own
+RESIDUE = 0.25  # of the tolerance at least: how far the meshes between two poses lie apart; the chord may have the rest
+FINEST = 2**10  # of them from one pose to the next
 
 
 @dataclass(frozen=True)
@@ -34,20 +36,21 @@ class Motion:
 @dataclass(frozen=True)
 class Library:
     """The poses of one LOD, of all groups in turn. counts: (G,) intp, of each group at each of its rates; rates: (G, r)
-    float64, of rates_of, at which their limbs are blurred. coarse: (G,) float64, of blended, from where on agents show what
-    lies between two poses. closed: (G,) bool, whether the action ends as it begins."""
+    float64, of rates_of, at which their limbs are blurred. coarse, bent: (G,) float64, of blended. closed: (G,) bool, whether
+    the action ends as it begins."""
 
     counts: np.ndarray
     rates: np.ndarray
     coarse: np.ndarray
+    bent: np.ndarray
     closed: np.ndarray
 
 
 def path_pixels(path: np.ndarray, begin: np.ndarray, radius: np.ndarray, camera: Camera) -> np.ndarray:
     """(G, n) pixels that a vertex's way in a cycle shows where each LOD begins, that is where its agents are largest.
 
-    path: (G,) metres, see Motion. begin: (G, n - 1) metres, from levels.limits; LOD 0 begins at the near plane. radius: (G,) metres, of the bounding spheres, by which a
-    surface may be nearer than an agent's centre.
+    path: (G,) metres, see Motion. begin: (G, n - 1) metres, from levels.limits; LOD 0 begins at the near plane. radius: (G,)
+    metres, of the bounding spheres, by which a surface may be nearer than an agent's centre.
     """
     first = np.full((len(path), 1), -np.inf)
     distance = np.maximum(np.hstack([first, begin]) - radius[:, None], max(camera.near, 1e-9))
@@ -93,28 +96,32 @@ def pixels_per_metre(points: np.ndarray, radius: np.ndarray, cameras: Sequence[C
 
 def blended(
     motions: Sequence[Motion], pixels: np.ndarray, counts: np.ndarray, mixed: np.ndarray, tolerance: float | None = None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(counts, coarse, off): where the nearest of `counts` (G, n) poses is off by more than the tolerance as the LOD begins,
-    agents so near show what lies between two of them; of a LOD for which that is too far off, too, there are more.
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(counts, coarse, bent, off): where the nearest of `counts` (G, n) poses is off by more than the tolerance as the LOD
+    begins, agents so near show what lies between two of them; of a LOD for which that is too far off, too, there are more.
 
-    pixels: (G, n), of path_pixels. mixed: (G,) bool, whether something lies between two poses of a group. tolerance: pixels,
-    None for TOLERANCE at most, and no more poses. counts: (G, n) intp. coarse: (G, n) float64, the pixels per metre, times
-    the share of the pose `beside`, beyond which agents show what lies between; infinity: none do. off: (G, n) pixels that
-    a vertex is off at most, about, where a LOD begins.
+    pixels: (G, n), of path_pixels. mixed: (G,) bool, whether something lies between two poses of a group. tolerance: pixels;
+    without it all show the nearest. counts: (G, n) intp. coarse: (G, n) float64, the pixels per metre, times the part of the
+    way to the next pose, that are the tolerance; infinity: nothing lies between. bent: (G, n) float64, the parts of the
+    tolerance that the chord is off, for each pixel per metre. off: (G, n) pixels that a vertex is off at most, about, where
+    a LOD begins.
     """
     path, bends = (np.array([getattr(motion, name) for motion in motions]) for name in ("path", "bends"))
-    mixed = mixed & np.isfinite(path) & (path > 0)
-    scale = pixels / np.where(mixed, path, 1.0)[:, None]
+    if not tolerance:
+        return counts, np.full(pixels.shape, np.inf), np.zeros(pixels.shape), pixels / counts / 2
+    mixed = (mixed & np.isfinite(path) & (path > 0))[:, None]
+    path = np.where(mixed[:, 0], path, 1.0)[:, None]
     while True:
-        nearest, between = pixels / counts / 2, scale * chord(bends, counts)
-        far = mixed[:, None] & (nearest > (tolerance or TOLERANCE))
-        more = far & (between > (tolerance or TOLERANCE)) & (counts < MOST_ASKED) & bool(tolerance)
+        nearest, between = pixels / counts / 2, pixels / path * chord(bends, counts)
+        far = mixed & (nearest > tolerance)
+        more = far & (between > (1 - RESIDUE) * tolerance) & (counts < MOST_ASKED)
         more[:, 0] = False  # LOD 0 begins at the camera
         if not more.any():
             break
         counts = np.where(more, 2 * counts, counts)
-    coarse = np.where(far, (tolerance or TOLERANCE) * counts / np.where(mixed, path, 1.0)[:, None], np.inf)
-    return counts, coarse, np.where(far, np.minimum(nearest, between), nearest)
+    coarse = np.where(far, tolerance * counts / path, np.inf)
+    off = np.maximum(tolerance, between + RESIDUE * tolerance)
+    return counts, coarse, np.where(far, chord(bends, counts) / tolerance, 0.0), np.where(far, np.minimum(nearest, off), nearest)
 
 
 def chord(bends: np.ndarray, counts: np.ndarray) -> np.ndarray:
@@ -169,13 +176,34 @@ def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.n
 
 def beside(phase: np.ndarray, counts: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(step, share), each (m,): where the pose next to the phase `phase` (m,), besides the nearest of `counts` (m,), lies,
-    1 after it or -1 before, int64; and how far towards it the phase lies, float32 in [0, 0.5]. Between the last pose and
+    1 after it or -1 before, int64; and how far towards it the phase lies, float64 in [0, 0.5]. Between the last pose and
     the first it is 0 where the action is not `closed` (m,): it does not lead from the one to the other."""
-    at = phase * counts
+    at = np.multiply(phase, counts, dtype=np.float64)
     nearest = np.rint(at)
     step = np.where(at >= nearest, 1, -1)
     within = closed | ((nearest < counts) & (nearest + step < counts))
-    return step, np.where(within, np.abs(at - nearest), 0.0).astype(np.float32)
+    return step, np.where(within, np.abs(at - nearest), 0.0)
+
+
+def rounded(share: np.ndarray, scale: np.ndarray, coarse: np.ndarray, bent: np.ndarray) -> np.ndarray:
+    """(m,) float32: the shares (m,) of the pose beside in as few steps, 1 / 2^n, as keep within the tolerance of agents that
+    show `scale` (m,) pixels per metre what the chord leaves of it, or RESIDUE; so agents show the same, and those farther
+    off a pose. coarse, bent: (m,), see blended."""
+    room = np.maximum(1 - scale * bent, RESIDUE)
+    steps = 2.0 ** np.ceil(np.log2(np.clip(0.5 * scale / coarse / room, 1, FINEST)))
+    return (np.rint(share * steps) / steps).astype(np.float32)
+
+
+def shared(pose: np.ndarray, other: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(mixed, mixes), each (m,) int32: which of the meshes between two poses agents show whose `share` (m,) of the `other`
+    (m,) besides `pose` (m,) is above 0, counted in the order of those who are the first to show one: theirs is 1, else 0."""
+    mixed, mixes = np.zeros((2, len(pose)), np.int32)
+    (who,) = np.nonzero(share)
+    keys = (pose[who].astype(np.int64) << 42) | (other[who].astype(np.int64) << 12) | (share[who] * FINEST).astype(np.int64)
+    _, first, which = np.unique(keys, return_index=True, return_inverse=True)
+    mixed[who] = np.argsort(np.argsort(first))[which]
+    mixes[who[first]] = 1
+    return mixed, mixes
 
 
 def played(opens: np.ndarray, closes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

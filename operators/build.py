@@ -16,7 +16,7 @@ from .poses import Posed, make_poses
 
 # Custom properties. Of a point object: its LOD, its bucket, and what a Library holds.
 LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
-COARSE, CLOSED = "crowd_lod_coarse", "crowd_lod_closed"
+COARSE, BENT, CLOSED = "crowd_lod_coarse", "crowd_lod_bent", "crowd_lod_closed"
 LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's collection in it
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
@@ -30,8 +30,8 @@ def library_of(points: bpy.types.Object, groups: int) -> Library:
     """The poses that a point object shows of so many `groups`; one each in a build from before there were poses."""
     counts = np.array(points.get(POSES) or [1] * groups)
     rates = np.reshape(points.get(RATES) or [0.0] * len(counts), (len(counts), -1))
-    coarse = np.array(points.get(COARSE) or [np.inf] * len(counts))
-    return Library(counts, rates, coarse, np.array(points.get(CLOSED) or [False] * len(counts)))
+    coarse, bent = (np.array(points.get(name) or [none] * len(counts)) for name, none in ((COARSE, np.inf), (BENT, 0.0)))
+    return Library(counts, rates, coarse, bent, np.array(points.get(CLOSED) or [False] * len(counts)))
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,8 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
         points = made.pop(bucket.name, None) or _points(top, bucket)
         points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
         points[RATES] = posed.rates.ravel().tolist()
-        points[COARSE], points[CLOSED] = posed.coarse[:, bucket.level].tolist(), posed.closed.tolist()
+        points[COARSE], points[BENT] = (each[:, bucket.level].tolist() for each in (posed.coarse, posed.bent))
+        points[CLOSED] = posed.closed.tolist()
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top

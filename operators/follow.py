@@ -13,7 +13,7 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
-from ..crowd_lod.poses import Library, beside, pixels_per_metre, played, pose_of
+from ..crowd_lod.poses import Library, beside, pixels_per_metre, played, pose_of, rounded, shared
 from . import cameras, lights
 from . import scene as io
 from .build import BAKED, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
@@ -49,26 +49,39 @@ class Held:
         """The point attributes of `agents` (m,) that say which poses they show, of the phase in the middle of the shutter.
 
         pose: the nearest, blurred at the rate at which the action is played meanwhile. Where agents may be so near that
-        it is off by more than the tolerance: blend, the share, 0 to 0.5, of the pose `beside` it; with motion blur also
-        blend_rate, how often a second of the timeline all the way from the one to the other is played.
+        it is off by more than the tolerance: blend, the share, 0 to 0.5, of the pose `beside` it, mixed and mixes, of
+        crowd_lod.poses.shared; with motion blur also blend_rate, how often a second of the timeline all the way from the
+        one to the other is played.
         """
         phase, change = self.crowd.phase[agents], np.zeros(len(agents))
         if self.ends:
             phase, change = played(*(crowd.phase[agents] for _, crowd in self.ends))
         rate, group = change / self.seconds, self.crowd.group[agents]
-        columns = {"pose": pose_of(phase, rate, group, library.counts, library.rates)}
+        pose = pose_of(phase, rate, group, library.counts, library.rates)
         if not np.isfinite(library.coarse).any() or not self.film:
-            return columns
-        count = library.counts[group]
-        step, share = beside(phase, count, library.closed[group])
+            return {"pose": pose}
         about = np.array([(each.centre, each.radius) for each in groups])[group].T
         points = np.stack([getattr(self.crowd, axis)[agents] for axis in "xyz"])
         points[2] += about[0]
-        share[share * pixels_per_metre(points, about[1], self.film) <= library.coarse[group]] = 0.0
-        phase = (phase + step / count) % 1.0
-        columns |= {"beside": pose_of(phase, rate, group, library.counts, library.rates), "blend": share}
+        scale = pixels_per_metre(points, about[1], self.film)
+        (near,) = np.nonzero(0.5 * scale > library.coarse[group])
+        phase, rate, group = phase[near], rate[near], group[near]
+        count = library.counts[group]
+        step, share = beside(phase, count, library.closed[group])
+        share = rounded(share, scale[near], library.coarse[group], library.bent[group])
+        here, other = pose[near], pose_of((phase + step / count) % 1.0, rate, group, library.counts, library.rates)
+        back = (share == 0.5) & (other < here)  # the same from both sides
+        here, other, step = np.where(back, other, here), np.where(back, here, other), np.where(back, -step, step)
+        own = {"beside": other, "blend": share, **dict(zip(("mixed", "mixes"), shared(here, other, share), strict=True))}
         if self.ends:
-            columns["blend_rate"] = (step * count * rate * self.pace).astype(np.float32)
+            known = library.rates[group]
+            played_at = known[np.arange(len(near)), np.abs(known - rate[:, None]).argmin(axis=1)]
+            own["blend_rate"] = (step * count * played_at * self.pace).astype(np.float32)
+        pose[near] = here
+        columns = {"pose": pose}
+        for name, values in own.items():
+            columns[name] = np.zeros(len(agents), values.dtype)
+            columns[name][near] = values
         return columns
 
 

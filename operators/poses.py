@@ -38,8 +38,8 @@ class Posed:
     """Poses that stand in no scene yet.
 
     counts: (G, n), poses of each group and LOD, at each of its rates. blurred: whether their vertices have velocities, by
-    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. coarse: (G, n), and closed:
-    (G,), see Library. off: pixels that a vertex is at most, about, from its place at the agent's own phase, where a LOD begins
+    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. coarse, bent: (G, n), and
+    closed: (G,), see Library. off: pixels that a vertex is at most, about, from its place at the agent's own phase, where a LOD begins
     (LOD 0, which begins at the camera, left out).
     collections: of each LOD its poses, each a collection's name and objects; sorted by name they stand in the order of
     pose_of. names: what each new block is to be called, as soon as those of an earlier build have gone.
@@ -49,6 +49,7 @@ class Posed:
     blurred: bool
     rates: np.ndarray
     coarse: np.ndarray
+    bent: np.ndarray
     closed: np.ndarray
     off: float
     collections: list[list[tuple[str, list[bpy.types.Object]]]]
@@ -56,7 +57,7 @@ class Posed:
 
     def library(self, level: int) -> Library:
         """The poses of one LOD."""
-        return Library(self.counts[:, level], self.rates, self.coarse[:, level], self.closed)
+        return Library(self.counts[:, level], self.rates, self.coarse[:, level], self.bent[:, level], self.closed)
 
 
 def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
@@ -82,9 +83,10 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
         vertices = np.array([[_vertices(home) for home in chain] for chain in chains])
         mixed = np.array([all(_mixes(item) for home in chain for item in home.objects) for chain in chains])
         pixels, tolerance = _pixels(scene, np.array([motion.path for motion in motions])), policy_of(scene.crowd_lod).tolerance
-        counts, coarse, off = blended(motions, pixels, pose_counts(pixels, vertices, tolerance), mixed, tolerance)
+        counts, coarse, bent, off = blended(motions, pixels, pose_counts(pixels, vertices, tolerance), mixed, tolerance)
         closed = np.array([motion.closed for motion in motions])
-        posed = Posed(counts, blurred, rates, coarse, closed, float(off[:, 1:].max(initial=0.0)), [[] for _ in range(count)], names)
+        worst = float(off[:, 1:].max(initial=0.0))
+        posed = Posed(counts, blurred, rates, coarse, bent, closed, worst, [[] for _ in range(count)], names)
         begins = [first_poses(counts[:, k], rates) for k in range(count)]
         for g, (name, objects, _) in enumerate(characters):
             finest, own = int(counts[g].max()), rates[g][np.isfinite(rates[g])]

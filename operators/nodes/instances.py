@@ -11,8 +11,9 @@ VERSION = 4
 def instances() -> bpy.types.GeometryNodeTree:
     """The group of this version: points with heading, pitch, roll (radians) and pose (index) in, collection instances
     out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn). Points without pitch and roll stand upright. Points with a
-    blend above 0 show, as a mesh of their own, so much of the pose `beside` and the rest of `pose`; its vertices' velocities
-    are by how much the two differ, blend_rate times a second.
+    blend above 0 show a mesh between two poses: of the points with `mixes` each makes one, of so much of the pose `beside` and
+    the rest of `pose`, its vertices' velocities by how much the two differ, blend_rate times a second; `mixed` is whose,
+    counted in order.
 
     Inputs: Geometry, Characters (a collection with one child a pose, in natural order of names), Turn (radians about z
     that turn a character to +x). A group of another version is rebuilt in place, so that files saved with it follow;
@@ -57,18 +58,27 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     tree.links.new(characters.outputs[0], place.inputs["Instance"])
     tree.links.new(pose, place.inputs["Instance Index"])
     tree.links.new(whole.outputs["Rotation"], place.inputs["Rotation"])
-    each, inner, mixed = _blended(tree, part.outputs["Selection"], characters.outputs[0], whole.outputs["Rotation"], pose, blend)
+    makers = tree.nodes.new("GeometryNodeSeparateGeometry")
+    tree.links.new(part.outputs["Selection"], makers.inputs["Geometry"])
+    tree.links.new(attribute(tree, "mixes", "INT"), makers.inputs["Selection"])
+    each, inner, meshes = _meshes(tree, makers.outputs["Selection"], characters.outputs[0], pose, blend)
+    near = tree.nodes.new("GeometryNodeInstanceOnPoints")
+    near.inputs["Pick Instance"].default_value = True
+    tree.links.new(part.outputs["Selection"], near.inputs["Points"])
+    tree.links.new(meshes, near.inputs["Instance"])
+    tree.links.new(attribute(tree, "mixed", "INT"), near.inputs["Instance Index"])
+    tree.links.new(whole.outputs["Rotation"], near.inputs["Rotation"])
     both = tree.nodes.new("GeometryNodeJoinGeometry")
-    tree.links.new(mixed, both.inputs["Geometry"])
+    tree.links.new(near.outputs["Instances"], both.inputs["Geometry"])
     tree.links.new(place.outputs["Instances"], both.inputs["Geometry"])
     tree.links.new(both.outputs["Geometry"], leave.inputs["Geometry"])
 
-    upper = entry, characters, down, stance.node, turn.node, whole, part, place, both, leave
+    upper = entry, characters, down, stance.node, turn.node, whole, part, place, makers, near, both, leave
     spread(upper, (pose.node, heading.node, pitch.node, roll.node, blend.node, *each), inner)
 
 
-def _blended(tree, points, characters, rotation, pose, blend) -> tuple[list, list, bpy.types.NodeSocket]:
-    """(nodes, the nodes of its zone, geometry): an instance at each of the `points` of what lies between two poses."""
+def _meshes(tree, points, characters, pose, blend) -> tuple[list, list, bpy.types.NodeSocket]:
+    """(nodes, the nodes of its zone, geometry): of each of the `points` an instance of what lies between its two poses."""
     before = set(tree.nodes)
     entry, leave = (tree.nodes.new(f"GeometryNodeForeachGeometryElement{end}") for end in ("Input", "Output"))
     entry.pair_with_output(leave)
@@ -107,12 +117,10 @@ def _blended(tree, points, characters, rotation, pose, blend) -> tuple[list, lis
     moved = tree.nodes.new("GeometryNodeSetPosition")
     tree.links.new(store.outputs["Geometry"], moved.inputs["Geometry"])
     tree.links.new(_vector(tree, "SCALE", way, entry.outputs["blend"]), moved.inputs["Offset"])
-    place = tree.nodes.new("GeometryNodeInstanceOnPoints")
-    tree.links.new(entry.outputs["Element"], place.inputs["Points"])
-    tree.links.new(moved.outputs["Geometry"], place.inputs["Instance"])
-    tree.links.new(rotation, place.inputs["Rotation"])
+    whole = tree.nodes.new("GeometryNodeGeometryToInstance")
+    tree.links.new(moved.outputs["Geometry"], whole.inputs["Geometry"])
     made = next(socket for socket in leave.inputs if socket.type == "GEOMETRY" and socket.name == "Geometry")
-    tree.links.new(place.outputs["Instances"], made)
+    tree.links.new(whole.outputs["Instances"], made)
     geometry = [socket for socket in leave.outputs if socket.type == "GEOMETRY"][-1]
     return outer, [node for node in tree.nodes if node not in before], geometry
 

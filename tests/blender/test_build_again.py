@@ -144,7 +144,7 @@ def test_a_build_from_before_the_poses_opens_and_shows_each_groups_lod(built, tm
     library = next(child for child in top.children if builder.LIBRARY in child)
     bpy.data.batch_remove([item for item in builder.points_of(top).values() if not item.visible_camera])
     for item in builder.points_of(top).values():
-        for name in (builder.BUCKET, builder.POSES, builder.RATES, builder.COARSE, builder.CLOSED):
+        for name in (builder.BUCKET, builder.POSES, builder.RATES, builder.COARSE, builder.BENT, builder.CLOSED):
             del item[name]
         item.data.attributes.remove(item.data.attributes["pose"])
     del top[builder.MADE_FROM]

@@ -196,7 +196,6 @@ def test_neighbours_are_drawn_in_different_poses(built, tmp_path, engine):
             vertex.co = (x, 0, 0)
         points.attributes["heading"].data.foreach_set("value", np.zeros(2, np.float32))
         points.attributes["pose"].data.foreach_set("value", np.array(phases, np.int32))
-        points.attributes["blend"].data.foreach_set("value", np.zeros(2, np.float32))
         points.update_tag()
         settings.build = None  # else the render would write the points anew
         built.render.filepath = str(tmp_path / f"{name}.png")

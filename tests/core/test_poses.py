@@ -23,6 +23,8 @@ from crowd_lod_extension.crowd_lod.poses import (
     pose_counts,
     pose_of,
     rates_of,
+    rounded,
+    shared,
 )
 
 CAMERA = Camera(
@@ -168,7 +170,7 @@ def test_a_lod_is_blended_where_its_nearest_pose_is_too_far_off_and_gets_more_po
     pixels = np.where(np.isfinite(path), path, 1e9)[:, None] * np.array([400.0, 30.0, 1.0])
     counts = pose_counts(pixels, np.full((5, 3), 4000), 1.0)
     mixed = np.array([True, True, False, True, True])
-    found, coarse, off = blended(motions, pixels, counts, mixed, 1.0)
+    found, coarse, bent, off = blended(motions, pixels, counts, mixed, 1.0)
     assert (found[:, 0] == counts[:, 0]).all() and (found >= counts).all() and found[1, 1] > counts[1, 1]
     assert np.isinf(coarse[2:]).all()  # nothing lies between, or nothing moves
     far = pixels / found / 2 > 1.0
@@ -176,8 +178,53 @@ def test_a_lod_is_blended_where_its_nearest_pose_is_too_far_off_and_gets_more_po
     assert off[0, 1] <= 1.0 < (pixels / counts / 2)[0, 1]
     # an agent that shows `coarse` pixels a metre, all of the way between two poses, is a pixel off
     np.testing.assert_allclose(coarse[0, 0] * path[0] / found[0, 0], 1.0)
-    same, _, _ = blended(motions, pixels, counts, mixed, None)
+    assert (bent[:2, 0] > 0).all() and (bent[2:] == 0).all()
+    same, coarse, _, off = blended(motions, pixels, counts, mixed, None)  # who asks for no tolerance
     np.testing.assert_array_equal(same, counts)
+    np.testing.assert_array_equal(off, pixels / counts / 2)
+    assert np.isinf(coarse).all()
+
+
+@pytest.mark.parametrize("count", [32, 64, 256])
+def test_meshes_between_poses_are_as_few_as_the_tolerance_allows(count):
+    random, motion, tolerance = np.random.default_rng(4), of_curve(), 0.8
+    way, poses = curve(2**15), curve(count)
+    counts = np.array([[count]])
+    pixels = np.array([[3 * count]])  # the nearest pose is 1.5 pixels off where the LOD begins
+    found, coarse, bent, off = blended([motion], pixels, counts, np.ones(1, bool), tolerance)
+    assert found == counts and np.isfinite(coarse).all()
+    index = random.integers(0, len(way), 20_000)
+    phase, scale = index / len(way), random.uniform(0, 4, 20_000) * pixels[0, 0] / motion.path
+    step, share = beside(phase, np.full(20_000, count), np.ones(20_000, bool))
+    kept = rounded(share, scale, np.full(20_000, coarse[0, 0]), np.full(20_000, bent[0, 0]))
+    nearest = np.rint(phase * count).astype(int) % count
+    shown = poses[nearest] + kept[:, None] * (poses[(nearest + step) % count] - poses[nearest])
+    error = scale * np.linalg.norm(shown - way[index], axis=1)
+    known = scale * (share > 0) * chord(np.array([motion.bends]), counts)[0, 0]
+    assert (error <= np.maximum(tolerance, 2 * known + tolerance / 4)).all()
+    assert np.quantile(error, 0.9) < tolerance
+    meshes = len(np.unique(np.stack([nearest, step, kept])[:, kept > 0], axis=1).T)
+    assert count < meshes < 32 * count  # steps of 1/32 at the nearest, where an agent would be 7.5 tolerances off
+    assert not kept[scale < coarse[0, 0]].any()
+
+
+def test_agents_share_the_meshes_between_poses_and_the_first_of_each_makes_it():
+    random = np.random.default_rng(1)
+    pose, other = random.integers(0, 9, 500).astype(np.int32), random.integers(0, 9, 500).astype(np.int32)
+    share = (random.integers(0, 5, 500) / 8).astype(np.float32)
+    mixed, mixes = shared(pose, other, share)
+    seen = []
+    for each, number, first in zip(zip(pose, other, share, strict=True), mixed, mixes, strict=True):
+        if not each[2]:
+            assert not first
+            continue
+        assert first == (each not in seen)
+        if first:
+            seen.append(each)
+        assert seen[number] == each
+    assert len(seen) > 100
+    nobody, none = shared(pose[:0], other[:0], share[:0])
+    assert len(nobody) == len(none) == 0 and not shared(pose, other, 0 * share)[1].any()
 
 
 def table(*speeds, edge="clamp"):
