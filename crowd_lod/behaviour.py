@@ -311,6 +311,11 @@ class Trajectory:
         """The same with nothing left out."""
         return replace(self, leave=NOTHING, _kept={}, _lock=threading.Lock())
 
+    @cached_property
+    def looks(self) -> np.ndarray:
+        """(n,) float32 in [0, 1), a number of each agent's own."""
+        return chance.uniform(self.start.key, chance.LOOKS).astype(np.float32)
+
     def _step(self, crowd: Crowd, frames: float) -> Crowd:
         seconds = frames * self.seconds_per_frame
         if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
