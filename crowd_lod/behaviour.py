@@ -14,17 +14,18 @@ cells touch at their corners only. A timer that ends within a step cuts it too.
 import operator
 import threading
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
 from . import blocks, borders, chance, curve
 from .agents import Crowd, Group
+from .ahead import look, onward
 from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
-from .within import within
+from .within import Tables, mended, within
 
 # A step may cross this many cells; one that would cross more is refused, it would seem to hang.
 MOST_CELLS = 65_536
@@ -58,31 +59,21 @@ def step(
     cycles: np.ndarray,
     seconds: float,
     leave: frozenset[LeftOut] = NOTHING,
+    tables: Tables | None = None,
 ) -> Crowd:
     """The crowd `seconds` later, by one step of listing 1.1 cut at the cells' borders.
 
     cycles: (G, 2) float64 from `cycles_of`. Agents that reach the map's edge meet the machine's policy: `clamp` slides
     along it, `stop` stands, `wrap` goes on at the other side, `reflect` goes on mirrored until the state changes.
-    leave: what of it to leave out, from lean.needless.
+    leave: what of it to leave out, from lean.needless. tables: those of the step, if they are made.
     CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
     """
-    check_speeds(machine, world, seconds)
+    if tables is None:
+        check_speeds(machine, world, seconds)
     if len(crowd) < FEW:
         return advance(crowd, machine, world, cycles, seconds, leave=leave)[0]
-    moved, rest = within(crowd, machine, world, cycles, seconds, leave)
-    if not len(rest):
-        return moved
-    columns = {name: column[rest] for name, column in vars(crowd).items()}
-    other = advance(Crowd(**columns), machine, world, cycles, seconds, leave=leave)[0]
-    for name in vars(crowd):
-        column = getattr(moved, name)
-        if getattr(other, name) is columns[name]:
-            continue
-        if column is getattr(crowd, name):
-            column = column.copy()
-            object.__setattr__(moved, name, column)
-        column[rest] = getattr(other, name)
-    return moved
+    moved, rest = within(crowd, machine, world, tables or Tables(machine, cycles, seconds), leave)
+    return mended(moved, crowd, rest, lambda some: advance(some, machine, world, cycles, seconds, leave=leave)[0])[0]
 
 
 def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
@@ -119,7 +110,7 @@ def advance(
     patience = 4 * len(machine.states) + 4 if exact else HOLD
     held, reads = np.zeros(len(x), bool), 0
     # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
-    repeats, met = not (exact or draws or reflects), np.full((7, len(x)), np.nan)
+    repeats, met = not (exact or draws or reflects), None
     agents = slice(None)  # those still on the move; their own arrays follow
     column, row = world.cells(x, y)
     rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
@@ -191,13 +182,15 @@ def advance(
         # who goes on, and who has been at it too long without getting anywhere
         j = np.flatnonzero(leaves | changed) if exact else c
         slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= PROGRESS
-        before, idle = idle, np.zeros_like(idle)
-        idle[j] = np.where(slow, before[j] + 1, 0)
-        if repeats and len(j):
-            now = np.stack([x[agents], y[agents], state[agents], phase[agents], column, row, rest])[:, j]
-            skipped = borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
-            idle[j] += skipped
-            reads += int(skipped.sum())
+        before, idle = idle, np.zeros(len(idle), np.int32)
+        if slow.any():
+            idle[j] = np.where(slow, before[j] + 1, 0)
+            if repeats:
+                met = np.full((7, len(x)), np.nan) if met is None else met
+                now = np.array([x[agents], y[agents], state[agents], phase[agents], column, row, rest])[:, j]
+                skipped = borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
+                idle[j] += skipped
+                reads += int(skipped.sum())
         goes = rest > 0
         gives_up = goes & (idle >= patience)
         agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]
@@ -224,6 +217,11 @@ def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
 def cycles_of(groups: tuple[Group, ...]) -> np.ndarray:
     """(G, 2) float64: how many cycles of the action each group plays per metre walked, and per second."""
     return np.array([(1 / g.stride, 0.0) if g.stride > 0 else (0.0, 1 / g.period if g.period > 0 else 0.0) for g in groups])
+
+
+def _tables(machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float) -> Tables:
+    check_speeds(machine, world, seconds)
+    return Tables(machine, cycles, seconds)
 
 
 @dataclass
@@ -258,6 +256,8 @@ class Trajectory:
         )
         self._blocks = self._order = None, None
         self._pace = blocks.pace(self.machine, self.heights) if STILL not in self.left_out else blocks.STANDING
+        self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world, self._cycles))
+        self._ahead = None, None  # a crowd, and what is known of its next steps
         self.memo = None  # of frame.plan: a cache, never the truth
 
     def at(self, time: float) -> Crowd:
@@ -311,11 +311,27 @@ class Trajectory:
         """The same with nothing left out."""
         return replace(self, leave=NOTHING, _kept={}, _lock=threading.Lock())
 
+    @cached_property
+    def looks(self) -> np.ndarray:
+        """(n,) float32 in [0, 1), a number of each agent's own."""
+        return chance.uniform(self.start.key, chance.LOOKS).astype(np.float32)
+
     def _step(self, crowd: Crowd, frames: float) -> Crowd:
         seconds = frames * self.seconds_per_frame
         if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
             return self._play(crowd, seconds)
-        return step(crowd, self.machine, self.world, self._cycles, seconds, self.left_out)
+        tables, (known, ahead) = self._tables(seconds), self._ahead
+
+        def way(some: Crowd) -> Crowd:
+            return step(some, self.machine, self.world, self._cycles, seconds, self.left_out, tables)
+
+        if known is not crowd:
+            looks = frames == 1 and self.leave and len(crowd) >= FEW
+            ahead = look(crowd, self.machine, self.world, tables) if looks else None
+        moved, ahead = (way(crowd), None) if ahead is None else onward(crowd, ahead, self.machine, self.world, tables, way)
+        if frames == 1:
+            self._ahead = moved, ahead
+        return moved
 
     def _play(self, crowd: Crowd, seconds: float) -> Crowd:
         """The crowd `seconds` later where nothing but the actions that play by time goes on: as `advance` rounds it."""
@@ -352,5 +368,7 @@ class Trajectory:
                 before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
                 if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
                     self._keep(frame, crowd)
+                    if self._ahead[1] is None:
+                        self._ahead = None, None  # to look again
                 self._recent = (frame, crowd), before
             return crowd

@@ -10,7 +10,7 @@ def _borders(x, y, column, row, velocity, world: LabelMap):
 
     Each (2, c), x and y: place; cell; way, -1, 0 or 1; the cell beyond; whether that is off the map; the border.
     """
-    place, cell = np.stack([x, y]), np.stack([column, row])
+    place, cell = np.array((x, y)), np.array((column, row))
     size = np.array(world.cell)[:, None]
     low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
     way = np.sign(velocity).astype(np.intp)
@@ -49,7 +49,7 @@ def to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str):
     place[axis, one] = border[axis, one]
     enters = ~leaves_map | (edge == "wrap")
     cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
-    flips = np.where(leaves_map & (edge == "reflect"), 1 << axis, 0).astype(np.uint8)
+    flips = (leaves_map << axis).astype(np.uint8) if edge == "reflect" else 0
     return taken, *world.into(*place, *cell), *cell, flips
 
 
@@ -83,6 +83,8 @@ def rounds(now: np.ndarray, met: np.ndarray, agents: np.ndarray, idle: np.ndarra
     first, later = idle == 1, np.flatnonzero(idle > 1)
     met[:, agents[first]] = now[:, first]
     skipped = np.zeros_like(idle)
+    if not len(later):
+        return skipped
     (*here, rest), (*before, had) = now[:, later], met[:, agents[later]]
     back = later[np.equal(here, before).all(axis=0) & (rest > patience * (had - rest))]
     period = idle[back] - 1

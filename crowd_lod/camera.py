@@ -1,5 +1,6 @@
 """The camera's referential and window (chapter eqs 1.1 to 1.3, 1.5, 1.6), for Blender's kinds of camera."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -156,12 +157,13 @@ def planes(camera: Camera) -> Planes:
     edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
     slopes = [0.0 if camera.kind == "ORTHO" else edge for _, edge in edges]
     least, most = stretch(camera) if camera.rays and camera.kind != "ORTHO" else (1.0, 1.0)
-    rows = [axis - slope * Z for (axis, _), slope in zip(edges, slopes, strict=True)] + [-Z, Z]
+    rows = np.array([axis - slope * Z for (axis, _), slope in zip(edges, slopes, strict=True)] + [-Z, Z])
     offsets = [edge - slope for (_, edge), slope in zip(edges, slopes, strict=True)]
-    lengths = np.linalg.norm(rows, axis=1)
-    terms = [np.linalg.norm(axis) + abs(slope) * np.linalg.norm(Z) for (axis, _), slope in zip(edges, slopes, strict=True)]
+    lengths = np.sqrt((rows * rows).sum(axis=1))
+    across, up, along = (math.sqrt(axis @ axis) for axis in (X, Y, Z))
+    terms = [axis + abs(slope) * along for axis, slope in zip((across, across, up, up), slopes, strict=True)]
     return Planes(
-        normals=np.array(rows) / lengths[:, None],
+        normals=rows / lengths[:, None],
         offsets=np.array([*offsets, -camera.near * least, camera.far * most]) / lengths,
         fixed=1 / lengths,
         rounding=float((terms / lengths[:4]).max()),

@@ -19,6 +19,8 @@ BLOCK = 16_384
 ROUNDING = 16 * np.finfo(np.float64).eps
 # Metres. Products and squares of smaller numbers may lose all their bits to underflow.
 TINY = 1e-150
+# Which corners of a box, (3, 8), lie at its lower side along x, y and z.
+CORNERS = np.indices((2, 2, 2), dtype=bool).reshape(3, 8)
 
 
 def radar(
@@ -51,11 +53,11 @@ def radar(
     the crowd is in order, if only these are asked; what is given is then theirs, (m,).
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
-    frustums = [None if camera.kind == "PANO" else planes(camera) for camera in cameras]
     count = len(crowd) if agents is None else len(agents)
     visible, distance = np.full(count, bool(every)), np.full(count, np.inf)
-    if every is not None and not measure:
+    if not count or (every is not None and not measure):
         return visible, distance
+    frustums = [None if camera.kind == "PANO" else planes(camera) for camera in cameras]
     height = crowd.z[0] + centre if FLAT in leave else None
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         groups = crowd.group if agents is None else crowd.group[agents]
@@ -135,8 +137,8 @@ def bounds(
 def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin: float | None, radial: bool) -> Bounds:
     """The bounds for one camera of the spheres with their centres in the box low, high (3,), of the radii r[0] to r[1]."""
     low, high = low - camera.origin, high - camera.origin
-    corners = tuple(np.stack(np.meshgrid(*zip(low, high, strict=True))).reshape(3, 8))
-    nearest = tuple(np.clip(0.0, low, high)[:, None])
+    corners = tuple(np.where(CORNERS, low[:, None], high[:, None]))
+    nearest = tuple(np.minimum(np.maximum(low, 0.0), high)[:, None])
     close, away = np.sqrt(_dot(nearest, nearest)), np.sqrt(_dot(corners, corners))
     (least, little), (most, much) = _reach(camera, nearest, close, r[0]), _reach(camera, corners, away, r[1])
     depth = _dot(corners, camera.Z)

@@ -129,8 +129,9 @@ def plan(
     left |= items
     if ONE_BUCKET in leave and np.count_nonzero(buckets.counts) <= 1:
         left.add(ONE_BUCKET)
-    vertices, full_vertices = cost(crowd, buckets, [g.vertices for g in groups], counted)
-    triangles, full_triangles = cost(crowd, buckets, [g.triangles for g in groups], counted)
+    counted = counted or tally(crowd, buckets, len(groups))
+    vertices, full_vertices = cost(counted, [g.vertices for g in groups])
+    triangles, full_triangles = cost(counted, [g.triangles for g in groups])
     frame = Frame(
         time=time,
         crowd=crowd,
@@ -151,7 +152,7 @@ def plan(
 
 
 def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
-    """(buckets, find_levels, what `cost` counts, how many are dropped, what was left out): every agent is tested. views: (time, the eyes'
+    """(buckets, find_levels, what `tally` counts, how many are dropped, what was left out): every agent is tested. views: (time, the eyes'
     cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
     leave, items = trajectory.leave, set()
     made = trajectory.blocks(views[0][0])  # for their order
@@ -216,7 +217,7 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     items = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
     items[ONE_LEVEL] = bias is None and np.count_nonzero(buckets.counts) <= 1
     decided = trajectory.leave if not len(places) else NOTHING
-    counted = blocks.count(levels, policy.count), np.diff(blocks.groups)
+    counted = (blocks.count(levels, policy.count), np.diff(blocks.groups)) if len(centre) > 1 else None
     find_levels = partial(_levels, trajectory, crowd, views, policy, begin, bias)
     return buckets, find_levels, counted, gone, {item for item, holds in items.items() if holds and item in decided}
 
@@ -275,7 +276,9 @@ def _one_level(begin: np.ndarray, box: Bounds, bias: Bias | None) -> int | None:
 def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
     """Metres that an agent may walk between two of the `times`, in frames: the whole gap's, not half of it, so that one
     which jumps to the other side of a wrapping map is covered before and after."""
-    gap = max(np.diff(times), default=0.0)
+    if len(times) < 2:
+        return 0.0
+    gap = max(np.diff(times))
     return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame
 
 
@@ -286,18 +289,19 @@ def deviations(groups: Sequence[Group], count: int) -> np.ndarray | None:
     return np.array([group.deviations[:count] for group in groups], np.float64)
 
 
-def cost(
-    crowd: Crowd, buckets: Buckets, sizes: list[tuple[int, ...]], counted: tuple[np.ndarray, np.ndarray] | None = None
-) -> tuple[int, int]:
-    """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over buckets, over all agents.
+def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:
+    """Agents of each LOD and group (n, G) in the buckets, and of each of the `groups` (G,) in the crowd."""
+    if groups == 1:
+        return buckets.counts[:, None], np.array([len(crowd)])
+    present = [np.bincount(crowd.group[buckets[level]], minlength=groups) for level in range(len(buckets.counts))]
+    return np.array(present), np.bincount(crowd.group, minlength=groups)
 
-    counted: agents of each LOD and group (n, G), and of each group (G,), if they are known."""
-    if not all(len(each) >= len(buckets.counts) for each in sizes):
+
+def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -> tuple[int, int]:
+    """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over agents seen, over all agents;
+    counted: from `tally`."""
+    present, full = counted
+    if not all(len(each) >= len(present) for each in sizes):
         return 0, 0
-    if counted is None:
-        each = [crowd.group[buckets[level]] for level in range(len(buckets.counts))]
-        present, full = (np.array([np.bincount(g, minlength=len(sizes)) for g in some]) for some in (each, [crowd.group]))
-    else:
-        present, full = counted
     drawn = [int(present[level, g]) * size[level] for g, size in enumerate(sizes) for level in range(len(present))]
-    return sum(drawn), sum(int(n) * size[0] for n, size in zip(np.ravel(full), sizes, strict=True))
+    return sum(drawn), sum(int(n) * size[0] for n, size in zip(full, sizes, strict=True))

@@ -8,7 +8,7 @@ import numpy as np
 from .agents import Group
 from .camera import Camera
 from .culling import radar
-from .frame import Frame, cost
+from .frame import Frame, cost, tally
 from .levels import Bias, LevelPolicy, hold
 from .sorting import sort
 
@@ -31,6 +31,7 @@ def held(
     factor = None if bias is None else bias.at(crowd.x, crowd.y)
     levels = hold(previous, distance, frame.begins, crowd.group, factor, policy.hysteresis)
     buckets = sort(frame.visible, levels, policy.count)
-    vertices, _ = cost(crowd, buckets, [group.vertices for group in groups])
-    triangles, _ = cost(crowd, buckets, [group.triangles for group in groups])
+    counted = tally(crowd, buckets, len(groups))
+    vertices, _ = cost(counted, [group.vertices for group in groups])
+    triangles, _ = cost(counted, [group.triangles for group in groups])
     return replace(frame, find_levels=lambda: levels, buckets=buckets, vertices=vertices, triangles=triangles)

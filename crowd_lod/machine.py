@@ -18,6 +18,7 @@ state after so many seconds, or after a time drawn between two, and `then` says 
 import json
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -67,12 +68,12 @@ class StateMachine:
         """Whether any agent can ever move."""
         return bool(self.velocity.any())
 
-    @property
+    @cached_property
     def timed(self) -> bool:
         """Whether any state has a timer."""
         return bool(np.isfinite(self.after).any())
 
-    @property
+    @cached_property
     def chancy(self) -> bool:
         """Whether anything that agents do after the first frame is drawn at random."""
         return bool(len(self.odds) or (self.after[:, 0] < self.after[:, 1]).any())

@@ -1,6 +1,7 @@
 """World maps: a label for each cell of the ground (chapter section 1.2)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class Area:
         if not np.isfinite(values).all() or not (self.x_min < self.x_max and self.y_min < self.y_max):
             raise CrowdError(f"The crowd's area {values} is not a rectangle: give it a finite centre and a size above 0.")
 
-    @property
+    @cached_property
     def size(self) -> tuple[float, float]:
         """Width (x) and depth (y) in metres."""
         return self.x_max - self.x_min, self.y_max - self.y_min
@@ -50,12 +51,20 @@ class LabelMap:
                 "apart: move the crowd nearer to the world's origin, enlarge its area, or use fewer pixels."
             )
 
-    @property
+    @cached_property
     def cell(self) -> tuple[float, float]:
         """Size of a cell in metres, along x and y."""
         rows, columns = self.labels.shape
         width, depth = self.area.size
         return width / columns, depth / rows
+
+    @cached_property
+    def runs(self) -> np.ndarray:
+        """(2, 2, rows * columns) uint8: how many cells, 255 at most, of a cell's own label follow it without a gap, along x and y, to
+        lower and to higher places."""
+        ways = self.labels[:, ::-1], self.labels, self.labels[::-1], self.labels
+        left, right, down, up = (_run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True))
+        return np.array([(left.T[:, ::-1], right.T), (down[::-1], up)]).reshape(2, 2, -1)
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Labels (n,) uint8 under the world positions x, y (n,); outside the area the nearest cell counts."""
@@ -75,8 +84,16 @@ class LabelMap:
         return _into(x, column, self.area.x_min, width, columns), _into(y, row, self.area.y_min, depth, rows)
 
 
+def _run(labels: np.ndarray) -> np.ndarray:
+    """(k, m) uint8: how many of the rows after each of labels (k, m) bear the same, 255 at most."""
+    run = np.zeros(labels.shape, np.uint8)
+    for row in range(len(labels) - 2, -1, -1):
+        run[row] = (np.minimum(run[row + 1], 254) + 1) * (labels[row] == labels[row + 1])
+    return run
+
+
 def _index(value, low, size, count):
-    return np.clip((value - low) / size, 0, count - 1).astype(np.intp)
+    return np.minimum(np.maximum((value - low) / size, 0), count - 1).astype(np.intp)  # of few, sooner than np.clip
 
 
 def _into(value, index, low, size, count):

@@ -167,11 +167,15 @@ def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.n
     (G, r).
     """
     counts = np.asarray(counts, np.int64)
+    if len(counts) == 1:  # one for all
+        group = slice(1)
     of = counts[group]
     first = first_poses(counts, rates)[group]
     if rates.shape[1] > 1:
         first += np.abs(rates[group] - rate[:, None]).argmin(axis=1) * of
-    return (first + np.rint(phase * of).astype(np.int64) % of).astype(np.int32)
+    nearest = np.rint(phase * of)
+    nearest[nearest >= of] = 0  # sooner than %
+    return (first + nearest).astype(np.int32)
 
 
 def beside(phase: np.ndarray, counts: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -30,9 +30,9 @@ def sort(visible: np.ndarray, ids: np.ndarray, count: int, lean: bool = False) -
     """
     agents = np.flatnonzero(visible).astype(np.int32)
     seen = ids[agents]
-    offsets = np.zeros(count + 1, np.intp)
-    np.cumsum(np.bincount(seen, minlength=count), out=offsets[1:])
-    if lean and offsets[-1] in np.diff(offsets):
+    counts, offsets = np.bincount(seen, minlength=count), np.zeros(count + 1, np.intp)
+    np.cumsum(counts, out=offsets[1:])
+    if lean and counts.max() == len(seen):
         return Buckets(agents, offsets)
     return Buckets(agents[np.argsort(seen, kind="stable")], offsets)
 

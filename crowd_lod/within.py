@@ -6,6 +6,7 @@ looked up in tables made for the step, block by block. Who changes state, draws,
 another label or to the border of the map goes the long way (behaviour.advance), with the same result to the bit.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -22,11 +23,11 @@ BLOCK = 16_384
 MIRRORED = np.array([(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
 
 
-class _Tables:
+class Tables:
     """What one step of `seconds` does in each case: each table is (cases,), in the order mirror, state, label."""
 
     def __init__(self, machine: StateMachine, cycles: np.ndarray, seconds: float):
-        velocity = machine.velocity[None]
+        self.seconds, velocity = seconds, machine.velocity[None]
         if machine.edge == "reflect":
             velocity = velocity * MIRRORED[:, None, None]
         vx, vy = velocity.reshape(-1, 2).T
@@ -38,21 +39,33 @@ class _Tables:
         plays = seconds * (per_metre * speed[:, None] + per_second)
         self.groups = len(cycles) if (plays != plays[:, :1]).any() else 1
         self.plays = plays[:, : self.groups].ravel()
+        if (self.plays == self.plays[0]).all():
+            self.groups, self.plays = 1, self.plays[:1]
         self.number = np.min_scalar_type(len(speed))
         states = np.arange(len(machine.states))[:, None]
         changes = (machine.next_state != states) | (machine.next_choice >= 0)
         # who changes state is in no cell afterwards, so that one comparison finds all who go the long way
         self.x[np.broadcast_to(changes, (len(velocity), *changes.shape)).ravel()] = np.nan
+        changing = {"x": self.x.any(), "y": self.y.any(), "phase": self.plays.any(), "wait": machine.timed}
+        self.changing = [name for name, changes in changing.items() if changes]  # columns that a step within a cell changes
+        self.labels, self.size = len(machine.labels), machine.next_state.size
+
+    def cases(self, crowd: Crowd, block: slice, label: np.ndarray) -> np.ndarray:
+        """The cases (b,) intp of the agents `block`, label (b,) or one for all."""
+        case = np.multiply(crowd.state[block], self.labels, dtype=self.number)
+        if len(self.x) > self.size:
+            case += np.multiply(crowd.mirror[block], self.size, dtype=self.number)
+        case += label
+        return case.astype(np.intp)
 
 
 def within(
-    crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, leave: frozenset[LeftOut]
+    crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables, leave: frozenset[LeftOut]
 ) -> tuple[Crowd, np.ndarray]:
-    """(crowd, rest): the crowd `seconds` later, but for the agents `rest` (m,) intp, rising, for whom nothing holds.
+    """(crowd, rest): the crowd a step of the `tables` later, but for the agents `rest` (m,) intp, rising, for whom nothing holds.
 
-    Arguments as for behaviour.step. Columns that the step leaves as they are, are those of `crowd`.
+    Other arguments as for behaviour.step. Columns that the step leaves as they are, are those of `crowd`.
     """
-    tables = _Tables(machine, cycles, seconds)
     x, y = np.empty_like(crowd.x), np.empty_like(crowd.y)
     heading = np.empty_like(crowd.heading) if tables.turns.any() else crowd.heading
     phase = np.empty_like(crowd.phase) if tables.plays.any() else crowd.phase
@@ -70,14 +83,9 @@ def within(
         for (old, _, _, _, high, _, count), cell in zip(sides, cells, strict=True):
             if old[block].max() == high:
                 np.minimum(cell, count - 1, out=cell)
-        case = np.multiply(crowd.state[block], len(machine.labels), dtype=tables.number)
-        if machine.edge == "reflect":
-            case += np.multiply(crowd.mirror[block], machine.next_state.size, dtype=tables.number)
-        if ONE_LABEL in leave:
-            case += labels[0]
-        else:
-            case += labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
-        case = case.astype(np.intp)
+        one = ONE_LABEL in leave
+        label = labels[0] if one else labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
+        case = tables.cases(crowd, block, label)
         other, leaves = np.zeros((2, len(case)), bool)
         for (old, new, way, low, high, size, _), cell in zip(sides, cells, strict=True):
             to = np.add(old[block], way.take(case, mode="clip"), out=new[block])
@@ -92,8 +100,8 @@ def within(
                 other |= (old[block] <= low) | (old[block] >= high)
         if machine.timed:
             waits = crowd.wait[block].astype(np.float64)
-            other |= waits < seconds
-            wait[block] = waits - seconds
+            other |= waits < tables.seconds
+            wait[block] = waits - tables.seconds
         if leaves.any():
             c = np.flatnonzero(leaves & ~other)
             c = c[~np.isnan(x[block][c])]  # their state changes
@@ -103,22 +111,38 @@ def within(
         if heading is not crowd.heading:
             _turn(crowd.heading[block], tables, case, heading[block])
         if phase is not crowd.phase:
-            _play(crowd.phase[block], tables, case, crowd.group[block], phase[block])
+            play(crowd.phase[block], tables, case, crowd.group[block], phase[block])
         rest.append(np.flatnonzero(other) + at)
     moved = replace(crowd, x=x, y=y, heading=heading, phase=phase, wait=wait)
     return moved, np.concatenate(rest) if rest else np.empty(0, np.intp)
 
 
-def _turn(old: np.ndarray, tables: _Tables, case: np.ndarray, new: np.ndarray) -> None:
+def mended(moved: Crowd, crowd: Crowd, agents: np.ndarray, way: Callable[[Crowd], Crowd]) -> tuple[Crowd, Crowd]:
+    """(moved, other): `moved`, in whose own columns `agents` (m,) of `crowd` take the other `way`; these agents alone."""
+    taken = Crowd(**{name: column[agents] for name, column in vars(crowd).items()})
+    other = way(taken) if len(agents) else taken
+    columns = {}
+    for name, column in vars(moved).items():
+        own, before = getattr(other, name), getattr(crowd, name)
+        if column is not before or own.tobytes() != getattr(taken, name).tobytes():
+            columns[name] = column.copy() if column is before else column
+            columns[name][agents] = own
+    return replace(moved, **columns), other
+
+
+def _turn(old: np.ndarray, tables: Tables, case: np.ndarray, new: np.ndarray) -> None:
     tables.heading.take(case, mode="clip", out=new)
     if not tables.turns.all():
-        np.copyto(new, old, where=tables.stands.take(case, mode="clip"))
+        stands = np.flatnonzero(tables.stands.take(case, mode="clip"))
+        new[stands] = old[stands]
 
 
-def _play(old: np.ndarray, tables: _Tables, case: np.ndarray, group: np.ndarray, new: np.ndarray) -> None:
-    if tables.groups > 1:
-        case = case * tables.groups + group
-    phase = old + tables.plays.take(case, mode="clip")
+def play(old: np.ndarray, tables: Tables, case: np.ndarray, group: np.ndarray, new: np.ndarray) -> None:
+    """Put the phases (b,) that follow the `old` into `new`."""
+    plays = tables.plays
+    if len(plays) > 1:
+        plays = plays.take(case * tables.groups + group if tables.groups > 1 else case, mode="clip")
+    phase = old + plays
     phase -= np.floor(phase)  # of what is not negative, this is % 1.0 to the bit
     new[:] = phase
     if new.max() >= 1:  # a float64 just below 1 may have rounded up

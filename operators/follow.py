@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..crowd_lod import chance
 from ..crowd_lod.agents import Crowd, Group
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
@@ -53,10 +52,10 @@ class Held:
         crowd_lod.poses.shared; with motion blur also blend_rate, how often a second of the timeline all the way from the
         one to the other is played.
         """
-        phase, change = self.crowd.phase[agents], np.zeros(len(agents))
+        phase, rate, group = self.crowd.phase[agents], np.zeros(len(agents)), self.crowd.group[agents]
         if self.ends:
             phase, change = played(*(crowd.phase[agents] for _, crowd in self.ends))
-        rate, group = change / self.seconds, self.crowd.group[agents]
+            rate = change / self.seconds
         pose = pose_of(phase, rate, group, library.counts, library.rates)
         if not np.isfinite(library.coarse).any() or not self.film:
             return {"pose": pose}
@@ -108,10 +107,12 @@ def columns_of(
     by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
     the blur would draw it all across the picture.
     """
+    agents = agents.astype(np.intp)  # once, not for each column
     place = np.empty((len(agents), 3), np.float32)
     stays = _jumped(trajectory, crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
-        place[:, axis] = np.where(stays, getattr(held.crowd, name)[agents], getattr(crowd, name)[agents])
+        there = getattr(crowd, name)[agents]
+        place[:, axis] = there if stays is None else np.where(stays, getattr(held.crowd, name)[agents], there)
     heading, group = crowd.heading[agents], crowd.group[agents]
     columns = {
         "position": place,
@@ -119,7 +120,7 @@ def columns_of(
         "phase": crowd.phase[agents],
         "group": group.astype(np.int32),
         **held.poses(agents, library, trajectory.groups),
-        "looks": chance.uniform(trajectory.start.key[agents], chance.LOOKS).astype(np.float32),
+        "looks": trajectory.looks[agents],
         "id": agents.astype(np.int32),
     }
     if tilt and trajectory.heights is not None:
@@ -128,10 +129,11 @@ def columns_of(
     return columns
 
 
-def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray) -> np.ndarray:
-    """(m,) bool: the agents that are half a map away from where they are held, as only one that wraps around can be."""
+def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray) -> np.ndarray | None:
+    """(m,) bool: the agents that are half a map away from where they are held, as only one that wraps around can be; None
+    where none can."""
     if crowd is held or trajectory.machine.edge != "wrap":
-        return np.zeros(len(agents), bool)
+        return None
     width, depth = trajectory.world.area.size
     aside, along = (np.abs(getattr(crowd, name)[agents] - getattr(held, name)[agents]) for name in "xy")
     return (aside > width / 2) | (along > depth / 2)

@@ -70,7 +70,7 @@ def test_presets_and_what_is_left_out(name):
 def test_most_agents_go_the_short_way_and_columns_that_stay_are_shared():
     machine, world = load_preset("chapter"), ground()
     crowd = populate(1000, 1, 1, machine, world)
-    moved, rest = within.within(crowd, machine, world, cycles_of((walker(),)), 1 / 24, lean.NOTHING)
+    moved, rest = within.within(crowd, machine, world, within.Tables(machine, cycles_of((walker(),)), 1 / 24), lean.NOTHING)
     assert len(rest) < 50
     assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
     assert (moved.x != crowd.x).all() and moved.x is not crowd.x
