@@ -13,7 +13,7 @@ LOCAL = 0.8  # the worst near it: of this power, to the rest the worst of all
 LAZY = 0.01  # weight, of all points' mean, that holds a point in place
 STRIDE = 0.8  # of each move
 FINE = 1e-6  # no moves below this worst distance
-UPRIGHT = 0.1  # least cosine between a triangle's normal and that of what it stands for that a move may lead to
+UPRIGHT = 0.0  # least cosine between a triangle's normal and that of what it stands for that a move may lead to
 HALVES = 3  # times that a move which turns a triangle is halved before it is left
 FLIP = 0.9  # a flip must lessen the local worst distance to this part
 WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
@@ -114,10 +114,7 @@ class Fit:
         some = np.flatnonzero((away > WATCHED * self.worst) & (near >= 0).all(axis=0))
         a, b, c = self.face[near[:, some]]
         some = some[(a != b) | (b != c)]  # near a single triangle nothing is farther than the corners
-        face, grid = np.tile(some, GRID.shape[1]), np.repeat(GRID, len(some), axis=1)
-        side = grid.argmax(axis=0)
-        once = (grid > 0).all(axis=0) | (self.source.corners[side, face] < self.source.corners[(side + 1) % 3, face])
-        face, grid = face[once], grid[:, once]
+        face, grid = _between(self.source.corners, some, GRID)
         there = self.source.at(face, grid)
         far, face, weights = self.lod.beyond(SEEN * self.worst, self.face[near[grid.argmax(axis=0), face]], there)
         if not len(far):
@@ -133,8 +130,7 @@ class Fit:
         if self.fine == FINEST:
             return False
         some = np.flatnonzero(self.errors() > WATCHED * self.worst)
-        grid = _grid(min(2 * self.fine, FINEST))
-        face, grid = np.tile(some, grid.shape[1]), np.repeat(grid, len(some), axis=1)
+        face, grid = _between(self.lod.corners, some, _grid(min(2 * self.fine, FINEST))[:, 1:])
         here = self.lod.at(face, grid)
         far, hit, weights = self.source.beyond(SEEN * self.worst, self.hit[face], here)
         if not len(far):
@@ -289,6 +285,15 @@ def _grid(fine: int) -> np.ndarray:
     inside = [(i, j, fine - i - j) for i in range(1, fine) for j in range(1, fine - i) if 3 * i != fine or 3 * j != fine]
     sides = [np.roll((fine - i, i, 0), k) for k in range(3) for i in range(1, fine // 2 + 1)]
     return np.concatenate([[(1 / 3, 1 / 3, 1 / 3)], np.reshape([*inside, *sides], (-1, 3)) / fine]).T
+
+
+def _between(corners, faces, grid) -> tuple[np.ndarray, np.ndarray]:
+    """(triangles (k,), weights (3, k)) of the points of `grid` (3, g) on the triangles `faces`, those on sides only as their
+    first corner comes before the next: once where two triangles meet."""
+    face, weights = np.tile(faces, grid.shape[1]), np.repeat(grid, len(faces), axis=1)
+    side = weights.argmin(axis=0)
+    once = (weights > 0).all(axis=0) | (corners[side - 2, face] < corners[side - 1, face])
+    return face[once], weights[:, once]
 
 
 GRID = _grid(2)
