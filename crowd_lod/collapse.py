@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from .nearest import BLOCK, blocks
 from .skin import Skin
 
 MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
@@ -154,6 +155,13 @@ def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
 
 def place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
+    at, cost = np.empty((3, len(a))), np.empty(len(a))
+    for block in blocks(len(a), BLOCK):
+        at[:, block], cost[block] = _place(points, quadrics, a[block], b[block])
+    return at, cost
+
+
+def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     p, q = points.take(a, 1), points.take(b, 1)
     xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
     x, y, z = middle = (p + q) / 2

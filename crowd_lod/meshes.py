@@ -15,15 +15,15 @@ from .share import share
 from .skin import Skin
 from .steps import finished
 
-BULK, REST = 2.5, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
+BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT, EACH = 160_000, 2.5  # samples sought, about a second's, and for each triangle of the source where that is more
-# Samples that cost as much: a triangle of the source, one that collapses, a sample to begin with, and in each round.
-TRIANGLE, COLLAPSED, BEGUN, FITTED = 0.5, 1.5, 0.35, 0.42
-OVERHEAD = 6_000  # samples that cost as much as a round with none
-ROUNDS = 40  # of moves, at most
-POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
+EFFORT, EACH = 150_000, 2.5  # samples sought, about a second's, and for each triangle of the source where that is more
+# Samples that cost as much: a triangle of the source, one that collapses, a sample to begin with, in each round, and to end.
+TRIANGLE, COLLAPSED, BEGUN, FITTED, ENDED = 0.4, 1.9, 0.26, 0.25, 0.3
+OVERHEAD, EACH_LEFT = 6_000, 3  # samples that cost as much as a round with none, and as a triangle of the LOD
+ROUNDS = 3, 40  # of moves, at least and at most
+POSED_ROUNDS = 6  # where there are poses, of which the moves know nothing
 STEPS = 5  # moves of all points in a round
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -140,10 +140,10 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
     inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
     fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
-    samples = fit.samples + OVERHEAD
-    spare = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - BEGUN * samples
+    samples = fit.samples + OVERHEAD + EACH_LEFT * len(new_triangles)
+    spare = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - BEGUN * fit.samples - ENDED * samples
     spare -= COLLAPSED * (1 + len(bent)) * (len(some) - target)
-    rounds = min(round(spare / (FITTED * samples)), POSED_ROUNDS if bent else ROUNDS)
+    rounds = POSED_ROUNDS if bent else int(np.clip(round(spare / (FITTED * samples)), *ROUNDS))
     for k in range(rounds):
         if fit.worst < FINE:
             break
@@ -151,12 +151,13 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
             share(fit)
         if k % 4 == 2 and not bent:
             fit.flip()
-        if k % 4 == 1:
-            fit.watch()
         fit.move(STEPS)
         yield
-    new_points, new_triangles, landed = fit.best
-    return new_points, new_triangles, landed, follows[kept]
+    fit.restore()
+    if fit.worst >= FINE and fit.watch() | fit.look():
+        fit.move(STEPS)
+        fit.restore()
+    return fit.lod.points.T, fit.lod.corners.T, fit.landed, follows[kept]
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -1,28 +1,31 @@
 """A LOD's points moved, and its sides flipped, until the worst distance between its surface and its source's is least."""
 
+from copy import copy
+
 import numpy as np
 
-from .collapse import edge_keys
+from .collapse import edge_keys, normals_of
 from .nearest import Walkable, barycentric, length, normals
 
 KEEP = 0.8  # of a sample's weight for the next move
-SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst, to this power
+SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst near it, to this power
+LOCAL = 0.8  # the worst near it: of this power, to the rest the worst of all
 LAZY = 0.01  # weight, of all points' mean, that holds a point in place
 STRIDE = 0.8  # of each move
 FINE = 1e-6  # no moves below this worst distance
+UPRIGHT = 0.0  # least cosine between a triangle's normal and that of what it stands for that a move may lead to
 HALVES = 3  # times that a move which turns a triangle is halved before it is left
 FLIP = 0.9  # a flip must lessen the local worst distance to this part
 WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
 FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is flipped
-WATCHED = 0.4  # of the worst distance: beside such points the source's sides and triangles are looked at as well
+WATCHED = 0.6  # of the worst distance: where samples are as far off, what lies between them is looked at as well
 SEEN = 0.9  # of the worst distance: those as far off as this count from then on
 SAMPLES = 15_000  # of the LOD's surface, about
 FINEST = 5  # samples along a side, at most
 
 
 class Fit:
-    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, and (points (n, 3),
-    triangles (m, 3)) then.
+    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, and the state() then.
 
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
@@ -34,6 +37,7 @@ class Fit:
         self.source, self.lod = Walkable.of(source, source_triangles), Walkable.of(points, triangles)
         ends = landed[seams].T
         self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
+        self.outward = normals_of(source, source_triangles).T
         self.least, self.best, self.most = np.inf, None, len(triangles)
         # the source's points
         self.landed, self.mine = landed, np.flatnonzero(landed >= 0)
@@ -42,7 +46,8 @@ class Fit:
         self.pull = np.zeros(len(self.mine))
         # a grid on each of the LOD's triangles, then the LOD's points
         n, m = len(points), len(triangles)
-        self.grid = _grid(int(np.clip(np.round(np.sqrt(2 * SAMPLES / m)), 1, FINEST)))
+        self.fine = int(np.clip(np.round(np.sqrt(2 * SAMPLES / m)), 1, FINEST))
+        self.grid = _grid(self.fine)
         own = self.spread()
         near = np.empty(n, np.intp)
         near[landed[self.mine]] = self.mine
@@ -54,6 +59,15 @@ class Fit:
         self.hit, self.hit_weights = self.source.walk(start, own)
         self.own_pull = np.zeros(len(self.hit))
         self.doubt(own)
+
+    def state(self) -> dict:
+        """All that moves, flips and shares change."""
+        same = {name: getattr(self, name).copy() for name in ("face", "weights", "hit", "hit_weights")}
+        return {**self.__dict__, **same, "lod": copy(self.lod), "best": None}
+
+    def restore(self) -> None:
+        """Go back to where the worst distance was least."""
+        self.__dict__.update({**self.best, "best": self.best})
 
     @property
     def samples(self) -> int:
@@ -73,60 +87,80 @@ class Fit:
         self.source.doubt(self.hit, self.hit_weights, own)
         self.measure()
 
-    def measure(self) -> float:
+    def measure(self, walk=True) -> float:
         """The worst distance; `off` and `own_off` are the ways to the nearest points, `distance` and `own_distance` their
         lengths. A worst distance that is no less than before may be of a walk that ended at a wrong place."""
         here = self.lod.at(self.own_face, self.own_weights)
         for again in (False, True):
-            self.off, self.distance = self.lod.follow(self.face, self.weights, self.there)
-            self.own_off, self.own_distance = self.source.follow(self.hit, self.hit_weights, here)
+            self.off, self.distance = self.lod.follow(self.face, self.weights, self.there, walk)
+            self.own_off, self.own_distance = self.source.follow(self.hit, self.hit_weights, here, walk)
             self.own_off *= -1
             self.worst = max(self.distance.max(), self.own_distance.max())
-            if again or self.worst < self.least:
+            if again or not walk or self.worst < self.least:
                 break
             self.lod.doubt(self.face, self.weights, self.there, 4)
             self.source.doubt(self.hit, self.hit_weights, here, 4)
         if self.worst < self.least:
-            self.least, self.best = self.worst, (self.lod.points.T, self.lod.corners.T, self.landed)
+            self.least = self.worst
+            self.best = self.state()
         return self.worst
 
-    def watch(self) -> None:
-        """Take up, where the source's points are far from the LOD, what between them is far, too."""
+    def watch(self) -> bool:
+        """Take up what of the source's surface between its points is far from the LOD; whether anything is."""
         near = np.full(self.source.points.shape[1], -1)
         near[self.mine] = np.arange(len(self.mine))
         near = near[self.source.corners]
-        away = np.where(near >= 0, self.distance[near], -np.inf)
-        some = np.flatnonzero((away.max(axis=0) > WATCHED * self.worst) & (near >= 0).all(axis=0))
-        face, grid = np.tile(some, GRID.shape[1]), np.repeat(GRID, len(some), axis=1)
-        there, at = self.source.at(face, grid), near[grid.argmax(axis=0), face]
-        # what is near the triangles of its corners has none farther
-        face = self.face[at]
-        weights = barycentric(there, *(self.lod.points.take(c, 1) for c in self.lod.corners.take(face, 1)))
-        far = np.flatnonzero(length(there - self.lod.at(face, weights)) > SEEN * self.worst)
+        away = np.where(near >= 0, self.distance[near], 0).max(axis=0)
+        some = np.flatnonzero((away > WATCHED * self.worst) & (near >= 0).all(axis=0))
+        a, b, c = self.face[near[:, some]]
+        some = some[(a != b) | (b != c)]  # near a single triangle nothing is farther than the corners
+        face, grid = _between(self.source.corners, some, GRID)
+        there = self.source.at(face, grid)
+        far, face, weights = self.lod.beyond(SEEN * self.worst, self.face[near[grid.argmax(axis=0), face]], there)
         if not len(far):
-            return
-        there = there.take(far, 1)
-        face, weights = self.lod.walk(self.lod.corner(face[far], weights.take(far, 1)), there)
-        self.lod.doubt(face, weights, there)
-        far = np.flatnonzero(length(there - self.lod.at(face, weights)) > SEEN * self.worst)
-        if len(far):
-            self.there = np.concatenate([self.there, there.take(far, 1)], axis=1)
-            self.face, self.weights = np.append(self.face, face[far]), np.concatenate([self.weights, weights.take(far, 1)], axis=1)
-            self.pull = np.append(self.pull, np.zeros(len(far)))
-            if self.worst <= self.least:  # the best so far has these, too
-                self.least = np.inf
-            self.measure()
+            return False
+        self.there, self.face = np.append(self.there, there.take(far, 1), axis=1), np.append(self.face, face)
+        self.weights, self.pull = np.append(self.weights, weights, axis=1), np.append(self.pull, np.zeros(len(far)))
+        self.renew()
+        return True
+
+    def look(self) -> bool:
+        """Take up what of the LOD's surface between its samples is far from the source; whether anything is. Its triangles must
+        not change any more."""
+        if self.fine == FINEST:
+            return False
+        some = np.flatnonzero(self.errors() > WATCHED * self.worst)
+        face, grid = _between(self.lod.corners, some, _grid(min(2 * self.fine, FINEST))[:, 1:])
+        here = self.lod.at(face, grid)
+        far, hit, weights = self.source.beyond(SEEN * self.worst, self.hit[face], here)
+        if not len(far):
+            return False
+        self.own_face, self.own_weights = np.append(self.own_face, face[far]), np.append(self.own_weights, grid.take(far, 1), axis=1)
+        self.hit, self.hit_weights = np.append(self.hit, hit), np.append(self.hit_weights, weights, axis=1)
+        self.own_pull = np.append(self.own_pull, np.zeros(len(far)))
+        self.renew()
+        return True
+
+    def renew(self) -> None:
+        """Measure, with the new samples: the best so far has those, too."""
+        if self.best and self.worst <= self.least:
+            self.least = np.inf
+        self.measure()
 
     def move(self, steps: int) -> None:
         """Move the points `steps` times, by least squares weighed by how far the samples were off at this and the moves
-        before, which leads to the least worst distance. Source: Lawson, "Contributions to the theory of linear least
+        before, against others near them, which leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least
         maximum approximation", 1961."""
-        n = self.lod.points.shape[1]
-        for _ in range(steps):
+        n, some = self.lod.points.shape[1], self.landed >= 0
+        # what each triangle stands for
+        facing = np.stack([np.bincount(self.landed[some], x[some], n) for x in self.outward])
+        facing = (facing / (length(facing) + 1e-300))[:, self.lod.corners].sum(axis=1)
+        for step in range(steps):
             if self.worst < FINE:
                 return
-            self.pull = KEEP * self.pull + (self.distance / self.worst) ** SHARPEN
-            self.own_pull = KEEP * self.own_pull + (self.own_distance / self.worst) ** SHARPEN
+            worst = self.around(self.errors()) ** LOCAL * self.worst ** (1 - LOCAL)
+            self.pull = KEEP * self.pull + (self.distance / worst[self.face]) ** SHARPEN
+            self.own_pull = KEEP * self.own_pull + (self.own_distance / worst[self.own_face]) ** SHARPEN
             total, move = np.zeros(n), np.zeros((3, n))
             for face, weights, pull, off in (
                 (self.face, self.weights, self.pull, self.off),
@@ -138,8 +172,8 @@ class Fit:
                     total += np.bincount(corner, share, n)
                     move += [np.bincount(corner, share * along, n) for along in off]
             move *= STRIDE / (total + LAZY * total.mean())
-            self.lod.points = _unfolded(self.lod.points, self._along(move), self.lod.corners)
-            self.measure()
+            self.lod.points = _unfolded(self.lod.points, self._along(move), self.lod.corners, facing)
+            self.measure(step > 0 and step % 2 == 0)
 
     def _along(self, move: np.ndarray) -> np.ndarray:
         """The points moved; those on seams along their normals and the seam only, or triangles would reach across it."""
@@ -164,9 +198,16 @@ class Fit:
         np.maximum.at(errors, self.own_face, self.own_distance)
         return errors
 
+    def around(self, errors: np.ndarray) -> np.ndarray:
+        """The worst of `errors` (m,) at the triangles that share a corner with each, (m,)."""
+        worst = np.zeros(self.lod.points.shape[1])
+        for corner in self.lod.corners:
+            np.maximum.at(worst, corner, errors)
+        return worst[self.lod.corners].max(axis=0)
+
     def flip(self) -> None:
         """Flip sides where that lessens the local worst distance; no seams."""
-        points, corners, before = self.lod.points, self.lod.corners, self.__dict__.copy()
+        points, corners, before = self.lod.points, self.lod.corners, self.state()
         n, m = points.shape[1], corners.shape[1]
         errors = self.errors()
         one, two, keys = sides_of_two(corners, n)
@@ -196,9 +237,6 @@ class Fit:
         start, corners = self.lod.corner(self.face, self.weights), corners.copy()
         corners[:, one], corners[:, two] = (c, a, d), (d, b, c)
         self.lod = Walkable(points, corners)
-        self.face, self.weights, self.hit, self.hit_weights = (
-            each.copy() for each in (self.face, self.weights, self.hit, self.hit_weights)
-        )
         new = np.flatnonzero(taken[self.face])
         self.face[new], self.weights[:, new] = self.lod.walk(start[new], self.there.take(new, 1))
         own = self.spread()
@@ -207,7 +245,7 @@ class Fit:
         self.hit[new], self.hit_weights[:, new] = self.source.walk(start, own.take(new, 1))
         self.measure()
         if self.worst > WORSE * before["worst"]:
-            self.__dict__.update(before)
+            self.__dict__.update({**before, "best": self.best})
 
     def _flipped(self, a, b, c, d, one, two) -> np.ndarray:
         """The worst distance (k,) at the triangles cad and dbc, in place of `one` and `two` (k,), each (k,)."""
@@ -249,17 +287,30 @@ def _grid(fine: int) -> np.ndarray:
     return np.concatenate([[(1 / 3, 1 / 3, 1 / 3)], np.reshape([*inside, *sides], (-1, 3)) / fine]).T
 
 
+def _between(corners, faces, grid) -> tuple[np.ndarray, np.ndarray]:
+    """(triangles (k,), weights (3, k)) of the points of `grid` (3, g) on the triangles `faces`, those on sides only as their
+    first corner comes before the next: once where two triangles meet."""
+    face, weights = np.tile(faces, grid.shape[1]), np.repeat(grid, len(faces), axis=1)
+    side = weights.argmin(axis=0)
+    once = (weights > 0).all(axis=0) | (corners[side - 2, face] < corners[side - 1, face])
+    return face[once], weights[:, once]
+
+
 GRID = _grid(2)
 
 
-def _unfolded(old, new, corners) -> np.ndarray:
-    """`new` but for the points of triangles that would turn or shrink to slivers: those go less far, or not at all."""
+def _unfolded(old, new, corners, facing) -> np.ndarray:
+    """`new` but for the points of triangles that would turn, shrink to slivers or turn away from `facing` (3, m): those go less
+    far, or not at all."""
     was = normals(*(old.take(c, 1) for c in corners))
     size = np.einsum("dn,dn->n", was, was)
+    least = UPRIGHT * length(facing)
+    upright = np.einsum("dn,dn->n", was, facing) > least * np.sqrt(size)
     for k in range(20):
         now = normals(*(new.take(c, 1) for c in corners))
-        along = np.einsum("dn,dn->n", was, now)
-        bad = (along < 0.8 * np.sqrt(size) * length(now)) | (along < 0.2 * size)
+        along, long = np.einsum("dn,dn->n", was, now), length(now)
+        bad = (along < 0.8 * np.sqrt(size) * long) | (along < 0.2 * size)
+        bad |= upright & (np.einsum("dn,dn->n", now, facing) < least * long)
         stay = np.unique(corners[:, bad])
         stay = stay[(new[:, stay] != old[:, stay]).any(axis=0)]
         if not len(stay):

@@ -7,7 +7,7 @@ from .collapse import FACING, PASSES, bridges, choose, edge_keys, edges_of, norm
 from .nearest import Walkable, barycentric, length, normals
 from .refine import Fit, sides_of_two
 
-FAR = 0.8  # of the worst distance: triangles as far off as this are split
+FAR = 0.7  # of the worst distance: triangles as far off as this are split
 LEAD = 0.95  # of it: no collapse may lead farther
 MOST = 0.05  # of the triangles may be added at once
 TRIED = 2  # collapses tried for each that is needed

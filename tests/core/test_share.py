@@ -25,7 +25,7 @@ def two_balls():
     """A Fit of a large ball and a small one, of 60 triangles each, which would better be the large one's."""
     points, triangles = sphere()
     one, n = fitted(points, triangles, 60), len(points)
-    lod, corners, landed = one.best
+    lod, corners, landed = one.lod.points.T, one.lod.corners.T, one.landed
     return Fit(
         np.concatenate([lod, 0.05 * lod + (3, 0, 0)]),
         np.concatenate([corners, corners + len(lod)]),
@@ -57,9 +57,11 @@ def test_triangles_go_where_the_distance_is_largest():
         share(fit)
         fit.move(5)
         moved.move(5)
-    new_points, new_triangles, _ = fit.best
+    for each in (fit, moved):
+        each.restore()
+    new_points, new_triangles = fit.lod.points.T, fit.lod.corners.T
     assert (new_points[new_triangles[:, 0], 0] < 2).sum() > 80
-    assert hausdorff(source, (new_points, new_triangles)) < 0.8 * hausdorff(source, moved.best[:2])
+    assert hausdorff(source, (new_points, new_triangles)) < 0.8 * hausdorff(source, (moved.lod.points.T, moved.lod.corners.T))
 
 
 def test_a_seam_stays_where_it_is():
