@@ -18,11 +18,11 @@ from .steps import finished
 BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT, EACH = 150_000, 2.5  # samples sought, about a second's, and for each triangle of the source where that is more
+EFFORT, EACH = 100_000, 2.5  # samples sought, about a second's, and for each triangle of the source where that is more
 # Samples that cost as much: a triangle of the source, one that collapses, a sample to begin with, in each round, and to end.
 TRIANGLE, COLLAPSED, BEGUN, FITTED, ENDED = 0.4, 1.9, 0.26, 0.25, 0.3
 OVERHEAD, EACH_LEFT = 6_000, 3  # samples that cost as much as a round with none, and as a triangle of the LOD
-ROUNDS = 3, 40  # of moves, at least and at most
+ROUNDS = 2, 40  # of moves, at least and at most
 POSED_ROUNDS = 6  # where there are poses, of which the moves know nothing
 STEPS = 5  # moves of all points in a round
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
