@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.animation import SkinnedMesh
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera
-from crowd_lod_extension.crowd_lod.frame import Frame, cost, plan
+from crowd_lod_extension.crowd_lod.frame import Frame, cost, plan, tally
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.sorting import sort
 from crowd_lod_extension.operators.drawing import Batches, Cast, paint
@@ -87,5 +87,6 @@ def planned(trajectory: Trajectory, camera: Camera, policy: LevelPolicy, time: f
     if culling:
         return frame
     buckets = sort(np.ones(len(frame.crowd), bool), frame.levels, len(frame.buckets.counts))
-    vertices, _ = cost(frame.crowd, buckets, [group.vertices for group in trajectory.groups])
+    counted = tally(frame.crowd, buckets, len(trajectory.groups))
+    vertices, _ = cost(counted, [group.vertices for group in trajectory.groups])
     return replace(frame, buckets=buckets, vertices=vertices)
