@@ -19,8 +19,7 @@ from pathlib import Path
 
 BLENDERS = {"3.13": "5.2", "3.11": "4.5"}  # Python version: the Blender whose bpy module runs on it
 DEBIAN_LIBRARIES = (
-    "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libice6 libsm6 "
-    "libxfixes3 libxi6 libxkbcommon0 libxrender1 libxxf86vm1"
+    "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libice6 libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1 libxxf86vm1"
 )
 
 ROOT = Path(__file__).resolve().parent
@@ -81,9 +80,7 @@ def check() -> None:
     code = "import bpy, ctypes, sys"
     if sys.platform == "linux":  # what bpy opens only when it renders
         code += "; ctypes.CDLL('libGL.so.1'); ctypes.CDLL('libEGL.so.1')"
-    trial = subprocess.run(
-        [PYTHON, "-c", code], check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True
-    )
+    trial = subprocess.run([PYTHON, "-c", code], check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True)
     if trial.returncode == 0:
         return mark("checked")
     missing = re.search(r"(\S+\.so\S*): cannot open shared object file", trial.stderr)

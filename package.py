@@ -21,12 +21,8 @@ class Failure(Exception):
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        prog="crowd-lod package", description="Build the extension's zip for Blender."
-    )
-    parser.add_argument(
-        "--out", type=Path, default=ROOT / "dist", metavar="DIR", help="the zip's folder (%(default)s)"
-    )
+    parser = argparse.ArgumentParser(prog="crowd-lod package", description="Build the extension's zip for Blender.")
+    parser.add_argument("--out", type=Path, default=ROOT / "dist", metavar="DIR", help="the zip's folder (%(default)s)")
     out = parser.parse_args().out.resolve()
 
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
@@ -58,9 +54,7 @@ def fetch(names: list[str]) -> None:
             *(*target, f"--dest={WHEELS}", f"{package}=={version}"),
         )
         if not (WHEELS / name).exists():
-            raise Failure(
-                f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}"
-            )
+            raise Failure(f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}")
 
 
 def extension_tool(action: str, *arguments: str | Path) -> None:
@@ -82,9 +76,7 @@ def bundled_tool() -> Path:
 
 def run(failure: str, *command: str) -> None:
     try:
-        result = subprocess.run(
-            command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=ROOT
-        )
+        result = subprocess.run(command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=ROOT)
     except OSError as error:
         raise Failure(f"could not start {command[0]} ({error.strerror})") from error
     if result.returncode:

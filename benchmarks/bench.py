@@ -41,7 +41,13 @@ POLICY = LevelPolicy((0.1, 0.35))
 PEERS = ("naive", "six_planes", "geometry_nodes", "c_loop", "gpu")  # each does what the core does
 CHAPTER = {"Agents": "agents", "t": "t_ms", "LOD0": "lod0", "LOD1": "lod1", "LOD2": "lod2", "Vertices": "vertices_millions"}
 CHAPTER |= {"Visible %": "visible_percent", "Culled %": "culled_percent"}
-DRAWN = {"Agents": "agents", "t": "t_ms", "t, no culling": "t_ms_no_culling", "t, no LOD": "t_ms_no_lod", "t, neither": "t_ms_neither"}
+DRAWN = {
+    "Agents": "agents",
+    "t": "t_ms",
+    "t, no culling": "t_ms_no_culling",
+    "t, no LOD": "t_ms_no_lod",
+    "t, neither": "t_ms_neither",
+}
 DRAWN |= {"Vertices": "vertices_millions", "Vertices, neither": "vertices_millions_neither"}
 
 
@@ -189,7 +195,10 @@ def whole(agents: int, repeats: int, seed: int) -> dict:
     that do the same, in turn. The processor's time counts all threads: it says what the work costs, the other how long it
     takes."""
     trajectory, side = crowd_of(agents, seed)
-    points, nodes = walkers.Points(trajectory, POLICY), walkers.Walkers(trajectory, PERSON, limits(POLICY, camera(side, 0), np.ones(1))[0])
+    points, nodes = (
+        walkers.Points(trajectory, POLICY),
+        walkers.Walkers(trajectory, PERSON, limits(POLICY, camera(side, 0), np.ones(1))[0]),
+    )
     took: dict[str, list[float]] = {}
     for repeat in range(repeats + 2):
         view = camera(side, 0.2 + 0.3 * repeat / repeats)
@@ -231,9 +240,15 @@ def _text(value: str | int | float | None) -> str:
 
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth.")
-    parser.add_argument("--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: some minutes)")
-    parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: a quarter of an hour")
-    parser.add_argument("--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)")
+    parser.add_argument(
+        "--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: some minutes)"
+    )
+    parser.add_argument(
+        "--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: a quarter of an hour"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)"
+    )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="another crowd of the same kind")
     args = parser.parse_args(arguments)
     if args.worth:
@@ -243,13 +258,20 @@ def main(arguments: list[str] | None = None) -> None:
     repeats = 7 if args.quick else 21
     machine = f"{machine_name()}; medians of {repeats} runs"
     print(machine, flush=True)
-    one = [stages(n, repeats, args.seed) for n in ((1000, 32_000, 1_000_000) if args.quick else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000))]
+    one = [
+        stages(n, repeats, args.seed)
+        for n in ((1000, 32_000, 1_000_000) if args.quick else (1000, 4000, 16_000, 64_000, 256_000, 1_000_000))
+    ]
     heads = ("agents", "behaviour", "culling", "sorting", "core", *PEERS, "c_step")
     print("\nTest 1: milliseconds a stage (culling with LOD assignment); core: culling, LOD and sorting; peers do the same")
     print(table(one, {name.replace("_", " "): name for name in heads}))
     ratios = [name for name in one[0] if "/" in name and not name.endswith(("q1", "q3"))]
     print(table(one, {"agents": "agents"} | {name: name for name in ratios}), flush=True)
-    two = [perspective(n, which, repeats, args.seed) for which in "AB" for n in ((8192, 1_000_000) if args.quick else (1024, 4096, 8192, 16_384, 65_536, 262_144, 1_000_000))]
+    two = [
+        perspective(n, which, repeats, args.seed)
+        for which in "AB"
+        for n in ((8192, 1_000_000) if args.quick else (1024, 4096, 8192, 16_384, 65_536, 262_144, 1_000_000))
+    ]
     for which in "AB":
         print(f"\nTable 1.{1 + 'AB'.index(which)}: perspective {which}; t in ms, without drawing; vertices in millions")
         print(table([row for row in two if row["perspective"] == which], CHAPTER), flush=True)
@@ -263,7 +285,9 @@ def main(arguments: list[str] | None = None) -> None:
     with report.staged(args.out.absolute()) as stage:
         if peers.has_gpu():
             sizes, times = ((1024,), 3) if args.quick else ((1024, 4096, 8192), 5)
-            results["drawn"] = [pictures(n, which, times, args.seed, stage / f"perspective_{which}.png") for n in sizes for which in "AB"]
+            results["drawn"] = [
+                pictures(n, which, times, args.seed, stage / f"perspective_{which}.png") for n in sizes for which in "AB"
+            ]
             for which in "AB":
                 print(f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions")
                 print(table([row for row in results["drawn"] if row["perspective"] == which], DRAWN), flush=True)
@@ -294,7 +318,9 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
         for name in (name for name in names if name in rows[0]):
             x, y, low, high = np.array([[row[k] for k in ("agents", name, f"{name} q1", f"{name} q3")] for row in rows]).T
             label = {"culling": "culling & LOD assignment", "core": "Crowd LOD"}.get(name, name.replace("_", " "))
-            axes.errorbar(x, y, yerr=(y - low, high - y), marker="o", ms=4, capsize=2, lw=2.2 if name == "core" else 1.2, label=label)
+            axes.errorbar(
+                x, y, yerr=(y - low, high - y), marker="o", ms=4, capsize=2, lw=2.2 if name == "core" else 1.2, label=label
+            )
         axes.set(xscale="log", yscale="log", xlabel="agents", ylabel="ms (median; bars: quartiles)", title=title)
         axes.grid(alpha=0.25)
         axes.legend(frameon=False)

@@ -23,7 +23,9 @@ def main(pairs: int) -> None:
     for lens in LENSES:
         v = audit(lens, max(1, pairs // 100), on_planes=0.5)
         print(f"{lens:16} {v.pairs:9,} pairs, {v.doubtful:9,} by fractions, {v.missed} missed")
-    print("\nextremes (a quarter of the agents are put within roundings of a plane: those kept graze it; depth error as a part of its bound)")
+    print(
+        "\nextremes (a quarter of the agents are put within roundings of a plane: those kept graze it; depth error as a part of its bound)"
+    )
     print(to_text(list(table())))
 
 

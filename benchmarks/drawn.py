@@ -37,7 +37,9 @@ def figure(vertices: int, group: Group) -> SkinnedMesh:
     near = np.clip((high[:, None] + 1) / 2 * JOINTS + (-1, 0, 1, 2), 0, JOINTS - 1).astype(np.uint16)
     weights = np.full((vertices, 4), 0.25, np.float32)
     grey, none = np.full((vertices, 3), 0.5, np.float32), np.full(vertices, -1, np.float32)
-    return SkinnedMesh(points, unit.astype(np.float32), near, weights, np.zeros((vertices, 2), np.float32), grey, none, triangles, True)
+    return SkinnedMesh(
+        points, unit.astype(np.float32), near, weights, np.zeros((vertices, 2), np.float32), grey, none, triangles, True
+    )
 
 
 class Screen:
@@ -76,8 +78,17 @@ def matrices(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     view[:3, :3] = camera.X, camera.Y, -camera.Z
     view[:3, 3] = -view[:3, :3] @ camera.origin
     across, up, deep = w.right - w.left, w.top - w.bottom, camera.far - camera.near
-    projection[0, 0], projection[0, 2], projection[1, 1], projection[1, 2] = 2 / across, (w.right + w.left) / across, 2 / up, (w.top + w.bottom) / up
-    projection[2, 2], projection[2, 3], projection[3, 2] = -(camera.far + camera.near) / deep, -2 * camera.far * camera.near / deep, -1
+    projection[0, 0], projection[0, 2], projection[1, 1], projection[1, 2] = (
+        2 / across,
+        (w.right + w.left) / across,
+        2 / up,
+        (w.top + w.bottom) / up,
+    )
+    projection[2, 2], projection[2, 3], projection[3, 2] = (
+        -(camera.far + camera.near) / deep,
+        -2 * camera.far * camera.near / deep,
+        -1,
+    )
     return view, projection
 
 

@@ -28,7 +28,11 @@ def camera(origin: tuple, pitch: float, half: float, far: float) -> Camera:
 def main(agents: int) -> None:
     walker = Group("walker", 0.9, 1.0, 1.25, 1.0, (1000, 400, 120), (2000, 800, 240))
     area, three = Area(-200, -200, 200, 200), LevelPolicy((0.2, 0.6))
-    some, all_, none = camera((0, -210, 60), 0.2, 0.5, 400), camera((0, -300, 150), 0.4, 4.0, 700), camera((0, 300, 60), 0, 0.5, 400)
+    some, all_, none = (
+        camera((0, -210, 60), 0.2, 0.5, 400),
+        camera((0, -300, 150), 0.4, 4.0, 700),
+        camera((0, 300, 60), 0, 0.5, 400),
+    )
     chapter, walk, stand = load_preset("chapter"), parse(WALK, "walk"), parse(STAND, "stand")
     cases = {
         "three groups, some visible": (chapter, 3, some, three),

@@ -14,7 +14,10 @@ def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> lis
     v = np.stack([crowd.x, crowd.y, crowd.z + group.centre], axis=1) - camera.origin
     along = v @ camera.Z
     visible = (along >= camera.near - group.radius) & (along <= camera.far + group.radius)
-    for axis, low, high in ((camera.X, camera.window.left, camera.window.right), (camera.Y, camera.window.bottom, camera.window.top)):
+    for axis, low, high in (
+        (camera.X, camera.window.left, camera.window.right),
+        (camera.Y, camera.window.bottom, camera.window.top),
+    ):
         across = v @ axis
         visible &= across <= high * along + group.radius * np.hypot(1, high)
         visible &= across >= low * along - group.radius * np.hypot(1, low)

@@ -31,7 +31,9 @@ class Points:
         """The frame, from behaviour to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
         groups, held = len(self.trajectory.groups), follow.Held(found.crowd)
-        library = Library(np.full(groups, POSES), np.zeros((groups, 1)), np.full(groups, np.inf), np.zeros(groups), np.zeros(groups, bool))
+        library = Library(
+            np.full(groups, POSES), np.zeros((groups, 1)), np.full(groups, np.inf), np.zeros(groups), np.zeros(groups, bool)
+        )
         for level, each in enumerate(self.objects):
             columns = follow.columns_of(self.trajectory, found.crowd, held, found.buckets[level], library, False)
             io.write_points(each.data, columns)
@@ -60,7 +62,10 @@ class Walkers(Nodes):
         super().__init__(trajectory.start, group, limits)
         crowd, mesh = trajectory.start, self.object.data
         columns = {"state": crowd.state.astype(np.int32), "phase": crowd.phase, "group": crowd.group.astype(np.int32)}
-        columns |= {"id": np.arange(len(crowd), dtype=np.int32), "looks": chance.uniform(crowd.key, chance.LOOKS).astype(np.float32)}
+        columns |= {
+            "id": np.arange(len(crowd), dtype=np.int32),
+            "looks": chance.uniform(crowd.key, chance.LOOKS).astype(np.float32),
+        }
         for name, values in columns.items():
             kind = "INT" if values.dtype == np.int32 else "FLOAT"
             mesh.attributes.new(name, kind, "POINT").data.foreach_set("value", values)
@@ -100,7 +105,13 @@ class Walkers(Nodes):
         captured = tree.node("GeometryNodeCaptureAttribute", tree.geometry, domain="POINT")
         tree.geometry = captured.outputs[0]
         kept = {}
-        for name, kind, value in (("state", "INT", state), ("phase", "FLOAT", phase), ("heading", "FLOAT", heading), ("pose", "INT", pose), ("moves", "FLOAT", moves)):
+        for name, kind, value in (
+            ("state", "INT", state),
+            ("phase", "FLOAT", phase),
+            ("heading", "FLOAT", heading),
+            ("pose", "INT", pose),
+            ("moves", "FLOAT", moves),
+        ):
             captured.capture_items.new(kind, name)
             tree.group.links.new(value, captured.inputs[name])
             kept[name] = kind, captured.outputs[name]

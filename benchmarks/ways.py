@@ -92,7 +92,9 @@ def _dress(scene: bpy.types.Scene, way: str, number: int) -> float:
     agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd)
     for points in build.points_of(top).values():
         points.data.clear_geometry()
-        columns = follow.columns_of(trajectory, frame.crowd, held, agents, build.library_of(points, len(trajectory.groups)), settings.tilt)
+        columns = follow.columns_of(
+            trajectory, frame.crowd, held, agents, build.library_of(points, len(trajectory.groups)), settings.tilt
+        )
         if way in (EVERYONE, CAMERA_CULL) and points[build.BUCKET] == "LOD 0":
             io.write_points(points.data, columns)
         elif way == NODES and points[build.BUCKET].startswith("LOD"):
@@ -117,7 +119,13 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
         own.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
     entry, leave, lod, equal, keep = (
         own.nodes.new(kind)
-        for kind in ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeInputNamedAttribute", "FunctionNodeCompare", "GeometryNodeSeparateGeometry")
+        for kind in (
+            "NodeGroupInput",
+            "NodeGroupOutput",
+            "GeometryNodeInputNamedAttribute",
+            "FunctionNodeCompare",
+            "GeometryNodeSeparateGeometry",
+        )
     )
     lod.data_type, equal.data_type, equal.operation = "INT", "INT", "EQUAL"
     lod.inputs["Name"].default_value = "lod"

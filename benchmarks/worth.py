@@ -100,7 +100,9 @@ def tolerance(folder: Path, pixels: float) -> dict:
 
 def main(out: Path, quick: bool) -> None:
     if bpy.app.version < (5, 0, 0):  # a render that is told of by a handler never ends there
-        raise SystemExit(f"crowd-lod bench: --worth needs Blender 5, and this is {bpy.app.version_string}: run it with Python 3.13.")
+        raise SystemExit(
+            f"crowd-lod bench: --worth needs Blender 5, and this is {bpy.app.version_string}: run it with Python 3.13."
+        )
     repeats = 1 if quick else 3
     sizes = {"CYCLES": (10_000, 100_000)} if quick else SIZES
     tolerances = (1.0, 4.0) if quick else TOLERANCES
@@ -158,7 +160,9 @@ def draw(path: Path, results: dict, machine: str) -> None:
     FigureCanvasAgg(figure)
     figure.suptitle(f"The plaza, frame {FRAME}, Cycles. {machine}", fontsize=7, color="#444444")
     above, below = figure.subplots(2, 2)
-    for axes, key, label in zip(above, ("cpu_s", "peak_mb"), ("CPU seconds of a render", "peak memory of its process, MB"), strict=True):
+    for axes, key, label in zip(
+        above, ("cpu_s", "peak_mb"), ("CPU seconds of a render", "peak memory of its process, MB"), strict=True
+    ):
         for way, colour, marker in zip(WAYS, COLOURS, MARKERS, strict=False):
             rows = [row for row in results["ways"] if row["way"] == way and row["engine"] == "CYCLES" and not row["ended"]]
             x, y = [row["agents"] for row in rows], [row[key] for row in rows]
@@ -166,12 +170,20 @@ def draw(path: Path, results: dict, machine: str) -> None:
         axes.set(xscale="log", yscale="log", xlabel="agents", ylabel=label)
         axes.legend(frameon=False)
     rows = [row for row in results["tolerances"] if not row["ended"]]
-    errors = {"off_percent": "pixels visibly off, %", "rms_percent": "RMS, % of white", "shift_px": "largest silhouette shift, pixels"}
-    for axes, key, label in zip(below, ("cpu_s", "peak_mb"), ("CPU seconds of a render", "peak memory of its process, MB"), strict=True):
+    errors = {
+        "off_percent": "pixels visibly off, %",
+        "rms_percent": "RMS, % of white",
+        "shift_px": "largest silhouette shift, pixels",
+    }
+    for axes, key, label in zip(
+        below, ("cpu_s", "peak_mb"), ("CPU seconds of a render", "peak memory of its process, MB"), strict=True
+    ):
         for colour, marker, (name, says) in zip(COLOURS, MARKERS, errors.items(), strict=False):
             axes.plot([row[key] for row in rows], [row[name] for row in rows], color=colour, marker=marker, label=says)
         for row in rows:
-            axes.annotate(f"{row['tolerance_px']:g} px", (row[key], row["shift_px"]), (3, 5), textcoords="offset points", fontsize=8)
+            axes.annotate(
+                f"{row['tolerance_px']:g} px", (row[key], row["shift_px"]), (3, 5), textcoords="offset points", fontsize=8
+            )
         axes.set_yscale("symlog", linthresh=0.5)  # a shift may be 0
         axes.set(xlabel=label, ylabel=f"error of {SWEPT:,} agents, by tolerance")
         axes.legend(frameon=False)

@@ -55,9 +55,7 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
             np.minimum(least, room / np.abs(by), where=by != 0, out=least)
             least[~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))] = 0  # -0.0 + 0.0 is another
         if machine.timed:
-            least = np.minimum(
-                least, crowd.wait[block] / tables.seconds * (1 - 1e-4) - 2
-            )  # it is rounded to float32 each step
+            least = np.minimum(least, crowd.wait[block] / tables.seconds * (1 - 1e-4) - 2)  # it is rounded to float32 each step
         least[tables.turns.take(of) & (tables.heading.take(of) != crowd.heading[block])] = 0
         case[block], steps[block] = of, np.where(least >= 1, least, 0)
     return Ahead(case, steps, tables.seconds)

@@ -91,7 +91,9 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     aspect, shifts = tuple(random.uniform(0.5, 2, 2)), tuple(random.uniform(-shift, shift, 2))
     shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
     near = 10.0 ** random.uniform(-2, 0)
-    camera = Camera(kind, *referential(matrix), shape, near, near + 10.0 ** random.uniform(0.5, 3), pixels, rays=lens.endswith("Cycles"))
+    camera = Camera(
+        kind, *referential(matrix), shape, near, near + 10.0 ** random.uniform(0.5, 3), pixels, rays=lens.endswith("Cycles")
+    )
     if random.random() < 0.2:
         left, bottom = random.uniform(0, 0.8, 2)
         camera = crop(camera, left, left + 0.2, bottom, bottom + 0.2)

@@ -94,9 +94,7 @@ def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None
         )
 
 
-def advance(
-    crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False, leave=NOTHING
-):
+def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False, leave=NOTHING):
     """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
     further than out of the cell on whose border it stands, and reads the table again (walk.py)."""
     area = world.area

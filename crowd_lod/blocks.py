@@ -144,14 +144,20 @@ def blocks_of(
     if len(groups) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
         parts = (crowd.group[at : at + curve.BLOCK] for at in range(0, count, curve.BLOCK))
         sizes = sum(np.bincount(part, minlength=len(groups)) for part in parts)
-    return Blocks(order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
+    return Blocks(
+        order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor
+    )
 
 
 def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
     """The next larger tier: every FAN blocks in one. boxes: (8, b) with the least and the greatest corner for centre and half width."""
     parts = boxes.reshape(8, -1, FAN)
     least, most = parts.min(axis=2), parts.max(axis=2)
-    return size * FAN, np.concatenate([least[:3], most[3:6], least[6:7], most[7:]]), np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]])
+    return (
+        size * FAN,
+        np.concatenate([least[:3], most[3:6], least[6:7], most[7:]]),
+        np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]]),
+    )
 
 
 def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None) -> None:

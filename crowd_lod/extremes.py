@@ -151,5 +151,7 @@ def to_text(rows: list[Row]) -> str:
         counts = (f"{n:,}" for n in (v.pairs, v.visible, v.kept, v.missed, v.surplus - v.grazing, v.grazing))
         lines.append((row.name, *counts, f"{v.depth_error:.2f}", f"{row.milliseconds:.1f}"))
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    text = ["  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True))) for line in lines]
+    text = [
+        "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True))) for line in lines
+    ]
     return "\n".join(text)

@@ -115,9 +115,7 @@ def plan(
         if made is not None and made[1] == asked[1] and all(map(operator.is_, made[0], asked[0])):
             ticks += [clock.perf_counter()] * 3
             left_out = STATIC, *made[2].left_out
-            return replace(
-                made[2], time=time, crowd=crowd, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out
-            )
+            return replace(made[2], time=time, crowd=crowd, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out)
     begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
     views = [(time, cameras, radius), *((sample, eyes, grown) for sample, eyes in shutter)]
     way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
@@ -197,8 +195,7 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     radius, radial = views[0][2], policy.metric == "RADIAL"
     gone = 0 if blocks.finite else _lost(crowd, policy)
     looks = [
-        [Look(camera, *trajectory.moved(at, since), float((grown - radius).max())) for camera in eyes]
-        for at, eyes, grown in views
+        [Look(camera, *trajectory.moved(at, since), float((grown - radius).max())) for camera in eyes] for at, eyes, grown in views
     ]
     levels, places = decide(blocks, crowd, looks, begin if bias is None else None, policy.margin, radial)
     agents = blocks.order[places]

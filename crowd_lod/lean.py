@@ -29,7 +29,9 @@ ONE_ACTION = LeftOut("behaviour", "There is one character group: its action's pa
 ONE_GROUP = LeftOut("culling", "There is one character group: its sphere is a number, not one looked up for each agent.")
 IN_ORDER = LeftOut("culling", "Agents of one group follow one another: its sphere is looked up once for many, not for each agent.")
 FLAT = LeftOut("culling", "All agents stand at one height: two products a plane instead of three.")
-BLOCKS = LeftOut("culling", "Agents stand in blocks: where a block lies outside, or inside and within one LOD, none of it is tested.")
+BLOCKS = LeftOut(
+    "culling", "Agents stand in blocks: where a block lies outside, or inside and within one LOD, none of it is tested."
+)
 ALL_INSIDE = LeftOut("culling", "All agents lie inside the picture: none is tested by itself.")
 ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is tested by itself.")
 ONE_LEVEL = LeftOut("levels", "All agents lie in the range of one level of detail: distances are not measured.")
@@ -39,7 +41,9 @@ ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: th
 NO_SHADOWS = LeftOut("surroundings", "No light of the scene casts shadows: none are looked for that fall into the picture.")
 NO_MIRRORS = LeftOut("surroundings", "No mirrors are chosen: no agents are looked for that they show.")
 NOT_WANTED = LeftOut("surroundings", "Shadows and Reflections is off: whoever the camera does not see is left out.")
-WORKBENCH = LeftOut("surroundings", "Workbench draws neither the lights' shadows nor reflections: whoever the camera does not see is left out.")
+WORKBENCH = LeftOut(
+    "surroundings", "Workbench draws neither the lights' shadows nor reflections: whoever the camera does not see is left out."
+)
 
 # In the order of the pipeline.
 ITEMS = (

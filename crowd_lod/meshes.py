@@ -170,9 +170,7 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
         return points, triangles, every
     faces = np.ascontiguousarray(triangles, np.int32)
     with _one_at_a_time:
-        _, _, collapses = fast_simplification.simplify(
-            seen, faces, target_count=target, agg=BULK_AGGRESSION, return_collapses=True
-        )
+        _, _, collapses = fast_simplification.simplify(seen, faces, target_count=target, agg=BULK_AGGRESSION, return_collapses=True)
         some_points, some, landed = fast_simplification.replay_simplification(points, faces, collapses)
     # it numbers the points anew: each takes back the number of the first that landed on it
     _, first = np.unique(landed, return_index=True)

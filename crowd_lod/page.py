@@ -44,7 +44,9 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
     parts = [
         f"<h1>{name}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender {escape(plan['made_with']['blender'])}. "
         f"{escape(_rule(levels))}</p>",
-        '<div class="figures">' + "".join(f"<div><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in figures) + "</div>",
+        '<div class="figures">'
+        + "".join(f"<div><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in figures)
+        + "</div>",
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
         f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by LOD and from above"></a></section>',
         "<h2>Levels of detail</h2>",
@@ -61,7 +63,9 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
     head = [f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize() for key in keys]
     parts += ["<h2>Frames</h2>", _table(head, [[f"{row[key]:,}" for key in keys] for row in rows])]
     command = escape(" ".join(plan["command"]))
-    parts.append(f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all that repeats it.</footer>")
+    parts.append(
+        f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all that repeats it.</footer>"
+    )
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
         f"<title>{name}: levels of detail</title><style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
@@ -77,7 +81,19 @@ def _rule(levels: dict) -> str:
 
 
 def _character(entry: dict, tints: Sequence[str]) -> str:
-    head = ["LOD", "Triangles", "Vertices", "Deviation, mm", "RMS, mm", "% of diagonal", "From, m", "Predicted, px", "Measured, px", "Way", "ms"]
+    head = [
+        "LOD",
+        "Triangles",
+        "Vertices",
+        "Deviation, mm",
+        "RMS, mm",
+        "% of diagonal",
+        "From, m",
+        "Predicted, px",
+        "Measured, px",
+        "Way",
+        "ms",
+    ]
     rows = []
     for row in entry["levels"]:
         dot = f'<span class="dot" style="background:{tints[row["lod"]]}"></span>'

@@ -164,7 +164,7 @@ def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> lis
     """levels.limits without rounding, one list a group. PIXELS: for cameras that are not orthographic."""
     rows = []
     for g, r in enumerate(radius.tolist()):
-        own = (dict(enumerate(policy.group_thresholds)).get(g) or policy.thresholds)
+        own = dict(enumerate(policy.group_thresholds)).get(g) or policy.thresholds
         if policy.metric == "PIXELS":
             rows.append([F(float(camera.pixels_per_unit)) * 2 * F(r) / F(t) for t in own])
         else:
@@ -175,7 +175,9 @@ def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> lis
 def exact_levels(crowd: Crowd, camera: Camera, centre: np.ndarray, steps: list[list[F]], radial: bool) -> np.ndarray:
     """(n,) uint8: LOD ids by rational arithmetic wherever float64, with a bound on its rounding, cannot decide."""
     v = relative(crowd, camera, centre, "float64")
-    distance = np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) if radial else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
+    distance = (
+        np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) if radial else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
+    )
     near = np.array([[float(s) for s in row] for row in steps])[crowd.group]
     size = sum(map(np.abs, v)) + np.abs(camera.origin).sum()
     ids = (distance[:, None] >= near).sum(axis=1).astype(np.uint8)

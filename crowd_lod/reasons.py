@@ -10,7 +10,15 @@ from .culling import planes, radar
 from .frame import Frame
 from .levels import Bias, LevelPolicy, assign
 
-REASONS = ("near enough", "far away", "detail map", "hysteresis", "before the near plane", "beyond the far plane", "beside the view")
+REASONS = (
+    "near enough",
+    "far away",
+    "detail map",
+    "hysteresis",
+    "before the near plane",
+    "beyond the far plane",
+    "beside the view",
+)
 NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE = range(len(REASONS))
 
 

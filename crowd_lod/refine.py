@@ -135,7 +135,10 @@ class Fit:
         far, hit, weights = self.source.beyond(SEEN * self.worst, self.hit[face], here)
         if not len(far):
             return False
-        self.own_face, self.own_weights = np.append(self.own_face, face[far]), np.append(self.own_weights, grid.take(far, 1), axis=1)
+        self.own_face, self.own_weights = (
+            np.append(self.own_face, face[far]),
+            np.append(self.own_weights, grid.take(far, 1), axis=1),
+        )
         self.hit, self.hit_weights = np.append(self.hit, hit), np.append(self.hit_weights, weights, axis=1)
         self.own_pull = np.append(self.own_pull, np.zeros(len(far)))
         self.renew()

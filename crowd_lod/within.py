@@ -71,7 +71,10 @@ def within(
     phase = np.empty_like(crowd.phase) if tables.plays.any() else crowd.phase
     wait = np.empty_like(crowd.wait) if machine.timed else crowd.wait
     area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
-    sides = (crowd.x, x, tables.x, area.x_min, area.x_max, width, columns), (crowd.y, y, tables.y, area.y_min, area.y_max, depth, rows)
+    sides = (
+        (crowd.x, x, tables.x, area.x_min, area.x_max, width, columns),
+        (crowd.y, y, tables.y, area.y_min, area.y_max, depth, rows),
+    )
     labels = world.labels.ravel()
     rest = []
     for at in range(0, len(x), BLOCK):

@@ -40,9 +40,7 @@ def draw(mesh: bpy.types.Mesh, frame: Frame, centre: np.ndarray, view: Camera) -
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
     count = len(arrows)
     corners = np.arange(4 * len(lines), dtype=np.int32).reshape(-1, 4) + 3 * count
-    triangles = np.concatenate(
-        [np.arange(3 * count, dtype=np.int32).reshape(-1, 3), corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]
-    )
+    triangles = np.concatenate([np.arange(3 * count, dtype=np.int32).reshape(-1, 3), corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
     colours = np.concatenate([tints, line_tints, line_tints])
     io.fill_mesh(mesh, points, triangles)
     values = np.ones((len(triangles), 3, 4), np.float32)

@@ -49,9 +49,7 @@ def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tupl
     return cameras_from(scene, active_camera(scene), depsgraph)
 
 
-def cameras_from(
-    scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph
-) -> tuple[Camera, ...]:
+def cameras_from(scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
     """The eyes of `scene` when `camera` films it, as `depsgraph`, of any scene with these cameras, has evaluated them."""
     render = scene.render
     views = [view for view in render.views if view.use] if render.use_multiview else []
@@ -175,9 +173,7 @@ def camera_at(scene: bpy.types.Scene, time: float) -> tuple[Camera, ...]:
     return cameras_at(scene, [time])[0]
 
 
-def cameras_at(
-    scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None
-) -> list[tuple[Camera, ...]]:
+def cameras_at(scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None) -> list[tuple[Camera, ...]]:
     """`camera_at` for several times, filmed by `camera` or by the one bound to each."""
     films = [camera or bound_camera(scene, time) for time in times]
     with scratch():

@@ -65,4 +65,3 @@ def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> 
         keep.append(kept)
         said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
     return keep, said
-

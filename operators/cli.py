@@ -96,7 +96,9 @@ def _parser(program: str) -> argparse.ArgumentParser:
     _scene(command, program)
     command.add_argument("--bake", action="store_true", help="put all frames into the file: it renders without Crowd LOD")
     command.add_argument("--frames", metavar="A:B|LIST", help="the frames to bake (default: those that the scene renders)")
-    command.add_argument("--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)")
+    command.add_argument(
+        "--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)"
+    )
     command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.set_defaults(run=_build)
@@ -117,9 +119,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="once more with the sky and N bounces (default: 0)")
     command.set_defaults(run=_verify)
 
-    command = _command(
-        commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend"
-    )
+    command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
     command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: NAME.blend)")
     command.set_defaults(run=_sample)
@@ -139,7 +139,9 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command = _command(
         reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
     )
-    command.add_argument("--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)")
+    command.add_argument(
+        "--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)"
+    )
     command.add_argument("--seed", type=int, default=0, metavar="N", help="other agents of the same cases")
     command.add_argument("--out", type=Path, metavar="FILE", help="write the table to a Markdown file as well")
     command.set_defaults(run=_report_extremes)
@@ -178,7 +180,9 @@ def open_scene(name: str | None) -> bpy.types.Scene:
     elif name is not None:
         path = Path(name)
         if not path.is_file():
-            raise CrowdError(f"There is no file {name}, and no sample of that name: give a .blend file, or one of {', '.join(sample_scenes.NAMES)}.")
+            raise CrowdError(
+                f"There is no file {name}, and no sample of that name: give a .blend file, or one of {', '.join(sample_scenes.NAMES)}."
+            )
         try:
             with io.quiet():
                 bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
@@ -207,7 +211,9 @@ def _preview(args, command: list[str]) -> dict:
     engine = (args.engine or settings.engine).upper()
     colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
     if engine != "OVERLAY" and colour not in COLOURS:
-        raise CrowdError(f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material.")
+        raise CrowdError(
+            f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."
+        )
     wanted = Preview(
         frames=parse_frames(args.frames or settings.frames, settings.step if args.step is None else args.step),
         folder=folder,
@@ -302,7 +308,11 @@ def _build(args, command: list[str]) -> dict:
     with io.quiet():
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
     seconds = clock.perf_counter() - started
-    what = f"{len(frames)} frames baked, {sum(points.values()):,} points" if args.bake else f"built, {sum(points.values()):,} points now"
+    what = (
+        f"{len(frames)} frames baked, {sum(points.values()):,} points"
+        if args.bake
+        else f"built, {sum(points.values()):,} points now"
+    )
     return {
         "out": str(path),
         "frames": frames,

@@ -292,9 +292,7 @@ def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, 
     form = GPUVertFormat()
     for name, values in columns.items():
         whole = values.dtype == np.uint16
-        form.attr_add(
-            id=name, comp_type="U16" if whole else "F32", len=values[0].size, fetch_mode="INT" if whole else "FLOAT"
-        )
+        form.attr_add(id=name, comp_type="U16" if whole else "F32", len=values[0].size, fetch_mode="INT" if whole else "FLOAT")
     buffer = GPUVertBuf(format=form, len=len(next(iter(columns.values()))))
     for name, values in columns.items():
         buffer.attr_fill(name, np.ascontiguousarray(values))

@@ -271,7 +271,9 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
         item.name_full,
         item.type,
         item.parent and (item.parent.name_full, item.parent_type, item.parent_bone),
-        [tuple(row) for matrix in (item.matrix_parent_inverse, item.matrix_basis) for row in matrix] if item.animation_data is None else (),
+        [tuple(row) for matrix in (item.matrix_parent_inverse, item.matrix_basis) for row in matrix]
+        if item.animation_data is None
+        else (),
         [(modifier.name, modifier.type) for modifier in item.modifiers],
         [constraint.name for constraint in item.constraints],
         [slot.material and slot.material.name_full for slot in item.material_slots],

@@ -222,8 +222,10 @@ def _box(scene: bpy.types.Scene, things: list[Placed], depsgraph) -> np.ndarray 
     """The box (2, 3) about all that shadows may fall on but the crowd; None if not all of it is in the objects' own
     boxes: instances made by nodes or particles, and a world full of fog."""
     world = scene.world
-    if world is not None and world.node_tree is not None and any(
-        node.type == "OUTPUT_WORLD" and node.inputs["Volume"].is_linked for node in world.node_tree.nodes
+    if (
+        world is not None
+        and world.node_tree is not None
+        and any(node.type == "OUTPUT_WORLD" and node.inputs["Volume"].is_linked for node in world.node_tree.nodes)
     ):
         return None
     ends, matrices = [], []

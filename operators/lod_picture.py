@@ -25,9 +25,7 @@ def ramp(part: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(part, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T], axis=1)
 
 
-def draw(
-    character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float
-) -> tuple[np.ndarray, float]:
+def draw(character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float) -> tuple[np.ndarray, float]:
     """(the picture (rows, columns, 4) uint8 with the bottom row first, metres that its brightest colour stands for).
 
     levels: each LOD's surface in the pose of `character`; captions: a line each; azimuth: radians, from where the eye looks.
@@ -39,7 +37,10 @@ def draw(
     low, high = (getattr(np.concatenate(seen), end)(axis=0) for end in ("min", "max"))
     scale = TALL / max(high[1] - low[1], (high[0] - low[0]) / 1.5)
     width, height = int((high[0] - low[0]) * scale) + 2, int((high[1] - low[1]) * scale) + 2
-    looks = [_look((at - low) * scale * FINER, surface, (height * FINER, width * FINER)) for at, surface in zip(seen, levels, strict=True)]
+    looks = [
+        _look((at - low) * scale * FINER, surface, (height * FINER, width * FINER))
+        for at, surface in zip(seen, levels, strict=True)
+    ]
     away = [_distances(character, surface, *look[:3]) for surface, look in zip(levels, looks, strict=True)]
     most = max((float(d.max(initial=0)) for d in away), default=0.0)
 

@@ -143,9 +143,7 @@ def _draw(part) -> None:
         part(context)
     except Exception as error:
         traceback.print_exc()
-        _failure = (
-            f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
-        )
+        _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
         print(f"Crowd LOD: {_failure}", file=sys.stderr)
         bpy.app.timers.register(_stop)
 

@@ -100,7 +100,12 @@ def _behaviour(axes, rows: list[dict]) -> None:
         if row["default"]:
             _star(axes, row, lambda r: r["mean_m"], floor)
     dts = [r["dt_s"] for r in rows if r["dt_s"]]
-    _axes(axes, floor, "ms per second of scene (bars: least to most)", f"error, m  (dt from {max(dts):.3g} s to {min(dts):.2g} s, left to right)")
+    _axes(
+        axes,
+        floor,
+        "ms per second of scene (bars: least to most)",
+        f"error, m  (dt from {max(dts):.3g} s to {min(dts):.2g} s, left to right)",
+    )
     axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.1), ncols=1, frameon=False)
 
 
@@ -111,7 +116,11 @@ def _drift(axes, rows: list[dict]) -> None:
         label = f"{precision}, {'at the origin' if not offset else f'{offset / 1000:g} km away'}"
         label += " (default)" if precision == "float64" else ""
         for what, line in (("worst", "-"), ("mean", "--")):
-            style = {"color": COLOURS[k], "marker": "*" if precision == "float64" else MARKERS[k], "ms": 10 if precision == "float64" else 5}
+            style = {
+                "color": COLOURS[k],
+                "marker": "*" if precision == "float64" else MARKERS[k],
+                "ms": 10 if precision == "float64" else 5,
+            }
             axes.plot([r["steps"] for r in found], [r[f"{what}_m"] for r in found], ls=line, label=f"{label}, {what}", **style)
     axes.set(xscale="log", yscale="log", xlabel="steps of 1/24 s", ylabel="drift of summed positions, m")
     axes.grid(alpha=0.25)
@@ -167,7 +176,12 @@ def _ids(axes, rows: list[dict]) -> None:
     for key, found in kinds.items():
         x = [max(r["offset_m"], LEVEL_OFFSETS[1] / 100) * shift[key] for r in found]
         axes.plot(x, [max(r["differ_ppm"], floor) for r in found], label=", ".join(key), ms=5, **_level_style(found[0], rows))
-    _axes(axes, floor, "crowd's distance from the world's origin, m (left: at the origin)", f"LOD ids that differ, of a million ({rows[0]['of']:,} looked at)")
+    _axes(
+        axes,
+        floor,
+        "crowd's distance from the world's origin, m (left: at the origin)",
+        f"LOD ids that differ, of a million ({rows[0]['of']:,} looked at)",
+    )
     _legend(axes)
 
 

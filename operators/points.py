@@ -181,4 +181,3 @@ def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _ring(corners: np.ndarray) -> np.ndarray:
     return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
-

@@ -164,7 +164,9 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
     owner = top.children.get(name) or top.objects.get(name)
     value = owner.get(key, 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
-        raise CrowdError(f'The custom property "{key}" of the character group {name} is {value!r}: set a number of metres, or remove it.')
+        raise CrowdError(
+            f'The custom property "{key}" of the character group {name} is {value!r}: set a number of metres, or remove it.'
+        )
     return float(value)
 
 
@@ -295,9 +297,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
         start = populate(settings.count, settings.seed, len(groups), machine, world)
         while len(_trajectories) >= MOST_TRAJECTORIES:
             _trajectories.pop(next(iter(_trajectories)))
-        _trajectories[digest] = Trajectory(
-            start, machine, world, groups, seconds, settings.first_frame, heights=heights
-        )
+        _trajectories[digest] = Trajectory(start, machine, world, groups, seconds, settings.first_frame, heights=heights)
     while len(_latest) >= MOST_TRAJECTORIES:
         _latest.pop(next(iter(_latest)))
     _latest[scene.session_uid] = asked, images, _trajectories[digest]

@@ -349,7 +349,9 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
     def steps(self, context):
         settings = context.scene.crowd_lod
         if settings.folder.startswith("//") and not bpy.data.filepath:
-            raise CrowdError(f"The output folder {settings.folder} is beside a file that was never saved: save it, or choose a folder.")
+            raise CrowdError(
+                f"The output folder {settings.folder} is beside a file that was never saved: save it, or choose a folder."
+            )
         wanted = Preview(
             frames=parse_frames(settings.frames, settings.step),
             folder=Path(bpy.path.abspath(settings.folder)),

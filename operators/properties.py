@@ -89,7 +89,9 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     height_scale: FloatProperty(
         name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
     )
-    tilt: BoolProperty(name="Lean with the Slope", description="Agents on a height map stand square on its slope instead of upright")
+    tilt: BoolProperty(
+        name="Lean with the Slope", description="Agents on a height map stand square on its slope instead of upright"
+    )
     machine: PointerProperty(
         type=bpy.types.Text, name="State Machine", description="State machine as JSON; none is the chapter's, walk to and fro"
     )
@@ -250,9 +252,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     inset: BoolProperty(
         name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
     )
-    agent: IntProperty(
-        name="Agent", default=-1, min=-1, description="The agent that the overlay rings and tells of; -1 is none"
-    )
+    agent: IntProperty(name="Agent", default=-1, min=-1, description="The agent that the overlay rings and tells of; -1 is none")
     overlay_culled: BoolProperty(name="Culled Agents", default=True, description="Show culled agents as faint points")
     overlay_fade: FloatProperty(
         name="Cross-Fade",

@@ -35,7 +35,11 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
         radius = np.array([group.radius for group in trajectory.groups])
         crowd = precision.some(trajectory.start, MOST_AGENTS)
         parts = {  # name: (rows to come, of about how many, share of the time)
-            "behaviour": (precision.behaviour(crowd, trajectory.machine, trajectory.world, trajectory.seconds_per_frame, repeats=repeats), 15, 0.6),
+            "behaviour": (
+                precision.behaviour(crowd, trajectory.machine, trajectory.world, trajectory.seconds_per_frame, repeats=repeats),
+                15,
+                0.6,
+            ),
             "drift": (precision.drifts(), 12, 0.1),
             "culling": (precision.culling(views, centre, radius, policy.margin, repeats), 17, 0.15),
             "levels": (precision.levels(views, centre, radius, _policies(policy), policy.metric, repeats), 36, 0.15),
@@ -59,7 +63,11 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
 def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
     """The scene's policy under each metric; thresholds of the other kind are made up, and there every group has the same."""
     parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
-    sizes = policy.thresholds if policy.metric == "PIXELS" and policy.tolerance is None else tuple(200 / 2**k for k in range(policy.count - 1))
+    sizes = (
+        policy.thresholds
+        if policy.metric == "PIXELS" and policy.tolerance is None
+        else tuple(200 / 2**k for k in range(policy.count - 1))
+    )
     found = []
     for metric in ("AXIS", "RADIAL", "PIXELS"):
         own = policy.group_thresholds if (metric == "PIXELS") == (policy.metric == "PIXELS") and policy.tolerance is None else ()
@@ -79,7 +87,9 @@ def _plots(folder: Path, tables: dict, caption: str) -> str:
 
 def machine_name() -> str:
     """What the times were taken on."""
-    versions = f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
+    versions = (
+        f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
+    )
     return f"{platform.system()} {platform.machine()} {_processor()}, {os.cpu_count()} CPUs; {versions}"
 
 
@@ -132,4 +142,6 @@ def lenses_text(rows: list[dict]) -> str:
         f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
         for r in rows
     ]
-    return "\n".join([head, *lines, "surplus: of those kept, not visible; beside: of those visible by the planes, beside the frustum's body"])
+    return "\n".join(
+        [head, *lines, "surplus: of those kept, not visible; beside: of those visible by the planes, beside the frustum's body"]
+    )

@@ -18,7 +18,11 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
     LODs follow armatures and lattices. Four twins of the mesh, three of them moved along an axis, tell place and derivative.
     """
     item = source.item
-    if source.mesh is None or item.type != "MESH" or not (item.parent_type in FOLLOWED or any(m.type in FOLLOWED for m in item.modifiers)):
+    if (
+        source.mesh is None
+        or item.type != "MESH"
+        or not (item.parent_type in FOLLOWED or any(m.type in FOLLOWED for m in item.modifiers))
+    ):
         return
     rest = source.geometry[0].astype(np.float64)
     step = APART * (float(np.ptp(rest, axis=0).max()) or 1.0)

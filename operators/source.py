@@ -78,7 +78,9 @@ def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.type
             raise CrowdError(f"{block.name}, of the character group {owner.name}, is missing: bring back {path}, or link it anew.")
     for item in objects:
         if item.type == "META":
-            raise CrowdError(f"{item.name}, of the character group {owner.name}, is a metaball: turn it into a mesh (Object > Convert).")
+            raise CrowdError(
+                f"{item.name}, of the character group {owner.name}, is a metaball: turn it into a mesh (Object > Convert)."
+            )
         if item.instance_type == "COLLECTION" and item.instance_collection is not None:
             raise CrowdError(
                 f"{item.name}, of the character group {owner.name}, instances the collection {item.instance_collection.name}: put that "
@@ -181,7 +183,9 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
     wrong = ~np.isfinite(points).all(axis=1)
     if wrong.any():
         bpy.data.meshes.remove(mesh)
-        raise CrowdError(f"The object {item.name} has {int(wrong.sum())} vertices at NaN or infinity: mend its mesh or its modifiers.")
+        raise CrowdError(
+            f"The object {item.name} has {int(wrong.sum())} vertices at NaN or infinity: mend its mesh or its modifiers."
+        )
     return Source(item, mesh, list(offsets), notes)
 
 

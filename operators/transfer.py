@@ -198,7 +198,9 @@ def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
             uvs = values[corners]
             carried = _same_side(*(np.einsum("nk,nkd->nd", place.outside, uvs[place.triangle]) for place in (edge, inner, centre)))
             # never beyond the chart's own range: it may end at the picture's edge
-            low, high = (np.array([limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]) for limit in (np.min, np.max))
+            low, high = (
+                np.array([limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]) for limit in (np.min, np.max)
+            )
             carried = carried.clip(low[every], high[every])
         elif key == NORMALS:
             # one a vertex, but on the two sides of a sharp edge

@@ -27,7 +27,9 @@ class Troubles:
         """All of it for the user, "" if all is well and all was looked at."""
         parts = [str(each) for each in self.found]
         if self.agents < self.count or self.seconds < SECONDS:
-            parts.append(f"Only the first {self.agents:,} of {self.count:,} agents were looked at for trouble, {self.seconds:.3g} s ahead.")
+            parts.append(
+                f"Only the first {self.agents:,} of {self.count:,} agents were looked at for trouble, {self.seconds:.3g} s ahead."
+            )
         return " ".join(parts)
 
     @property

@@ -282,7 +282,9 @@ def _left_out(scene: bpy.types.Scene, stage: bpy.types.Scene, rows: list[dict], 
     if scene.render.use_multiview and not PAIRS:
         said.append("One eye was looked at: this Blender does not read back pictures of two.")
     if any(row["predicted_shift"] is None for row in rows):
-        said.append("Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture.")
+        said.append(
+            "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture."
+        )
     mirrors = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, io.time_of(stage)).mirrors
     if wanted.bounces > 1 and len(mirrors) > 1:
         said.append("What one mirror shows in another is not looked for: there pixels may differ.")
@@ -322,7 +324,9 @@ def to_text(result: dict) -> str:
                 f"{row['b_bounces_mean']:.2g} ({row['bare_bounces_share']:.2%}, {row['bare_bounces_mean']:.2g} without those kept)."
             )
     lines += result["left_out"]
-    lines.append("Culling and LODs change nothing they should not." if result["ok"] else f"NOT the same: {_failed(result['frames'])}.")
+    lines.append(
+        "Culling and LODs change nothing they should not." if result["ok"] else f"NOT the same: {_failed(result['frames'])}."
+    )
     return "\n".join(lines)
 
 

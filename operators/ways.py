@@ -49,7 +49,9 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     if way == "FAST":
         return fast
     if len(triangles) > MOST_PRECISE:
-        fast.why = f"Fast, as the mesh has {len(triangles):,} triangles, more than the {MOST_PRECISE:,} that the precise way is tried on."
+        fast.why = (
+            f"Fast, as the mesh has {len(triangles):,} triangles, more than the {MOST_PRECISE:,} that the precise way is tried on."
+        )
         return fast
     yield
     precise = _precise(source, ratio, name, "")

@@ -22,7 +22,13 @@ def baked() -> bpy.types.GeometryNodeTree:
 
 
 def _wire(tree: bpy.types.GeometryNodeTree) -> None:
-    for name, kind in (("Geometry", "Geometry"), ("Characters", "Collection"), ("Turn", "Float"), ("Rate", "Float"), ("Opens", "Float")):
+    for name, kind in (
+        ("Geometry", "Geometry"),
+        ("Characters", "Collection"),
+        ("Turn", "Float"),
+        ("Rate", "Float"),
+        ("Opens", "Float"),
+    ):
         tree.interface.new_socket(name, in_out="INPUT", socket_type=f"NodeSocket{kind}")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     entry, leave = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")

@@ -84,7 +84,12 @@ def _meshes(tree, points, characters, pose, blend) -> tuple[list, list, bpy.type
     entry.pair_with_output(leave)
     leave.domain = "POINT"
     tree.links.new(points, entry.inputs["Geometry"])
-    of_point = {"pose": pose, "beside": attribute(tree, "beside", "INT"), "blend": blend, "rate": attribute(tree, "blend_rate", "FLOAT")}
+    of_point = {
+        "pose": pose,
+        "beside": attribute(tree, "beside", "INT"),
+        "blend": blend,
+        "rate": attribute(tree, "blend_rate", "FLOAT"),
+    }
     for name, value in of_point.items():
         leave.input_items.new("INT" if value.type == "INT" else "FLOAT", name)
         tree.links.new(value, entry.inputs[name])

@@ -4,16 +4,26 @@ import bpy
 import numpy as np
 
 
-def tube(name: str, around: int = 24, along: int = 24, radius: float = 0.2, height: float = 2.0, split: bool = False) -> bpy.types.Mesh:
+def tube(
+    name: str, around: int = 24, along: int = 24, radius: float = 0.2, height: float = 2.0, split: bool = False
+) -> bpy.types.Mesh:
     """An open upright tube of quads with one UV seam, u around and v along; `split` along the seam, as importers do it."""
     columns = around + split
     angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
     angle = np.append(angle, angle[:1]) if split else angle
-    rows = [np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(columns, z)]) for z in np.linspace(0, height, along + 1)]
+    rows = [
+        np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.full(columns, z)])
+        for z in np.linspace(0, height, along + 1)
+    ]
     quads = [((j, i), (j, (i + 1) % columns), (j + 1, (i + 1) % columns), (j + 1, i)) for j in range(along) for i in range(around)]
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(np.concatenate(rows).tolist(), [], [[j * columns + i for j, i in quad] for quad in quads])
-    uvs = [((i + di) / around, (j + dj) / along) for j in range(along) for i in range(around) for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    uvs = [
+        ((i + di) / around, (j + dj) / along)
+        for j in range(along)
+        for i in range(around)
+        for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1))
+    ]
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", np.array(uvs, np.float32).ravel())
     mesh.shade_smooth()
     return mesh

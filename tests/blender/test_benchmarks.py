@@ -112,5 +112,10 @@ def test_a_way_to_render_shows_whom_it_says_and_its_cost_is_measured(bench, buil
 def test_a_render_that_fails_or_takes_too_long_says_so(bench, tmp_path):
     import worth
 
-    assert "exit status 1" in worth.job(60, job="render", file=str(tmp_path / "no.blend"), picture="", engine="CYCLES", frame=1, width=8, samples=1)["ended"]
+    assert (
+        "exit status 1"
+        in worth.job(60, job="render", file=str(tmp_path / "no.blend"), picture="", engine="CYCLES", frame=1, width=8, samples=1)[
+            "ended"
+        ]
+    )
     assert worth.job(0.01, job="render")["ended"] == "not done in 0.01 s"

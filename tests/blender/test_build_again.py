@@ -16,12 +16,16 @@ from crowd_lod_extension.operators.render_setup import prepared
 
 def visible():
     """World positions of all instances, sorted."""
-    found = [tuple(each.matrix_world.translation) for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance]
+    found = [
+        tuple(each.matrix_world.translation) for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance
+    ]
     return np.array(sorted(found))
 
 
 def counts():
-    return {name: len(getattr(bpy.data, name)) for name in ("objects", "meshes", "collections", "node_groups", "materials", "scenes")}
+    return {
+        name: len(getattr(bpy.data, name)) for name in ("objects", "meshes", "collections", "node_groups", "materials", "scenes")
+    }
 
 
 def points(top):
@@ -59,7 +63,9 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     list(builder.build(built))
     built.frame_set(1)
     assert built.crowd_lod.build == top and builder.points_of(top) == items
-    assert names == {block.name for kind in ("objects", "meshes", "collections", "node_groups") for block in getattr(bpy.data, kind)}
+    assert names == {
+        block.name for kind in ("objects", "meshes", "collections", "node_groups") for block in getattr(bpy.data, kind)
+    }
     assert points(top) == shown and counts() == before
     assert [modifier.name for modifier in first.modifiers] == ["Crowd LOD", "mine"] and first.modifiers[0].name == ours.name
     assert later.node_group.name == "my tree" and first.data.materials[0].name == "my material"
@@ -99,7 +105,9 @@ def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built
         names = sorted(child.name for child in shelf.children)
         assert [name.split(" ")[0] for name in names] == [f"{number:05d}" for number in range(len(names))]
         assert sum(builder.points_of(built.crowd_lod.build)["LOD 0"][builder.POSES]) == len(names)
-        assert all(len(child.objects) == 1 and child.objects[0].name.split(" ")[0] == child.name.split(" ")[1] for child in shelf.children)
+        assert all(
+            len(child.objects) == 1 and child.objects[0].name.split(" ")[0] == child.name.split(" ")[1] for child in shelf.children
+        )
         poses.append(len(names))
         assert mine.users_collection == (built.collection,)
     assert 1 < poses[0] < poses[1] == at_first

@@ -93,7 +93,9 @@ def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(c
         cut.frame_set(number)
         seen.append(sum(len(item.data.vertices) for item in builder.points_of(cut.crowd_lod.build).values()))
     assert [row["visible"] for row in plan["frames"]] == seen and seen[0] != seen[1]
-    main, above = ([io.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)] for view in ("main", "above"))
+    main, above = (
+        [io.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)] for view in ("main", "above")
+    )
     assert (np.abs(above[0] - main[0]).max(axis=2) > 30).mean() > 0.3
     assert np.median(np.abs(above[0] - above[1])) <= 2  # the ground stays where it is, seen from above
 

@@ -39,7 +39,11 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     tolerant.frame_set(5)
     frame = populate.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
     assert len(frame.buckets.counts) == count
-    found = [o.instance_object.name for o in bpy.context.evaluated_depsgraph_get().object_instances if o.is_instance and o.object.type == "MESH"]
+    found = [
+        o.instance_object.name
+        for o in bpy.context.evaluated_depsgraph_get().object_instances
+        if o.is_instance and o.object.type == "MESH"
+    ]
     assert len(found) == len(frame.buckets.order)
     list(make_levels(tolerant))
     assert populate.groups_of(settings) == groups

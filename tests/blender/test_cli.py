@@ -25,7 +25,11 @@ def shares(path, low=1 / 255, ratio=1.6):
     """Parts of the picture that are red, green, blue: one channel stands out over both others."""
     pixels = io.load_pixels(path)[..., :3].astype(float)
     return [
-        np.mean((pixels[..., k] > 60) & (pixels[..., k] > ratio * pixels[..., (k + 1) % 3]) & (pixels[..., k] > ratio * pixels[..., (k + 2) % 3]))
+        np.mean(
+            (pixels[..., k] > 60)
+            & (pixels[..., k] > ratio * pixels[..., (k + 1) % 3])
+            & (pixels[..., k] > ratio * pixels[..., (k + 2) % 3])
+        )
         for k in range(3)
     ]
 

@@ -17,7 +17,9 @@ GROUP = Group("one", 0, 1, 0, 1)
 def sphere(rings, segments, radius=1.0):
     """An object whose mesh has all its vertices on the sphere: rings of `segments`, and two poles."""
     mesh = bpy.data.meshes.new("sphere")
-    theta, phi = np.meshgrid(np.linspace(0, np.pi, rings + 1)[1:-1], np.linspace(0, 2 * np.pi, segments, endpoint=False), indexing="ij")
+    theta, phi = np.meshgrid(
+        np.linspace(0, np.pi, rings + 1)[1:-1], np.linspace(0, 2 * np.pi, segments, endpoint=False), indexing="ij"
+    )
     points = radius * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
     first = np.arange((rings - 2) * segments).reshape(-1, segments)
     second = np.roll(first, -1, axis=1)

@@ -81,7 +81,9 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
     colour = both.color_attributes.new("Point", "FLOAT_COLOR", "POINT")
     colour.data.foreach_set("color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], count, axis=0).astype(np.float32).ravel())
     corner = both.color_attributes.new("Corner", "BYTE_COLOR", "CORNER")
-    corner.data.foreach_set("color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], 4 * len(arm.polygons), axis=0).astype(np.float32).ravel())
+    corner.data.foreach_set(
+        "color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], 4 * len(arm.polygons), axis=0).astype(np.float32).ravel()
+    )
     both.color_attributes.active_color_index = 1
     made = lod(1, new("both", both), way).data
     neighbours = {v.index: set() for v in made.vertices}
@@ -99,7 +101,12 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
                 todo += neighbours[vertex]
         cloth = {p.material_index for p in made.polygons if p.vertices[0] in part}
         blue = {round(made.color_attributes["Point"].data[v].color[2], 3) for v in part}
-        corners = {round(made.color_attributes["Corner"].data[i].color[2], 2) for p in made.polygons if p.vertices[0] in part for i in p.loop_indices}
+        corners = {
+            round(made.color_attributes["Corner"].data[i].color[2], 2)
+            for p in made.polygons
+            if p.vertices[0] in part
+            for i in p.loop_indices
+        }
         assert len(cloth) == 1 and blue == corners == cloth
         seen |= cloth
         if len(seen) == 2:
@@ -159,9 +166,10 @@ def test_sharp_edges_and_flat_faces_stay(way):
             vertex.co.y *= 1.4
     body.update()
     for edge in body.edges:
-        edge.use_edge_sharp = all(0.99 < body.vertices[v].co.z < 1.1 for v in edge.vertices) and len(
-            {round(body.vertices[v].co.z, 3) for v in edge.vertices}
-        ) == 1
+        edge.use_edge_sharp = (
+            all(0.99 < body.vertices[v].co.z < 1.1 for v in edge.vertices)
+            and len({round(body.vertices[v].co.z, 3) for v in edge.vertices}) == 1
+        )
     for polygon in body.polygons:
         polygon.use_smooth = polygon.center.z < 1.8
     made = lod(1, new("body", body), way).data

@@ -51,7 +51,9 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
     for k, name in enumerate(levels_seen):
         for home in bpy.data.collections[name].children:
             item = home.objects[0] if home.objects[0].type == "MESH" else home.objects[1]
-            finest = next(o for o in levels.children[0].children[levels.children[k].children.find(home.name)].all_objects if o.type == "MESH")
+            finest = next(
+                o for o in levels.children[0].children[levels.children[k].children.find(home.name)].all_objects if o.type == "MESH"
+            )
             mesh = item.data
             assert [m.name for m in mesh.materials] == [m.name for m in finest.data.materials]
             used = np.empty(len(mesh.polygons), np.int32)

@@ -99,7 +99,13 @@ def live_again(scene, group, number, phase):
 
 @pytest.mark.parametrize(
     "position, shutter, stretch, between",
-    [("CENTER", 0.8, 100, False), ("START", 0.9, 100, False), ("END", 0.9, 150, False), ("CENTER", 0.8, 100, True), ("END", 0.9, 150, True)],
+    [
+        ("CENTER", 0.8, 100, False),
+        ("START", 0.9, 100, False),
+        ("END", 0.9, 150, False),
+        ("CENTER", 0.8, 100, True),
+        ("END", 0.9, 150, True),
+    ],
 )
 def test_cycles_blurs_an_agent_as_it_blurs_the_rig_itself(bender, tmp_path, position, shutter, stretch, between):
     scene = bpy.context.scene

@@ -142,10 +142,14 @@ def test_a_text_is_posed_as_a_mesh_that_shows_as_it_does_and_hair_keeps_its_shap
     list(make_levels(scene))
     posed = finished(make_poses(scene))
     for k in range(2):
-        signs, hairs = ([item for _, items in posed.collections[k] for item in items if kind in item.name] for kind in ("sign", "hair"))
+        signs, hairs = (
+            [item for _, items in posed.collections[k] for item in items if kind in item.name] for kind in ("sign", "hair")
+        )
         assert len(signs) == len(hairs) == posed.counts[0, k] > 8
         assert {item.type for item in signs} == {"MESH"} and {item.type for item in hairs} == {"CURVES"}
-        assert all(item.material_slots[0].material.name == "own" and not item.visible_shadow and item["looks"] == 3 for item in signs)
+        assert all(
+            item.material_slots[0].material.name == "own" and not item.visible_shadow and item["looks"] == 3 for item in signs
+        )
         for items in (signs, hairs):
             x = [item.matrix_world.translation.x for item in items]
             assert x[0] == pytest.approx(0) and max(x) > 2.5

@@ -56,7 +56,10 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "lit.blend"))
     out = tmp_path / "out"
     capfd.readouterr()  # Blender says that it has saved
-    assert run("verify", tmp_path / "lit.blend", "--frames", "1,30", "--width", 96, "--samples", 2, "--out", out, "--json", "--quiet") == 0
+    assert (
+        run("verify", tmp_path / "lit.blend", "--frames", "1,30", "--width", 96, "--samples", 2, "--out", out, "--json", "--quiet")
+        == 0
+    )
     said = json.loads(capfd.readouterr().out)
     result = json.loads((out / "verify.json").read_text())
     assert said["frames"] == result["frames"] and result["ok"] and [row["frame"] for row in result["frames"]] == [1, 30]
@@ -170,7 +173,10 @@ def test_one_agent_alone_is_rounded_as_among_many(lit, tmp_path):
 
 def test_ended_early_it_leaves_file_and_folder_as_they_were(lit, tmp_path):
     def blocks():
-        return {kind: len(getattr(bpy.data, kind)) for kind in ("objects", "meshes", "scenes", "collections", "worlds", "node_groups", "images")}
+        return {
+            kind: len(getattr(bpy.data, kind))
+            for kind in ("objects", "meshes", "scenes", "collections", "worlds", "node_groups", "images")
+        }
 
     before = blocks()
     steps = verify(lit, Verify([1, 2], tmp_path / "out", 32, 1), ["test"])

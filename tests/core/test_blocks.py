@@ -156,7 +156,9 @@ def test_agents_of_mixed_groups_at_nan_and_beyond_the_map():
 ONWARDS = machine({"on": {"color": "#ff0000", "on": {"*": {"move": [3, 0.5]}}}}, "reflect")
 
 
-@pytest.mark.parametrize("table", [*map(walking, ("wrap", "reflect", "clamp", "stop")), ONWARDS], ids=["wrap", "reflect", "clamp", "stop", "onwards"])
+@pytest.mark.parametrize(
+    "table", [*map(walking, ("wrap", "reflect", "clamp", "stop")), ONWARDS], ids=["wrap", "reflect", "clamp", "stop", "onwards"]
+)
 def test_agents_that_cross_the_map_between_two_makings_of_the_blocks(table):
     trajectory = shot(table, ground([(3, 4)]), count=1500)
     trajectory.seconds_per_frame = 0.7

@@ -52,7 +52,9 @@ def test_a_disc_that_grows_shifts_by_as_much_and_one_that_is_gone_by_the_most():
 def test_no_point_off_by_its_lods_deviation_lies_off_by_more_pixels_than_predicted(kind):
     random = np.random.default_rng(3)
     trajectory, camera = shot(), straight(kind=kind)
-    groups = tuple(replace(group, deviations=off) for group, off in zip(trajectory.groups, ((0, 0.1, 0.4), (0, 0.05, 1.5)), strict=True))
+    groups = tuple(
+        replace(group, deviations=off) for group, off in zip(trajectory.groups, ((0, 0.1, 0.4), (0, 0.05, 1.5)), strict=True)
+    )
     frame = plan(trajectory, camera, LevelPolicy((0.3, 0.6)), 20)
     agents = np.repeat(frame.buckets.order, 300)
     crowd, group = frame.crowd, frame.crowd.group[agents]

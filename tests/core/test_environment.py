@@ -29,9 +29,7 @@ def checkout(tmp_path):
 
 
 def run(*command, **variables):
-    return subprocess.run(
-        command, check=False, env=variables, stdin=subprocess.DEVNULL, capture_output=True, text=True
-    )
+    return subprocess.run(command, check=False, env=variables, stdin=subprocess.DEVNULL, capture_output=True, text=True)
 
 
 @pytest.fixture
@@ -51,8 +49,7 @@ def test_without_python_it_says_what_to_install(checkout, bare, tmp_path):
     result = run("/bin/sh", link, "test", **bare)
     assert (result.returncode, result.stdout) == (1, "")
     assert result.stderr == (
-        "crowd-lod: install Python 3.13 or 3.11 with its venv module "
-        "(Debian: apt-get install -y python3-venv) or uv.\n"
+        "crowd-lod: install Python 3.13 or 3.11 with its venv module (Debian: apt-get install -y python3-venv) or uv.\n"
     )
 
 

@@ -18,7 +18,17 @@ def row(k, **more):
 
 
 def plan(name="adult", **levels):
-    frame = {"frame": 1, "agents": 4096, "visible": 1000, "culled": 3096, "lod0": 10, "lod1": 990, "triangles": 10, "full_triangles": 40, "culling_ms": 1.5}
+    frame = {
+        "frame": 1,
+        "agents": 4096,
+        "visible": 1000,
+        "culled": 3096,
+        "lod0": 10,
+        "lod1": 990,
+        "triangles": 10,
+        "full_triangles": 40,
+        "culling_ms": 1.5,
+    }
     return {
         "scene": {"name": name, "file": None},
         "made_with": {"crowd_lod": "1", "blender": "5.2"},

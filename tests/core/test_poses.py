@@ -106,7 +106,8 @@ def of_curve(kink=0.0):
     way = curve(2 * MOST, kink)
     longest = np.linalg.norm(np.roll(way[::2], -1, axis=0) - way[::2], axis=1).max()
     rough, fine = (
-        np.linalg.norm((way[::step] + np.roll(way[::step], -1, axis=0)) / 2 - way[step // 2 :: step], axis=1).max() for step in (4, 2)
+        np.linalg.norm((way[::step] + np.roll(way[::step], -1, axis=0)) / 2 - way[step // 2 :: step], axis=1).max()
+        for step in (4, 2)
     )
     return Motion(MOST * longest, (rough, fine))
 
@@ -234,7 +235,11 @@ def table(*speeds, edge="clamp"):
 
 
 def test_an_action_has_a_rate_for_each_speed_if_it_plays_by_the_way_and_one_if_by_time():
-    groups = Group("a", 1, 1, stride=2.0, period=1.0), Group("b", 1, 1, stride=0.0, period=0.5), Group("c", 1, 1, stride=0.0, period=0.0)
+    groups = (
+        Group("a", 1, 1, stride=2.0, period=1.0),
+        Group("b", 1, 1, stride=0.0, period=0.5),
+        Group("c", 1, 1, stride=0.0, period=0.0),
+    )
     inf = np.inf
     assert rates_of(groups, table(1.0, 3.0, 1.0)).tolist() == [[0.5, 1.5], [2.0, inf], [0.0, inf]]
     assert rates_of(groups[:1], table(1.0, 0.0)).tolist() == [[0.0, 0.5]]

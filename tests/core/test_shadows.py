@@ -24,7 +24,9 @@ from .crowds import crowd_at
 from .test_culling import ONE, straight
 from .test_frame import shot
 
-SUNS = [Light(None, np.array(way) / np.linalg.norm(way), angle=angle) for way in ((1, 0, -1), (-0.2, 1, -0.3)) for angle in (0, 0.2)]
+SUNS = [
+    Light(None, np.array(way) / np.linalg.norm(way), angle=angle) for way in ((1, 0, -1), (-0.2, 1, -0.3)) for angle in (0, 0.2)
+]
 LAMPS = [
     Light(np.array([20.0, 40, 15]), np.array([0, 0, -1.0]), 0.5),
     Light(np.array([-60.0, 30, 10]), np.array([1.0, 0, 0]), 1.0, np.pi / 2),
@@ -110,7 +112,9 @@ def test_without_a_way_to_go_it_is_the_radar_test(lens):
         camera = random_camera(random, lens)
         radius = 10.0 ** random.uniform(-3, 1.5, 200)
         points = scatter(camera, radius, random)
-        visible = np.concatenate([radar(crowd_at(p[None]), camera, ONE, np.array([r]))[0] for p, r in zip(points, radius, strict=True)])
+        visible = np.concatenate(
+            [radar(crowd_at(p[None]), camera, ONE, np.array([r]))[0] for p, r in zip(points, radius, strict=True)]
+        )
         assert not (visible & ~within(view(camera), points, radius)).any()
 
 

@@ -22,7 +22,10 @@ def tube(rings=40, around=24):
     k, low, high = (j + 1) % around, len(points) - 2, len(points) - 1
     a, b, c, d = i * around + j, i * around + k, (i + 1) * around + j, (i + 1) * around + k
     first, last = np.arange(around), np.arange(around) + (rings - 1) * around
-    caps = [np.column_stack([np.roll(first, -1), first, np.full(around, low)]), np.column_stack([last, np.roll(last, -1), np.full(around, high)])]
+    caps = [
+        np.column_stack([np.roll(first, -1), first, np.full(around, low)]),
+        np.column_stack([last, np.roll(last, -1), np.full(around, high)]),
+    ]
     return points, np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c]), *caps])
 
 

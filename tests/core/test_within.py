@@ -86,6 +86,7 @@ def test_rounds_of_trapped_agents_are_left_out_to_the_bit(edge, monkeypatch):
     table, random = machine(states, edge), np.random.default_rng(2)
     world = LabelMap(random.integers(2, size=(60, 50), dtype=np.uint8), AREA)
     quick = slow = populate(1000, 1, 1, table, world)
+
     def one_by_one(now, met, agents, idle, patience):
         return np.zeros_like(idle)
 

@@ -17,8 +17,7 @@ class Agent:
         self.count = columns, rows
         self.size = [(b - a) / n for a, b, n in zip(self.low, self.high, self.count, strict=True)]
         self.cell = [
-            min(floor((p - a) / d), n - 1)
-            for p, a, d, n in zip((self.x, self.y), self.low, self.size, self.count, strict=True)
+            min(floor((p - a) / d), n - 1) for p, a, d, n in zip((self.x, self.y), self.low, self.size, self.count, strict=True)
         ]
         self.reads = 0
         self.stood = False

@@ -90,7 +90,9 @@ def test_agents_on_planes_and_on_lod_borders_are_left_open_and_right(lens, tally
         radius = np.full(400, 10.0 ** random.uniform(-1, 1))
         group = replace(walker(), centre=0.0, radius=float(radius[0]))
         points = scatter(camera, radius, random, 0.5)
-        on_border = points[:40] + np.outer(0.25 * camera.far - (points[:40] - camera.origin) @ camera.Z, camera.Z) / (camera.Z @ camera.Z)
+        on_border = points[:40] + np.outer(0.25 * camera.far - (points[:40] - camera.origin) @ camera.Z, camera.Z) / (
+            camera.Z @ camera.Z
+        )
         points = np.concatenate([points, on_border])
         low, high = points.min(axis=0) - 1, points.max(axis=0) + 1
         table = machine()

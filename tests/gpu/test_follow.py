@@ -15,9 +15,7 @@ def scene():
     scene.collection.children.link(characters)
     for name, height in (("cone", 1.0), ("cube", 2.0)):
         mesh = bpy.data.meshes.new(name)
-        mesh.from_pydata(
-            [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)]
-        )
+        mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
         characters.objects.link(bpy.data.objects.new(name, mesh))
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     camera.location, camera.rotation_euler = (0, -40, 2), (1.5708, 0, 0)

@@ -13,9 +13,7 @@ import bpy
 
 MODULE = "bl_ext.user_default.crowd_lod"
 PATIENCE = 300.0  # seconds until a button's work counts as hung
-KINDS = (
-    "actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds"
-).split()
+KINDS = ("actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds").split()
 pictures = []
 
 
