@@ -27,9 +27,9 @@ EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithm
 @dataclass(frozen=True)
 class Verdict:
     """What `check` found. pairs: of camera and agent. visible: truly, by exact planes. kept: by the culling. missed:
-    visible and not kept. surplus: kept, not visible; grazing: those of them within roundings of a plane. beside: visible by the planes, but the sphere misses the frustum's
-    body, at an edge or corner. doubtful: pairs that float64 could not decide, exact arithmetic did. depth_error: the
-    largest error of a distance, as a part of the bound that levels.assign states."""
+    visible and not kept. surplus: kept, not visible; grazing: those of them within roundings of a plane. beside: visible by the
+    planes, but the sphere misses the frustum's body, at an edge or corner. doubtful: pairs that float64 could not decide, exact
+    arithmetic did. depth_error: the largest error of a distance, as a part of the bound that levels.assign states."""
 
     pairs: int = 0
     visible: int = 0

@@ -38,11 +38,11 @@ class Blocks:
     """The crowd's blocks at one time.
 
     order: (n,) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
-    order[groups[g]:groups[g + 1]]. spheres: (2, G) float64, each group's centre and radius, metres. tiers: of each, the largest blocks first, (agents a block, boxes (8, b) float64, first
-    group and last group (2, b) uint8); the boxes' rows are centre x, y, z, half width along x, y, z, and the least and the
-    greatest radius of their spheres, metres. The last blocks repeat the last agent, to be full. extent: the largest
-    coordinate, metres. finite: no agent stands at NaN or infinity. floor: the height of all agents' feet for as long as the
-    blocks hold; None if they differ.
+    order[groups[g]:groups[g + 1]]. spheres: (2, G) float64, each group's centre and radius, metres. tiers: of each, the largest
+    blocks first, (agents a block, boxes (8, b) float64, first group and last group (2, b) uint8); the boxes' rows are centre x,
+    y, z, half width along x, y, z, and the least and the greatest radius of their spheres, metres. The last blocks repeat the
+    last agent, to be full. extent: the largest coordinate, metres. finite: no agent stands at NaN or infinity. floor: the
+    height of all agents' feet for as long as the blocks hold; None if they differ.
     """
 
     order: np.ndarray
@@ -276,10 +276,10 @@ def decide(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(levels, places): what the blocks decide, and which agents they leave open.
 
-    crowd: as it stands at the first of the looks' times. looks: of each time at which agents may be seen, those of the eyes; LODs follow from the first time's. limits:
-    (G, n - 1) metres where LODs begin, None if they depend on more than distance. margin, radial: as for `radar`.
-    levels: (n,) uint8, in the blocks' order: LODs of agents in decided blocks, CULLED where these are not seen.
-    places: (m,) intp, rising: where in the order the agents stand that are left open.
+    crowd: as it stands at the first of the looks' times. looks: of each time at which agents may be seen, those of the eyes;
+    LODs follow from the first time's. limits: (G, n - 1) metres where LODs begin, None if they depend on more than distance.
+    margin, radial: as for `radar`. levels: (n,) uint8, in the blocks' order: LODs of agents in decided blocks, CULLED where
+    these are not seen. places: (m,) intp, rising: where in the order the agents stand that are left open.
     """
     steps = [] if limits is None else [_steps(step) for step in limits.T]
     size, boxes, _ = blocks.tiers[0]

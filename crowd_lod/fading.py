@@ -37,9 +37,9 @@ def fade(
 ) -> tuple[np.ndarray, np.ndarray]:
     """(finer, share): of agents near a limit the finer of its two LODs, and how much of the coarser one shows.
 
-    distance, group, factor: as in levels.assign. begins: (G, n - 1), where LODs begin, from levels.limits. width: the part of a limit's distance by which the fade begins
-    before it and ends behind it; where limits are nearer to one another, half their gap.
-    finer: (n,) uint8. share: (n,) float32 in [0, 1], a half at the limit; 0 where only the LOD `finer` shows. What the
+    distance, group, factor: as in levels.assign. begins: (G, n - 1), where LODs begin, from levels.limits. width: the part of a
+    limit's distance by which the fade begins before it and ends behind it; where limits are nearer to one another, half their
+    gap. finer: (n,) uint8. share: (n,) float32 in [0, 1], a half at the limit; 0 where only the LOD `finer` shows. What the
     finer LOD leaves out of a dither pattern the coarser one fills in.
     """
     if factor is not None:

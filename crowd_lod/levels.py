@@ -80,9 +80,9 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     """Distances (G, n - 1) float64 in metres at which each group's LODs 1 ... n - 1 begin, not decreasing.
 
     radius: (G,) metres, of the bounding spheres. deviation: (G, n) metres, of each LOD's surface from the full mesh,
-    which a tolerance needs. With p pixels per unit slope, a length e shows e p / d pixels at the distance d, in the middle of the picture (sqrt(1 + s^2) of that at
-    a slope s from it); the nearest part of an agent is up to its radius nearer than its centre. An orthographic camera
-    shows e p pixels at any distance: a LOD then begins at -infinity or never.
+    which a tolerance needs. With p pixels per unit slope, a length e shows e p / d pixels at the distance d, in the middle of
+    the picture (sqrt(1 + s^2) of that at a slope s from it); the nearest part of an agent is up to its radius nearer than its
+    centre. An orthographic camera shows e p pixels at any distance: a LOD then begins at -infinity or never.
     """
     groups, steps = len(radius), len(policy.thresholds)
     own = dict(enumerate(policy.group_thresholds))

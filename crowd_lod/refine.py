@@ -152,8 +152,8 @@ class Fit:
 
     def move(self, steps: int) -> None:
         """Move the points `steps` times, by least squares weighed by how far the samples were off at this and the moves
-        before, against others near them, which leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least
-        maximum approximation", 1961."""
+        before, against others near them, which leads to the least worst distance everywhere at once. Source: Lawson,
+        "Contributions to the theory of linear least maximum approximation", 1961."""
         n, some = self.lod.points.shape[1], self.landed >= 0
         # what each triangle stands for
         facing = np.stack([np.bincount(self.landed[some], x[some], n) for x in self.outward])

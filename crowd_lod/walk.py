@@ -3,9 +3,9 @@
 Between two cell borders an agent walks straight at a constant velocity, so its way is piecewise linear and known exactly.
 The exact walk is what listing 1.1 tends to as its steps become short: an agent reads the table until its state no
 longer changes, and only then walks to the next border; between two reads it moves not at all, but for this: if a
-rule heads out over the border that it stands on, as that of a wall does, it is out. A step (behaviour.py) reads once in each piece, so
-the two agree, but for rounding, wherever a rule moves as the state that it leads to does; elsewhere an agent keeps the
-rule's own velocity for at most a step, and the error is of first order in the step.
+rule heads out over the border that it stands on, as that of a wall does, it is out. A step (behaviour.py) reads once in each
+piece, so the two agree, but for rounding, wherever a rule moves as the state that it leads to does; elsewhere an agent keeps
+the rule's own velocity for at most a step, and the error is of first order in the step.
 
 Some tables have no limit: one that turns an agent a little at each read, first further in and then out again (the plaza's,
 along its houses), lets it out after one read more or less, depending on where in a step it came to the border, however

@@ -39,10 +39,10 @@ class Posed:
 
     counts: (G, n), poses of each group and LOD, at each of its rates. blurred: whether their vertices have velocities, by
     which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. coarse, bent: (G, n), and
-    closed: (G,), see Library. off: pixels that a vertex is at most, about, from its place at the agent's own phase, where a LOD begins
-    (LOD 0, which begins at the camera, left out).
-    collections: of each LOD its poses, each a collection's name and objects; sorted by name they stand in the order of
-    pose_of. names: what each new block is to be called, as soon as those of an earlier build have gone.
+    closed: (G,), see Library. off: pixels that a vertex is at most, about, from its place at the agent's own phase, where a LOD
+    begins (LOD 0, which begins at the camera, left out). collections: of each LOD its poses, each a collection's name and
+    objects; sorted by name they stand in the order of pose_of. names: what each new block is to be called, as soon as those of
+    an earlier build have gone.
     """
 
     counts: np.ndarray
