@@ -172,7 +172,7 @@ def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.n
     of = counts[group]
     first = first_poses(counts, rates)[group]
     if rates.shape[1] > 1:
-        first += np.abs(rates[group] - rate[:, None]).argmin(axis=1) * of
+        first = first + np.abs(rates[group] - rate[:, None]).argmin(axis=1) * of
     nearest = np.rint(phase * of)
     nearest[nearest >= of] = 0  # sooner than %
     return (first + nearest).astype(np.int32)

@@ -25,7 +25,8 @@ FINEST = 5  # samples along a side, at most
 
 
 class Fit:
-    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, and the state() then.
+    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far with no more
+    triangles turned() than at first, `askew`, and the state() then.
 
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
@@ -38,7 +39,7 @@ class Fit:
         ends = landed[seams].T
         self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
         self.outward = normals_of(source, source_triangles).T
-        self.least, self.best, self.most = np.inf, None, len(triangles)
+        self.least, self.best, self.askew, self.most = np.inf, None, 0, len(triangles)
         # the source's points
         self.landed, self.mine = landed, np.flatnonzero(landed >= 0)
         self.there = self.source.points.take(self.mine, 1)
@@ -101,9 +102,26 @@ class Fit:
             self.lod.doubt(self.face, self.weights, self.there, 4)
             self.source.doubt(self.hit, self.hit_weights, here, 4)
         if self.worst < self.least:
-            self.least = self.worst
-            self.best = self.state()
+            turned = self.turned()
+            self.askew = turned if self.best is None else self.askew
+            if turned <= self.askew:
+                self.least, self.best = self.worst, self.state()
         return self.worst
+
+    def facing(self) -> np.ndarray:
+        """(3, m): about the normals of what each of the LOD's triangles stands for."""
+        n, some = self.lod.points.shape[1], self.landed >= 0
+        facing = np.stack([np.bincount(self.landed[some], x[some], n) for x in self.outward])
+        return (facing / (length(facing) + 1e-300))[:, self.lod.corners].sum(axis=1)
+
+    def turned(self) -> int:
+        """How many of the LOD's triangles face away from the source's that is nearest to their middle."""
+        m = self.lod.corners.shape[1]  # the first samples
+        own, theirs = (
+            normals(*(surface.points.take(c, 1) for c in surface.corners.take(face, 1)))
+            for surface, face in ((self.lod, np.arange(m)), (self.source, self.hit[:m]))
+        )
+        return int((np.einsum("dn,dn->n", own, theirs) < 0).sum())
 
     def watch(self) -> bool:
         """Take up what of the source's surface between its points is far from the LOD; whether anything is."""
@@ -154,10 +172,7 @@ class Fit:
         """Move the points `steps` times, by least squares weighed by how far the samples were off at this and the moves
         before, against others near them, which leads to the least worst distance everywhere at once. Source: Lawson,
         "Contributions to the theory of linear least maximum approximation", 1961."""
-        n, some = self.lod.points.shape[1], self.landed >= 0
-        # what each triangle stands for
-        facing = np.stack([np.bincount(self.landed[some], x[some], n) for x in self.outward])
-        facing = (facing / (length(facing) + 1e-300))[:, self.lod.corners].sum(axis=1)
+        n, facing = self.lod.points.shape[1], self.facing()
         for step in range(steps):
             if self.worst < FINE:
                 return
