@@ -25,8 +25,8 @@ FINEST = 5  # samples along a side, at most
 
 
 class Fit:
-    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far with no more
-    triangles turned() than at first, `askew`, and the state() then.
+    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, with no triangle turned()
+    unless some were at first, as of a `rough` source, and the state() then.
 
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
@@ -39,7 +39,7 @@ class Fit:
         ends = landed[seams].T
         self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
         self.outward = normals_of(source, source_triangles).T
-        self.least, self.best, self.askew, self.most = np.inf, None, 0, len(triangles)
+        self.least, self.best, self.rough, self.most = np.inf, None, False, len(triangles)
         # the source's points
         self.landed, self.mine = landed, np.flatnonzero(landed >= 0)
         self.there = self.source.points.take(self.mine, 1)
@@ -103,8 +103,8 @@ class Fit:
             self.source.doubt(self.hit, self.hit_weights, here, 4)
         if self.worst < self.least:
             turned = self.turned()
-            self.askew = turned if self.best is None else self.askew
-            if turned <= self.askew:
+            self.rough = turned > 0 if self.best is None else self.rough
+            if self.rough or not turned:
                 self.least, self.best = self.worst, self.state()
         return self.worst
 
