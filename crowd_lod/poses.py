@@ -159,6 +159,11 @@ def first_poses(counts: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.append(0, np.cumsum(counts * np.isfinite(rates).sum(axis=1)))
 
 
+def nearest_rate(rate: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    """(m,) intp: which of each agent's `rates`, (m, r) or (1, r) for all, is nearest to its own `rate` (m,)."""
+    return np.abs(rates - rate[:, None]).argmin(axis=1)
+
+
 def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """(m,) int32: the pose nearest to each agent's phase, of those for the rate nearest to its own, as an index into all
     groups' poses of one LOD in turn.
@@ -172,7 +177,7 @@ def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.n
     of = counts[group]
     first = first_poses(counts, rates)[group]
     if rates.shape[1] > 1:
-        first = first + np.abs(rates[group] - rate[:, None]).argmin(axis=1) * of
+        first = first + nearest_rate(rate, rates[group]) * of
     nearest = np.rint(phase * of)
     nearest[nearest >= of] = 0  # sooner than %
     return (first + nearest).astype(np.int32)

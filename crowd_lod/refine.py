@@ -13,7 +13,6 @@ LOCAL = 0.8  # the worst near it: of this power, to the rest the worst of all
 LAZY = 0.01  # weight, of all points' mean, that holds a point in place
 STRIDE = 0.8  # of each move
 FINE = 1e-6  # no moves below this worst distance
-UPRIGHT = 0.0  # least cosine between a triangle's normal and that of what it stands for that a move may lead to
 HALVES = 3  # times that a move which turns a triangle is halved before it is left
 FLIP = 0.9  # a flip must lessen the local worst distance to this part
 WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
@@ -322,13 +321,12 @@ def _unfolded(old, new, corners, facing) -> np.ndarray:
     far, or not at all."""
     was = normals(*(old.take(c, 1) for c in corners))
     size = np.einsum("dn,dn->n", was, was)
-    least = UPRIGHT * length(facing)
-    upright = np.einsum("dn,dn->n", was, facing) > least * np.sqrt(size)
+    upright = np.einsum("dn,dn->n", was, facing) > 0
     for k in range(20):
         now = normals(*(new.take(c, 1) for c in corners))
-        along, long = np.einsum("dn,dn->n", was, now), length(now)
-        bad = (along < 0.8 * np.sqrt(size) * long) | (along < 0.2 * size)
-        bad |= upright & (np.einsum("dn,dn->n", now, facing) < least * long)
+        along = np.einsum("dn,dn->n", was, now)
+        bad = (along < 0.8 * np.sqrt(size) * length(now)) | (along < 0.2 * size)
+        bad |= upright & (np.einsum("dn,dn->n", now, facing) < 0)
         stay = np.unique(corners[:, bad])
         stay = stay[(new[:, stay] != old[:, stay]).any(axis=0)]
         if not len(stay):

@@ -12,7 +12,7 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
-from ..crowd_lod.poses import Library, beside, pixels_per_metre, played, pose_of, rounded, shared
+from ..crowd_lod.poses import Library, beside, nearest_rate, pixels_per_metre, played, pose_of, rounded, shared
 from . import cameras, lights
 from . import scene as io
 from .build import BAKED, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
@@ -74,7 +74,7 @@ class Held:
         own = {"beside": other, "blend": share, **dict(zip(("mixed", "mixes"), shared(here, other, share), strict=True))}
         if self.ends:
             known = library.rates[group]
-            played_at = known[np.arange(len(near)), np.abs(known - rate[:, None]).argmin(axis=1)]
+            played_at = known[np.arange(len(near)), nearest_rate(rate, known)]
             own["blend_rate"] = (step * count * played_at * self.pace).astype(np.float32)
         pose[near] = here
         columns = {"pose": pose}

@@ -68,7 +68,8 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
     velocity that it has at a rate of the action, in each pose at each rate. Closed early, it leaves nothing behind.
     """
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
-    count = policy_of(scene.crowd_lod).count
+    policy = policy_of(scene.crowd_lod)
+    count, tolerance = policy.count, policy.tolerance
     blurred, rates = scene.render.use_motion_blur, np.zeros((len(characters), 1))
     if blurred:
         rates = rates_of(groups_of(scene.crowd_lod), machine_of(scene.crowd_lod))
@@ -78,11 +79,11 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
     try:
         for g, (_, objects, _) in enumerate(characters):
             share = MEASURING / len(characters)
-            motions.append((yield from _motion(objects, levels[0].children[g], g * share, share)))
+            motions.append((yield from _motion(objects, levels[0].children[g], bool(tolerance), g * share, share)))
         chains = [[level.children[g] for level in levels[:count]] for g in range(len(characters))]
         vertices = np.array([[_vertices(home) for home in chain] for chain in chains])
         mixed = np.array([all(_mixes(item) for home in chain for item in home.objects) for chain in chains])
-        pixels, tolerance = _pixels(scene, np.array([motion.path for motion in motions])), policy_of(scene.crowd_lod).tolerance
+        pixels = _pixels(scene, np.array([motion.path for motion in motions]))
         counts, coarse, bent, off = blended(motions, pixels, pose_counts(pixels, vertices, tolerance), mixed, tolerance)
         closed = np.array([motion.closed for motion in motions])
         worst = float(off[:, 1:].max(initial=0.0))
@@ -126,8 +127,11 @@ def _vertices(home: bpy.types.Collection) -> int:
     return sum(len(item.data.vertices) for item in home.objects if item.type == "MESH")
 
 
-def _motion(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: float, share: float) -> Iterator[float]:
-    """The Motion of the group of `objects`, whose LOD is `home`; yields the progress from `begin` on, `share` in all."""
+def _motion(
+    objects: list[bpy.types.Object], home: bpy.types.Collection, bends: bool, begin: float, share: float
+) -> Iterator[float]:
+    """The Motion of the group of `objects`, whose LOD is `home`, its path alone if not `bends`; yields the progress from `begin`
+    on, `share` in all."""
     first, last = action_range(objects)
     if first == last:
         return Motion()
@@ -140,10 +144,10 @@ def _motion(objects: list[bpy.types.Object], home: bpy.types.Collection, begin: 
 
         begins = ends = points(0)
         for half in range(0, 2 * MOST, 4):
-            seen = [ends, *(points(half + k) for k in range(1, 5))]
+            seen = {0: ends} | {k: points(half + k) for k in ((1, 2, 3, 4) if bends else (2, 4))}
             ends = seen[4]
             longest = max(longest, longest_step(seen[0], seen[2]), longest_step(seen[2], seen[4]))
-            if np.isfinite(longest):
+            if bends and np.isfinite(longest):
                 rough = max(rough, longest_step((seen[0] + seen[4]) / 2, seen[2]))
                 fine = max(fine, *(longest_step((seen[i] + seen[i + 2]) / 2, seen[i + 1]) for i in (0, 2)))
             yield begin + share * (half + 4) / (2 * MOST)
