@@ -74,6 +74,10 @@ class Crowd:
     def __len__(self) -> int:
         return len(self.x)
 
+    def of(self, agents: np.ndarray | slice) -> "Crowd":
+        """These agents alone."""
+        return Crowd(**{name: column[agents] for name, column in vars(self).items()})
+
 
 def runs(group: np.ndarray) -> list[tuple[int, int]]:
     """[(begin, end)] of the agents, group (n,), that follow one another in one group."""

@@ -2,11 +2,14 @@
 
 Until an agent comes to the border of its cell, or its timer ends, each step adds the same way to its place, and the same part
 of a cycle to its phase. For how many steps that is sure, is worked out once. While they last they are taken for all agents
-at once by a few additions, the same as those of behaviour.advance; only who has none left goes the long way.
+at once by a few additions, the same as those of behaviour.advance.
+
+Who has none left goes the long way. As no agent looks at another, the long steps of several frames to come, each agent's at its
+own time, are made together, and kept until their frames: the calls that such a step takes cost more than its agents.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -16,27 +19,45 @@ from .maps import LabelMap
 from .within import BLOCK, Tables, mended, play
 
 # The most steps that are known ahead.
-MOST = 255
-# Where more than this part of a crowd takes the long way, it is stepped faster as a whole.
+MOST = 4095
+# Steps whose long ones are made together: the most of which no more than this part of the crowd makes one.
+TOGETHER, FEW = (16, 4), 1 / 16
+# Where more than this part of a crowd makes a long step at a time, it is stepped faster as a whole.
 MANY = 0.25
-# Spacings of the map's largest coordinate by which a border counts as nearer than it is: far more than MOST roundings of a place.
-SLACK = 512
+# Spacings of the map's largest coordinate by which a border counts as nearer than it is: more than MOST roundings of a place.
+SLACK = 8192
+# Part of a timer by which it counts as shorter than it is: more than MOST roundings to float32.
+TICK = 3e-4
+
+
+@dataclass(frozen=True)
+class Turn:
+    """The long steps of one frame. agents: (m,) intp, who makes one; after: (m,) of each column of the crowd that this changes;
+    case: (m,), what they do from then on."""
+
+    agents: np.ndarray
+    after: dict[str, np.ndarray]
+    case: np.ndarray
+
+
+NOBODY = Turn(np.empty(0, np.intp), {}, np.empty(0, np.intp))
 
 
 @dataclass(frozen=True)
 class Ahead:
-    """What is known of a crowd's next steps. case: (n,), what each agent does (within.Tables); steps: (n,) uint8, for how many
-    steps of so many `seconds` it surely does that and nothing else."""
+    """What is known of a crowd's next steps. case: (n,), what each agent does (within.Tables); steps: (n,) uint16, for how many
+    steps of so many `seconds` it surely does that and nothing else; turns: of the steps that come before those."""
 
     case: np.ndarray
     steps: np.ndarray
     seconds: float
+    turns: tuple[Turn, ...] = ()
 
 
 @np.errstate(divide="ignore", invalid="ignore")
 def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -> Ahead:
     """What is known of the crowd's next steps, of those that the `tables` are for."""
-    case, steps = np.empty(len(crowd), tables.number), np.empty(len(crowd), np.uint8)
+    case, steps = np.empty(len(crowd), tables.number), np.empty(len(crowd), np.uint16)
     area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
     sides = (crowd.x, tables.x, area.x_min, width, columns), (crowd.y, tables.y, area.y_min, depth, rows)
     # by less than a cell a step, agents go on through cells of the same label, in one row or in one column of them
@@ -55,44 +76,93 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
             np.minimum(least, room / np.abs(by), where=by != 0, out=least)
             least[~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))] = 0  # -0.0 + 0.0 is another
         if machine.timed:
-            least = np.minimum(least, crowd.wait[block] / tables.seconds * (1 - 1e-4) - 2)  # it is rounded to float32 each step
+            least = np.minimum(least, crowd.wait[block] / tables.seconds * (1 - TICK) - 2)
         least[tables.turns.take(of) & (tables.heading.take(of) != crowd.heading[block])] = 0
         case[block], steps[block] = of, np.where(least >= 1, least, 0)
     return Ahead(case, steps, tables.seconds)
 
 
-def onward(
-    crowd: Crowd,
-    ahead: Ahead,
-    machine: StateMachine,
-    world: LabelMap,
-    tables: Tables,
-    way: Callable[[Crowd], Crowd],
-) -> tuple[Crowd, Ahead | None]:
+def opened(
+    crowd: Crowd, ahead: Ahead, machine: StateMachine, world: LabelMap, tables: Tables, way: Callable[[Crowd], Crowd]
+) -> Ahead | None:
+    """What is known of the crowd's next steps, with some `turns`, where there were none left; None if too many agents make long
+    steps. way: makes a step of the `tables` for agents of whom nothing is known."""
+    for count, part in *((count, FEW) for count in TOGETHER), (1, MANY):
+        agents = np.flatnonzero(ahead.steps < count)
+        if len(agents) <= part * len(crowd):
+            break
+    else:
+        return None
+    left, made = ahead.steps - np.uint16(count), []
+    some, case, steps, at = crowd.of(agents), ahead.case[agents], ahead.steps[agents].astype(int), 0
+    while len(agents):
+        some = _on(some, case, steps, tables)
+        other = way(some)
+        there = look(other, machine, world, tables)
+        at = at + steps
+        made.append((at, agents, some, other, there.case))
+        at, steps = at + 1, there.steps.astype(int)
+        left[agents] = np.maximum(at + steps - count, 0)
+        again = np.flatnonzero(at + steps < count)
+        agents, some, case, steps, at = agents[again], other.of(again), there.case[again], steps[again], at[again]
+    return replace(ahead, steps=left, turns=_turns(made, count, tables.changing) if made else (NOBODY,) * count)
+
+
+def onward(crowd: Crowd, ahead: Ahead, tables: Tables, way: Callable[[Crowd], Crowd]) -> tuple[Crowd, Ahead | None]:
     """(crowd, what is known of it then) a step of the `tables` later, which is as long as those that are known `ahead`, or
     shorter: then nothing is known after it. way: makes that step for agents of whom nothing is known."""
-    due = np.flatnonzero(ahead.steps == 0)
-    if len(due) > MANY * len(crowd):
-        return way(crowd), None
-    moved, other = mended(_go_on(crowd, ahead, tables), crowd, due, way)
+    turn, *turns = ahead.turns
+    columns = {name: np.empty_like(getattr(crowd, name)) for name in tables.changing}
+    _go_on(crowd, ahead.case, tables, columns)
     if tables.seconds != ahead.seconds:
-        return moved, None
-    case, steps, there = ahead.case.copy(), ahead.steps - np.uint8(1), look(other, machine, world, tables)
-    case[due], steps[due] = there.case, there.steps
-    return moved, Ahead(case, steps, ahead.seconds)
+        return mended(replace(crowd, **columns), crowd, turn.agents, way), None
+    case = ahead.case
+    if len(turn.agents):
+        case = case.copy()
+        case[turn.agents] = turn.case
+    for name, values in turn.after.items():
+        if name not in columns:
+            columns[name] = getattr(crowd, name).copy()
+        columns[name][turn.agents] = values
+    return replace(crowd, **columns), replace(ahead, case=case, turns=tuple(turns))
 
 
-def _go_on(crowd: Crowd, ahead: Ahead, tables: Tables) -> Crowd:
-    """The crowd a step of the `tables` later, right for whom `ahead` knows a step. Columns that stay are those of `crowd`."""
-    moved = {name: np.empty_like(getattr(crowd, name)) for name in tables.changing}
+def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ...]:
+    """The turns of `count` steps. made: (when (k,), agents (k,), these before and after it, what they do then (k,)); changing:
+    columns that steps known ahead change."""
+    when, agents, case = (np.concatenate([each[k] for each in made]) for k in (0, 1, 4))
+    order = np.argsort(when, kind="stable")
+    ends = np.searchsorted(when[order], np.arange(1, count))
+    after = [{} for _ in range(count)]
+    for name in (field.name for field in fields(Crowd)):
+        columns = (np.concatenate([getattr(each[k], name) for each in made])[order] for k in (2, 3))
+        for turn, (old, new) in zip(after, zip(*(np.split(each, ends) for each in columns), strict=True), strict=True):
+            if name in changing or old.tobytes() != new.tobytes():
+                turn[name] = new
+    return tuple(map(Turn, np.split(agents[order], ends), after, np.split(case[order], ends)))
+
+
+def _on(crowd: Crowd, case: np.ndarray, steps: np.ndarray, tables: Tables) -> Crowd:
+    """The crowd after so many `steps` (n,) of the `tables`, each agent's own, of which all are known."""
+    order = np.argsort(-steps, kind="stable")
+    crowd, case, steps = crowd.of(order), case[order], steps[order]
+    for count in np.searchsorted(-steps, -np.arange(steps.max()), side="left").tolist():
+        some = crowd.of(slice(count))
+        _go_on(some, case[:count], tables, vars(some))
+    back = np.empty_like(order)
+    back[order] = np.arange(len(order))
+    return crowd.of(back)
+
+
+def _go_on(crowd: Crowd, cases: np.ndarray, tables: Tables, into: dict[str, np.ndarray]) -> None:
+    """Put the columns that a step of the `tables` changes `into` those of the same name, right for whom that step is known."""
     for at in range(0, len(crowd), BLOCK):
         block = slice(at, at + BLOCK)
-        case = ahead.case[block].astype(np.intp)
+        case = cases[block].astype(np.intp)
         for name, way in (("x", tables.x), ("y", tables.y)):
-            if name in moved:
-                np.add(getattr(crowd, name)[block], way.take(case, mode="clip"), out=moved[name][block])
-        if "wait" in moved:
-            moved["wait"][block] = crowd.wait[block].astype(np.float64) - tables.seconds
-        if "phase" in moved:
-            play(crowd.phase[block], tables, case, crowd.group[block], moved["phase"][block])
-    return replace(crowd, **moved)
+            if name in tables.changing:
+                np.add(getattr(crowd, name)[block], way.take(case, mode="clip"), out=into[name][block])
+        if "wait" in tables.changing:
+            into["wait"][block] = crowd.wait[block].astype(np.float64) - tables.seconds
+        if "phase" in tables.changing:
+            play(crowd.phase[block], tables, case, crowd.group[block], into["phase"][block])

@@ -20,7 +20,7 @@ import numpy as np
 
 from . import blocks, borders, chance, curve
 from .agents import Crowd, Group
-from .ahead import look, onward
+from .ahead import look, onward, opened
 from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
@@ -73,7 +73,7 @@ def step(
     if len(crowd) < FEW:
         return advance(crowd, machine, world, cycles, seconds, leave=leave)[0]
     moved, rest = within(crowd, machine, world, tables or Tables(machine, cycles, seconds), leave)
-    return mended(moved, crowd, rest, lambda some: advance(some, machine, world, cycles, seconds, leave=leave)[0])[0]
+    return mended(moved, crowd, rest, lambda some: advance(some, machine, world, cycles, seconds, leave=leave)[0])
 
 
 def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
@@ -318,15 +318,21 @@ class Trajectory:
         seconds = frames * self.seconds_per_frame
         if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
             return self._play(crowd, seconds)
-        tables, (known, ahead) = self._tables(seconds), self._ahead
+        tables, whole, (known, ahead) = self._tables(seconds), self._tables(self.seconds_per_frame), self._ahead
 
-        def way(some: Crowd) -> Crowd:
-            return step(some, self.machine, self.world, self._cycles, seconds, self.left_out, tables)
+        def way(some: Crowd, tables: Tables) -> Crowd:
+            return step(some, self.machine, self.world, self._cycles, tables.seconds, self.left_out, tables)
 
         if known is not crowd:
             looks = frames == 1 and self.leave and len(crowd) >= FEW
-            ahead = look(crowd, self.machine, self.world, tables) if looks else None
-        moved, ahead = (way(crowd), None) if ahead is None else onward(crowd, ahead, self.machine, self.world, tables, way)
+            ahead = look(crowd, self.machine, self.world, whole) if looks else None
+        if ahead is not None and not ahead.turns:
+            ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(way, tables=whole))
+            self._ahead = crowd, ahead
+        if ahead is None:
+            moved = way(crowd, tables)
+        else:
+            moved, ahead = onward(crowd, ahead, tables, partial(way, tables=tables))
         if frames == 1:
             self._ahead = moved, ahead
         return moved

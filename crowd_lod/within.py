@@ -120,17 +120,18 @@ def within(
     return moved, np.concatenate(rest) if rest else np.empty(0, np.intp)
 
 
-def mended(moved: Crowd, crowd: Crowd, agents: np.ndarray, way: Callable[[Crowd], Crowd]) -> tuple[Crowd, Crowd]:
-    """(moved, other): `moved`, in whose own columns `agents` (m,) of `crowd` take the other `way`; these agents alone."""
-    taken = Crowd(**{name: column[agents] for name, column in vars(crowd).items()})
-    other = way(taken) if len(agents) else taken
-    columns = {}
+def mended(moved: Crowd, crowd: Crowd, agents: np.ndarray, way: Callable[[Crowd], Crowd]) -> Crowd:
+    """`moved`, in whose own columns `agents` (m,) of `crowd` take the other `way`."""
+    if not len(agents):
+        return moved
+    taken = crowd.of(agents)
+    other, columns = way(taken), {}
     for name, column in vars(moved).items():
         own, before = getattr(other, name), getattr(crowd, name)
         if column is not before or own.tobytes() != getattr(taken, name).tobytes():
             columns[name] = column.copy() if column is before else column
             columns[name][agents] = own
-    return replace(moved, **columns), other
+    return replace(moved, **columns)
 
 
 def _turn(old: np.ndarray, tables: Tables, case: np.ndarray, new: np.ndarray) -> None:
