@@ -30,22 +30,23 @@ SLACK = 1e-8
 COLUMNS = 2048
 # Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
 HUGE, TINY = 1e100, 1e-100
-CULLED = 255  # in place of a LOD
+# In place of a LOD: not seen; of a block, whose agents do not all have the same.
+CULLED, OPEN = 255, 254
 
 
 @dataclass(frozen=True)
 class Blocks:
     """The crowd's blocks at one time.
 
-    order: (n,) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
-    order[groups[g]:groups[g + 1]]. spheres: (2, G) float64, each group's centre and radius, metres. tiers: of each, the largest
+    rows: (b, LEAF) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
+    order[groups[g]:groups[g + 1]], where order are the rows one after another. spheres: (2, G) float64, each group's centre and radius, metres. tiers: of each, the largest
     blocks first, (agents a block, boxes (8, b) float64, first group and last group (2, b) uint8); the boxes' rows are centre x,
     y, z, half width along x, y, z, and the least and the greatest radius of their spheres, metres. The last blocks repeat the
     last agent, to be full. extent: the largest coordinate, metres. finite: no agent stands at NaN or infinity. floor: the
     height of all agents' feet for as long as the blocks hold; None if they differ.
     """
 
-    order: np.ndarray
+    rows: np.ndarray
     groups: np.ndarray
     spheres: np.ndarray
     tiers: list[tuple[int, np.ndarray, np.ndarray]]
@@ -53,10 +54,20 @@ class Blocks:
     finite: bool
     floor: float | None
 
-    def count(self, levels: np.ndarray, count: int) -> np.ndarray:
-        """Agents of each LOD and group (count, G) intp; levels: (n,) uint8 in the blocks' order."""
-        parts = [levels[a:b] for a, b in zip(self.groups[:-1], self.groups[1:], strict=True)]
-        return np.array([[np.count_nonzero(part == level) for part in parts] for level in range(count)])
+    @property
+    def order(self) -> np.ndarray:
+        """(n,) int32."""
+        return self.rows.reshape(-1)[: self.groups[-1]]
+
+
+@dataclass(frozen=True)
+class Decided:
+    """What is known of the blocks. leaves: (b,) uint8, the LOD of each of the smallest blocks, or CULLED, or OPEN. opened: (k,)
+    intp, rising: which are OPEN. own: (k, LEAF) uint8, the LODs of their agents, CULLED of those not seen."""
+
+    leaves: np.ndarray
+    opened: np.ndarray
+    own: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -99,17 +110,19 @@ def blocks_of(
     flat: bool = False,
     heights: HeightMap | None = None,
 ) -> Blocks:
-    """The blocks of `crowd`, its agents in `order`. They hold as well for agents beyond `area` once these are taken onto
+    """The blocks of `crowd`, its agents in `order`, which may repeat its last. They hold as well for agents beyond `area` once these are taken onto
     it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the area come
     back at its other side. flat: no agent's height changes. heights: what agents stand on, not at their own z. Takes some
     9 bytes an agent at most, of which the result keeps 5."""
-    count = len(order)
+    count = len(crowd)
     size = LEAF
     while count > size * FIRST:
         size *= FAN
     leaves = -(-count // size) * (size // LEAF)
-    begins = np.arange(leaves) * LEAF
-    group = np.array([crowd.group[order.take(begins + at, mode="clip")] for at in (0, LEAF - 1)])
+    if len(order) < leaves * LEAF:
+        order = np.append(order, np.full(leaves * LEAF - len(order), order[-1]))
+    rows = order.reshape(leaves, LEAF)
+    group = crowd.group[rows[:, (0, -1)].T]
     centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "radius"))
     boxes = np.empty((8, leaves))
     low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
@@ -119,7 +132,7 @@ def blocks_of(
         for at in range(0, leaves, COLUMNS // 4):
             some = slice(at, at + COLUMNS // 4)
             # a block a column: many blocks are compared at a time
-            agents = order.take(begins[some] + np.arange(LEAF)[:, None], mode="clip").astype(np.intp)
+            agents = rows[some].T.astype(np.intp)
             places = [column[agents] for column in (crowd.x, crowd.y)]
             if heights is not None:
                 places.append(heights.at(*map(np.ravel, places)).reshape(agents.shape))
@@ -144,9 +157,7 @@ def blocks_of(
     if len(groups) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
         parts = (crowd.group[at : at + curve.BLOCK] for at in range(0, count, curve.BLOCK))
         sizes = sum(np.bincount(part, minlength=len(groups)) for part in parts)
-    return Blocks(
-        order, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor
-    )
+    return Blocks(rows, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
 
 
 def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
@@ -273,53 +284,59 @@ def decide(
     limits: np.ndarray | None,
     margin: float | None = None,
     radial: bool = False,
-) -> tuple[np.ndarray, np.ndarray]:
-    """(levels, places): what the blocks decide, and which agents they leave open.
+) -> tuple[Decided, np.ndarray]:
+    """(decided, places): what the blocks decide, and which agents they leave open.
 
     crowd: as it stands at the first of the looks' times. looks: of each time at which agents may be seen, those of the eyes;
     LODs follow from the first time's. limits: (G, n - 1) metres where LODs begin, None if they depend on more than distance.
-    margin, radial: as for `radar`. levels: (n,) uint8, in the blocks' order: LODs of agents in decided blocks, CULLED where
-    these are not seen. places: (m,) intp, rising: where in the order the agents stand that are left open.
+    margin, radial: as for `radar`. places: (m,) intp, rising: where in decided.own, taken flat, those agents stand; there they
+    are CULLED so far.
     """
     steps = [] if limits is None else [_steps(step) for step in limits.T]
-    size, boxes, _ = blocks.tiers[0]
-    levels = np.full(size * boxes.shape[1], CULLED, np.uint8)
-    open_ = np.arange(boxes.shape[1])
+    leaves = np.full(len(blocks.rows), CULLED, np.uint8)
+    opened = np.arange(blocks.tiers[0][1].shape[1])
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         tests = [[_Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
         for tier, (size, boxes, group) in enumerate(blocks.tiers):
             parts = FAN if tier else 1
-            undecided = [open_[:0]]
-            for at in range(0, len(open_), COLUMNS // parts):
-                whole = open_[at : at + COLUMNS // parts]
+            undecided = [opened[:0]]
+            for at in range(0, len(opened), COLUMNS // parts):
+                whole = opened[at : at + COLUMNS // parts]
                 some = (whole[:, None] * parts + np.arange(parts)).ravel()
                 asked = boxes.reshape(8, -1, parts)[:, whole].reshape(8, -1)
                 outside, level = _asked(tests, steps, asked, group, some)
                 shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
-                levels.reshape(-1, size)[some[shown]] = level[shown, None]
+                leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
                 outside[shown] = True
                 undecided.append(some[~outside])
-            open_ = np.concatenate(undecided)
-    count = len(blocks.order)
-    places = (open_[:, None] * LEAF + np.arange(LEAF)).ravel()
-    places = places[: np.searchsorted(places, count)]
+            opened = np.concatenate(undecided)
+    # of the blocks that the last agent fills, one has others, too
+    last, own = divmod(int(blocks.groups[-1]), LEAF)
+    leaves[last + (own > 0) :] = CULLED
+    opened = opened[: np.searchsorted(opened, last + (own > 0))]
+    if own and leaves[last] < CULLED:
+        opened = np.append(opened, last)
+    leaves[opened] = OPEN
+    decided = Decided(leaves, opened, np.full((len(opened), LEAF), CULLED, np.uint8))
+    places = np.arange(len(opened) * LEAF - (LEAF - own if own and leaves[last] == OPEN else 0))
     if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
-        places = _alone(blocks, crowd, tests[0], limits, levels, places)
-    return levels[:count], places
+        places = _alone(blocks, crowd, tests[0], limits, decided, places)
+    return decided, places
 
 
-def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Decide in `levels` what agents at `places` are clearly in or out; the places (m,) of those that only exact tests tell."""
+def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, places: np.ndarray) -> np.ndarray:
+    """Decide what agents at `places` are clearly in or out; the places (m,) of those that only exact tests tell."""
     left, slack = [places[:0]], max(test.slack for test in tests)
     centre, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
     begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
+    order, levels = blocks.rows.take(decided.opened, axis=0).ravel(), decided.own.reshape(-1)
     # agents lie group by group: to tell theirs, none is asked
-    groups = np.repeat(np.arange(len(centre), dtype=np.uint8), np.diff(np.searchsorted(places, blocks.groups)))
+    groups = np.repeat(np.arange(len(centre), dtype=np.uint8), np.diff(before(blocks, decided.opened))) if len(centre) > 1 else None
     for start in range(0, len(places), COLUMNS):
         some = places[start : start + COLUMNS]
-        agents = blocks.order[some].astype(np.intp)
-        group = groups[start : start + COLUMNS] if len(centre) > 1 else 0
+        agents = order[start : start + len(some)].astype(np.intp)
+        group = 0 if groups is None else groups[start : start + COLUMNS]
         spheres = np.empty((5, len(some)))
         spheres[0], spheres[1] = crowd.x[agents], crowd.y[agents]
         spheres[2] = (crowd.z[agents] if blocks.floor is None else blocks.floor) + centre[group]
@@ -334,6 +351,19 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, levels: np.n
         inside[shown[(np.abs(beyond) <= slack).any(axis=0)]] = False
         left.append(some[~(outside | inside)])
     return np.concatenate(left)
+
+
+def before(blocks: Blocks, leaves: np.ndarray, shown: np.ndarray | None = None) -> np.ndarray:
+    """(G + 1,) intp: how many agents of the smallest blocks `leaves` (k,), rising, come before each group's first, and in all; of
+    those alone that are `shown` (k, LEAF) bool."""
+    shown = np.ones((len(leaves), LEAF), bool) if shown is None else shown
+    leaf, own = np.divmod(blocks.groups, LEAF)
+    at = np.searchsorted(leaves, leaf)
+    whole = np.append(0, np.cumsum(np.count_nonzero(shown, axis=1)))[at]
+    here = np.append(leaves, -1)[at] == leaf
+    part = shown[at[here]] & (np.arange(LEAF) < own[here, None])
+    whole[here] += np.count_nonzero(part, axis=1)
+    return whole
 
 
 def _steps(limits: np.ndarray) -> tuple:

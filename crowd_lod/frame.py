@@ -10,7 +10,7 @@ import numpy as np
 
 from .agents import Crowd, Group
 from .behaviour import Trajectory
-from .blocks import CULLED, Look, decide
+from .blocks import CULLED, LEAF, Look, decide
 from .camera import Camera
 from .culling import Bounds, bounds, lost, radar, refuse_lost
 from .lean import (
@@ -27,7 +27,7 @@ from .lean import (
     LeftOut,
 )
 from .levels import Bias, LevelPolicy, assign, limits
-from .sorting import Buckets, sort, sort_in_order
+from .sorting import Buckets, sort, sort_blocks, sort_in_order
 
 # Another way to cull, give LODs and sort, of the same agents and LODs: (crowd, order, camera, policy, begin) -> (places (m,)
 # int32, offsets (n + 1,) intp). Where in `order`, agent indices (n,) or None for agent order, the visible agents of LOD k
@@ -197,8 +197,8 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     looks = [
         [Look(camera, *trajectory.moved(at, since), float((grown - radius).max())) for camera in eyes] for at, eyes, grown in views
     ]
-    levels, places = decide(blocks, crowd, looks, begin if bias is None else None, policy.margin, radial)
-    agents = blocks.order[places]
+    decided, places = decide(blocks, crowd, looks, begin if bias is None else None, policy.margin, radial)
+    agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
     leave = trajectory.left_out | {IN_ORDER}
     visible, distance = radar(crowd, views[0][1], centre, radius, policy.margin, radial, leave, agents=agents)
     for at, eyes, grown in views[1:]:
@@ -207,16 +207,21 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     ticks.append(clock.perf_counter())
     seen = agents[visible]
     factor = None if bias is None else bias.at(crowd.x[seen], crowd.y[seen])
-    levels[places[visible]] = assign(distance[visible], begin, crowd.group[seen], factor)
+    decided.own.reshape(-1)[places[visible]] = assign(distance[visible], begin, crowd.group[seen], factor)
     ticks.append(clock.perf_counter())
-    buckets = sort_in_order(levels, blocks.order, policy.count)
+    buckets, present = sort_blocks(blocks, decided, policy.count)
     ticks.append(clock.perf_counter())
     items = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
     items[ONE_LEVEL] = bias is None and np.count_nonzero(buckets.counts) <= 1
-    decided = trajectory.leave if not len(places) else NOTHING
-    counted = (blocks.count(levels, policy.count), np.diff(blocks.groups)) if len(centre) > 1 else None
+    known = trajectory.leave if not len(places) else NOTHING
     find_levels = partial(_levels, trajectory, crowd, views, policy, begin, bias)
-    return buckets, find_levels, counted, gone, {item for item, holds in items.items() if holds and item in decided}
+    return (
+        buckets,
+        find_levels,
+        (present, np.diff(blocks.groups)),
+        gone,
+        {item for item, holds in items.items() if holds and item in known},
+    )
 
 
 def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .blocks import LEAF, OPEN, Blocks, Decided, before
+
 
 @dataclass(frozen=True)
 class Buckets:
@@ -42,3 +44,16 @@ def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
     LOD ids of these, at `count` or above for those culled."""
     buckets = [order[levels == level] for level in range(count)]
     return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
+
+
+def sort_blocks(blocks: Blocks, decided: Decided, count: int) -> tuple[Buckets, np.ndarray]:
+    """(the buckets of agents in blocks, how many agents of each LOD and group (count, G)): blocks of one LOD go as they are."""
+    buckets, present = [], np.zeros((count, len(blocks.groups) - 1), np.intp)
+    differ = decided.leaves == OPEN
+    for level in range(count):
+        leaves = np.flatnonzero((decided.leaves == level) | differ)
+        shown = np.ones((len(leaves), LEAF), bool)
+        shown[np.searchsorted(leaves, decided.opened)] = decided.own == level
+        buckets.append(blocks.rows.take(leaves, axis=0)[shown])
+        present[level] = np.diff(before(blocks, leaves, shown)) if present.shape[1] > 1 else len(buckets[-1])
+    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])), present

@@ -88,6 +88,14 @@ def test_random_shots_are_those_of_testing_every_agent(lens):
             compare(trajectory, camera, policy, time, shutter, bias)
 
 
+def in_order(found, decided, places):
+    """(the LODs that are decided, which places are not), in the blocks' order."""
+    levels = np.repeat(decided.leaves, blocks.LEAF).reshape(-1, blocks.LEAF)
+    levels[decided.opened] = decided.own
+    places = decided.opened[places // blocks.LEAF] * blocks.LEAF + places % blocks.LEAF
+    return levels.ravel()[: len(found.order)], places
+
+
 @pytest.mark.parametrize("lens", LENSES)
 def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
     random = np.random.default_rng(11)
@@ -101,7 +109,7 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
         found = blocks.blocks_of(crowd, curve.order_of(crowd.x, crowd.y, crowd.group, AREA), (group,), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
-        levels, places = blocks.decide(found, crowd, [[look]], begin, margin, radial)
+        levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], begin, margin, radial))
         visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], margin, radial)
         right = np.where(visible, assign(distance, begin), blocks.CULLED)[found.order]
         assert np.delete(levels == right, places).all()
@@ -116,7 +124,7 @@ def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
     inside = replace(inside, window=replace(inside.window, left=-60, right=60, bottom=-60, top=60))
     for camera, seen in ((inside, 2000), (replace(inside, origin=np.array([0, -2000, 0])), 0)):
         look = blocks.Look(camera, *trajectory.moved(9, since))
-        levels, places = blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
+        levels, places = in_order(found, *blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]])))
         assert len(places) == 0 and (levels == 0).sum() == seen
     # where a side of the picture cuts the crowd, some blocks are open: only with a lens are their agents left to the radar
     cut = replace(inside, window=replace(inside.window, left=0.0))
