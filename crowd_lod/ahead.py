@@ -96,7 +96,7 @@ def opened(
     left, made = ahead.steps - np.uint16(count), []
     some, case, steps, at = crowd.of(agents), ahead.case[agents], ahead.steps[agents].astype(int), 0
     while len(agents):
-        some = _on(some, case, steps, tables)
+        some = _on(some, case, steps, tables) if steps.any() else some
         other = way(some)
         there = look(other, machine, world, tables)
         at = at + steps
@@ -132,14 +132,17 @@ def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ..
     columns that steps known ahead change."""
     when, agents, case = (np.concatenate([each[k] for each in made]) for k in (0, 1, 4))
     order = np.argsort(when, kind="stable")
-    ends = np.searchsorted(when[order], np.arange(1, count))
-    after = [{} for _ in range(count)]
+    ends = np.searchsorted(when[order], np.arange(count + 1)).tolist()
+    parts = [slice(*ends[k : k + 2]) for k in range(count)]
+    agents, case, after = agents[order], case[order], [{} for _ in parts]
     for name in (field.name for field in fields(Crowd)):
-        columns = (np.concatenate([getattr(each[k], name) for each in made])[order] for k in (2, 3))
-        for turn, (old, new) in zip(after, zip(*(np.split(each, ends) for each in columns), strict=True), strict=True):
-            if name in changing or old.tobytes() != new.tobytes():
-                turn[name] = new
-    return tuple(map(Turn, np.split(agents[order], ends), after, np.split(case[order], ends)))
+        old, new = (np.concatenate([getattr(each[k], name) for each in made]) for k in (2, 3))
+        if name in changing or old.tobytes() != new.tobytes():
+            old, new = old[order], new[order]
+            for turn, part in zip(after, parts, strict=True):
+                if name in changing or old[part].tobytes() != new[part].tobytes():
+                    turn[name] = new[part]
+    return tuple(Turn(agents[part], turn, case[part]) for turn, part in zip(after, parts, strict=True))
 
 
 def _on(crowd: Crowd, case: np.ndarray, steps: np.ndarray, tables: Tables) -> Crowd:

@@ -164,23 +164,23 @@ def nearest_rate(rate: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return np.abs(rates - rate[:, None]).argmin(axis=1)
 
 
-def pose_of(phase: np.ndarray, rate: np.ndarray, group: np.ndarray, counts: np.ndarray, rates: np.ndarray) -> np.ndarray:
+def pose_of(phase: np.ndarray, rate: np.ndarray | None, group: np.ndarray, counts: np.ndarray, rates: np.ndarray) -> np.ndarray:
     """(m,) int32: the pose nearest to each agent's phase, of those for the rate nearest to its own, as an index into all
     groups' poses of one LOD in turn.
 
-    phase: (m,) in [0, 1); rate: (m,) cycles per second; group: (m,); counts: (G,), poses of each group at each of its rates
-    (G, r).
+    phase: (m,) in [0, 1); rate: (m,) cycles per second, None for 0; group: (m,); counts: (G,), poses of each group at each of
+    its rates (G, r).
     """
-    counts = np.asarray(counts, np.int64)
     if len(counts) == 1:  # one for all
-        group = slice(1)
-    of = counts[group]
-    first = first_poses(counts, rates)[group]
+        group, first, of = slice(1), 0, counts[0]
+    else:
+        first, of = first_poses(counts, rates)[group], counts.astype(np.int64)[group]
     if rates.shape[1] > 1:
-        first = first + nearest_rate(rate, rates[group]) * of
-    nearest = np.rint(phase * of)
+        first = first + nearest_rate(np.zeros(len(phase)) if rate is None else rate, rates[group]) * of
+    nearest = np.rint(np.multiply(phase, of, dtype=np.float64))
     nearest[nearest >= of] = 0  # sooner than %
-    return (first + nearest).astype(np.int32)
+    nearest += first
+    return nearest.astype(np.int32)
 
 
 def beside(phase: np.ndarray, counts: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

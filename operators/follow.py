@@ -44,15 +44,18 @@ class Held:
     seconds: float = 1.0
     pace: float = 1.0
 
-    def poses(self, agents: np.ndarray, library: Library, groups: Sequence[Group]) -> dict[str, np.ndarray]:
-        """The point attributes of `agents` (m,) that say which poses they show, of the phase in the middle of the shutter.
+    def poses(
+        self, agents: np.ndarray, phase: np.ndarray, group: np.ndarray, library: Library, groups: Sequence[Group]
+    ) -> dict[str, np.ndarray]:
+        """The point attributes of `agents` (m,), with the `phase` (m,) at the frame and the `group` (m,), that say which poses
+        they show, of the phase in the middle of the shutter.
 
         pose: the nearest, blurred at the rate at which the action is played meanwhile. Where agents may be so near that
         it is off by more than the tolerance: blend, the share, 0 to 0.5, of the pose `beside` it, mixed and mixes, of
         crowd_lod.poses.shared; with motion blur also blend_rate, how often a second of the timeline all the way from the
         one to the other is played.
         """
-        phase, rate, group = self.crowd.phase[agents], np.zeros(len(agents)), self.crowd.group[agents]
+        rate = None
         if self.ends:
             phase, change = played(*(crowd.phase[agents] for _, crowd in self.ends))
             rate = change / self.seconds
@@ -64,7 +67,7 @@ class Held:
         points[2] += about[0]
         scale = pixels_per_metre(points, about[1], self.film)
         (near,) = np.nonzero(0.5 * scale > library.coarse[group])
-        phase, rate, group = phase[near], rate[near], group[near]
+        phase, rate, group = phase[near], rate if rate is None else rate[near], group[near]
         count = library.counts[group]
         step, share = beside(phase, count, library.closed[group])
         share = rounded(share, scale[near], library.coarse[group], library.bent[group])
@@ -113,13 +116,14 @@ def columns_of(
     for axis, name in enumerate("xyz"):
         there = getattr(crowd, name)[agents]
         place[:, axis] = there if stays is None else np.where(stays, getattr(held.crowd, name)[agents], there)
-    heading, group = crowd.heading[agents], crowd.group[agents]
+    heading, phase, group = crowd.heading[agents], crowd.phase[agents], crowd.group[agents]
+    at_frame = phase if crowd is held.crowd else held.crowd.phase[agents]
     columns = {
         "position": place,
         "heading": heading,
-        "phase": crowd.phase[agents],
+        "phase": phase,
         "group": group.astype(np.int32),
-        **held.poses(agents, library, trajectory.groups),
+        **held.poses(agents, at_frame, group, library, trajectory.groups),
         "looks": trajectory.looks[agents],
         "id": agents.astype(np.int32),
     }
@@ -144,9 +148,14 @@ def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held:
     older build, or a user, may have none for the unseen."""
     points = points_of(top)
     for name, agents in members(frame).items():
-        if name in points:
+        if name in points and (len(agents) or not _empty(points[name].data)):
             library = library_of(points[name], len(trajectory.groups))
             io.write_points(points[name].data, columns_of(trajectory, crowd, held, agents, library, tilt))
+
+
+def _empty(mesh: bpy.types.Mesh) -> bool:
+    """Whether that is what was written: it has the attributes, but no points."""
+    return not len(mesh.vertices) and "id" in mesh.attributes
 
 
 def empty(top: bpy.types.Collection) -> None:
