@@ -22,6 +22,8 @@ from .within import BLOCK, Tables, mended, play
 MOST = 4095
 # Steps whose long ones are made together: the most of which no more than this part of the crowd makes one.
 TOGETHER, FEW = (16, 4), 1 / 16
+# Long steps of an agent that are made together, at most.
+ROUNDS = 6
 # Where more than this part of a crowd makes a long step at a time, it is stepped faster as a whole.
 MANY = 0.25
 # Spacings of the map's largest coordinate by which a border counts as nearer than it is: more than MOST roundings of a place.
@@ -93,19 +95,23 @@ def opened(
             break
     else:
         return None
-    left, made = ahead.steps - np.uint16(count), []
-    some, case, steps, at = crowd.of(agents), ahead.case[agents], ahead.steps[agents].astype(int), 0
-    while len(agents):
-        some = _on(some, case, steps, tables) if steps.any() else some
+    until, made, most = ahead.steps.copy(), [], 2 * part * len(crowd)
+    some, case, when = crowd.of(agents), ahead.case[agents], ahead.steps[agents].astype(int)
+    at = np.zeros(len(agents), int)
+    while len(agents) and len(made) < ROUNDS and sum(len(each[0]) for each in made) <= most:
+        some = _on(some, case, when - at, tables) if (when > at).any() else some
         other = way(some)
         there = look(other, machine, world, tables)
-        at = at + steps
-        made.append((at, agents, some, other, there.case))
-        at, steps = at + 1, there.steps.astype(int)
-        left[agents] = np.maximum(at + steps - count, 0)
-        again = np.flatnonzero(at + steps < count)
-        agents, some, case, steps, at = agents[again], other.of(again), there.case[again], steps[again], at[again]
-    return replace(ahead, steps=left, turns=_turns(made, count, tables.changing) if made else (NOBODY,) * count)
+        made.append((when, agents, some, other, there.case))
+        at, when = when + 1, when + 1 + there.steps
+        until[agents] = when
+        again = np.flatnonzero(when < count)
+        agents, some, case, at, when = agents[again], other.of(again), there.case[again], at[again], when[again]
+    if len(agents):  # up to the first long step that is left; those made that come later are forgotten
+        count = int(when.min())
+        for late, who, *_ in reversed(made):
+            until[who[late >= count]] = late[late >= count]
+    return replace(ahead, steps=until - np.uint16(count), turns=_turns(made, count, tables.changing) if made else (NOBODY,) * count)
 
 
 def onward(crowd: Crowd, ahead: Ahead, tables: Tables, way: Callable[[Crowd], Crowd]) -> tuple[Crowd, Ahead | None]:
