@@ -353,17 +353,18 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Dec
     return np.concatenate(left)
 
 
-def before(blocks: Blocks, leaves: np.ndarray, shown: np.ndarray | None = None) -> np.ndarray:
+def before(blocks: Blocks, leaves: np.ndarray, shown: np.ndarray | None = None, counts: np.ndarray | None = None) -> np.ndarray:
     """(G + 1,) intp: how many agents of the smallest blocks `leaves` (k,), rising, come before each group's first, and in all; of
-    those alone that are `shown` (k, LEAF) bool."""
-    shown = np.ones((len(leaves), LEAF), bool) if shown is None else shown
+    those alone that are `shown` (k, LEAF) bool, which are so many of each block: `counts` (k,)."""
     leaf, own = np.divmod(blocks.groups, LEAF)
     at = np.searchsorted(leaves, leaf)
-    whole = np.append(0, np.cumsum(np.count_nonzero(shown, axis=1)))[at]
+    found = at * LEAF if counts is None else np.append(0, np.cumsum(counts))[at]
     here = np.append(leaves, -1)[at] == leaf
-    part = shown[at[here]] & (np.arange(LEAF) < own[here, None])
-    whole[here] += np.count_nonzero(part, axis=1)
-    return whole
+    part = np.arange(LEAF) < own[here, None]
+    if shown is not None:
+        part &= shown[at[here]]
+    found[here] += np.count_nonzero(part, axis=1)
+    return found
 
 
 def _steps(limits: np.ndarray) -> tuple:

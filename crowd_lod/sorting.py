@@ -51,9 +51,13 @@ def sort_blocks(blocks: Blocks, decided: Decided, count: int) -> tuple[Buckets, 
     buckets, present = [], np.zeros((count, len(blocks.groups) - 1), np.intp)
     differ = decided.leaves == OPEN
     for level in range(count):
-        leaves = np.flatnonzero((decided.leaves == level) | differ)
-        shown = np.ones((len(leaves), LEAF), bool)
-        shown[np.searchsorted(leaves, decided.opened)] = decided.own == level
+        leaves, own = np.flatnonzero((decided.leaves == level) | differ), decided.own == level
+        shown, at = np.ones((len(leaves), LEAF), bool), np.searchsorted(leaves, decided.opened)
+        shown[at] = own
         buckets.append(blocks.rows.take(leaves, axis=0)[shown])
-        present[level] = np.diff(before(blocks, leaves, shown)) if present.shape[1] > 1 else len(buckets[-1])
+        present[level] = len(buckets[-1])
+        if present.shape[1] > 1:
+            counts = np.full(len(leaves), LEAF)
+            counts[at] = np.count_nonzero(own, axis=1)
+            present[level] = np.diff(before(blocks, leaves, shown, counts))
     return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])), present

@@ -12,6 +12,7 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
+from ..crowd_lod.lean import FLAT
 from ..crowd_lod.poses import Library, beside, nearest_rate, pixels_per_metre, played, pose_of, rounded, shared
 from . import cameras, lights
 from . import scene as io
@@ -110,10 +111,13 @@ def columns_of(
     by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
     the blur would draw it all across the picture.
     """
-    agents = agents.astype(np.intp)  # once, not for each column
+    ids, agents = agents.astype(np.int32, copy=False), agents.astype(np.intp)  # once, not for each column
     place = np.empty((len(agents), 3), np.float32)
     stays = _jumped(trajectory, crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
+        if name == "z" and FLAT in trajectory.left_out:
+            place[:, axis] = crowd.z[0]
+            continue
         there = getattr(crowd, name)[agents]
         place[:, axis] = there if stays is None else np.where(stays, getattr(held.crowd, name)[agents], there)
     heading, phase, group = crowd.heading[agents], crowd.phase[agents], crowd.group[agents]
@@ -125,7 +129,7 @@ def columns_of(
         "group": group.astype(np.int32),
         **held.poses(agents, at_frame, group, library, trajectory.groups),
         "looks": trajectory.looks[agents],
-        "id": agents.astype(np.int32),
+        "id": ids,
     }
     if tilt and trajectory.heights is not None:
         pitch, roll = trajectory.heights.tilt(crowd.x[agents], crowd.y[agents], heading)
