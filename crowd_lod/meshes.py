@@ -17,6 +17,7 @@ from .steps import finished
 
 BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
+LEFT = 0.5  # weight of the planes that it leaves against those of the source
 BULK_AGGRESSION = 3  # with this care; its default is 7
 # Work, in about microseconds: what may be done, at least and for each triangle of the source, and what is asked by a triangle of
 # the source, one that collapses, and each sample of a Fit: to begin, in a step of moves, a share, a flip, and to end.
@@ -131,6 +132,9 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     start, some, landed = _bulk(points, triangles, part, most, skin.place[0] if bent else points)
     yield
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
+    if len(some) < len(triangles) and not bent:
+        # of a flat face all points may have landed far from its corners, which must not forget it
+        rows[:11] += LEFT * quadrics_of(start, some, landed[seams])
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
