@@ -17,14 +17,18 @@ from .steps import finished
 
 BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
+LEFT = 0.5  # weight of the planes that it leaves against those of the source
 BULK_AGGRESSION = 3  # with this care; its default is 7
-EFFORT, EACH = 100_000, 2.5  # samples sought, about a second's, and for each triangle of the source where that is more
-# Samples that cost as much: a triangle of the source, one that collapses, a sample to begin with, in each round, and to end.
-TRIANGLE, COLLAPSED, BEGUN, FITTED, ENDED = 0.4, 1.9, 0.26, 0.25, 0.3
-OVERHEAD, EACH_LEFT = 6_000, 3  # samples that cost as much as a round with none, and as a triangle of the LOD
+# Work, in about microseconds: what may be done, at least and for each triangle of the source, and what is asked by a triangle of
+# the source, one that collapses, and each sample of a Fit: to begin, in a step of moves, a share, a flip, and to end.
+EFFORT, EACH = 1_000_000, 16.7
+TRIANGLE, COLLAPSED, BEGUN, MOVED, SHARED, FLIPPED, ENDED = 3.5, 18, 1.7, 0.17, 1.7, 1.2, 4
+OVERHEAD = 6_000  # samples that ask as much as a step with none
 ROUNDS = 2, 40  # of moves, at least and at most
-POSED_ROUNDS = 6  # where there are poses, of which the moves know nothing
-STEPS = 5  # moves of all points in a round
+POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
+LOOKS, HIDDEN = 2, 1.1  # at what lies between the samples, at most, the next only if that was this much farther off
+MENDED = 0.7  # of the worst distance: what is moved then
+STEPS, STEPPED = 8, 4  # moves in a round, and how many more steps it asks to begin and end
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
 # fast-simplification keeps its mesh in module-global state: one call at a time.
@@ -128,6 +132,9 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     start, some, landed = _bulk(points, triangles, part, most, skin.place[0] if bent else points)
     yield
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
+    if len(some) < len(triangles) and not bent:
+        # of a flat face all points may have landed far from its corners, which must not forget it
+        rows[:11] += LEFT * quadrics_of(start, some, landed[seams])
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
@@ -140,23 +147,30 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
     inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
     fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
-    samples = fit.samples + OVERHEAD + EACH_LEFT * len(new_triangles)
-    spare = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - BEGUN * fit.samples - ENDED * samples
-    spare -= COLLAPSED * (1 + len(bent)) * (len(some) - target)
-    rounds = POSED_ROUNDS if bent else int(np.clip(round(spare / (FITTED * samples)), *ROUNDS))
-    for k in range(rounds):
-        if fit.worst < FINE:
-            break
+    left = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - COLLAPSED * (1 + len(bent)) * (len(some) - target)
+    left -= BEGUN * fit.samples + ENDED * (fit.samples + OVERHEAD)
+    for k in range(POSED_ROUNDS if bent else ROUNDS[1]):
+        before = left
         if k and not bent:
             share(fit)
+            left -= SHARED * (fit.samples + OVERHEAD)
         if k % 4 == 2 and not bent:
             fit.flip()
-        fit.move(STEPS)
+            left -= FLIPPED * (fit.samples + OVERHEAD)
+        left -= MOVED * (STEPS + STEPPED) * (fit.move(STEPS) + OVERHEAD)
+        if fit.worst < FINE or (k + 1 >= ROUNDS[0] and not bent and left < (before - left) / 2):
+            break
         yield
     fit.restore()
-    if fit.worst >= FINE and fit.watch() | fit.look():
-        fit.move(STEPS)
+    for _ in range(LOOKS):
+        before = fit.worst
+        if before < FINE or not fit.watch() | fit.look():
+            break
+        found = fit.worst
+        fit.move(STEPS, MENDED)
         fit.restore()
+        if found < HIDDEN * before:
+            break
     return fit.lod.points.T, fit.lod.corners.T, fit.landed, follows[kept]
 
 

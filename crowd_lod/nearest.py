@@ -49,8 +49,8 @@ class Walkable:
         return face, weights
 
     def follow(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, walk=True) -> tuple[np.ndarray, np.ndarray]:
-        """(ways (3, k) from the nearest points to `others`, their lengths (k,)), with `face` and `weights` brought up to date for
-        those that are farthest off: on their triangles, and with `walk` by walks from the sides of these."""
+        """(ways (3, k) from the nearest points to `others`, their lengths (k,)), with `weights` brought up to date on the triangles
+        `face`, and with `walk` both for those that are farthest off, by walks from the sides of these."""
         off = others - self.at(face, weights)
         distance = length(off)
         far = np.flatnonzero(distance > FAR * distance.max(initial=0))
@@ -65,15 +65,19 @@ class Walkable:
 
     def doubt(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, count: int = DOUBTED) -> None:
         """Seek those of `others` that are farthest from `face` and `weights` again, on all triangles near enough."""
-        middle, radius = self.spheres
+        sorted_by, along, middle, radius = self.spheres
         for _ in range(DOUBTS if len(face) else 0):
             distance = length(others - self.at(face, weights))
             far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
             far = far[distance[far] > distance[far].max() / 2]
-            some = others.take(far, 1)
-            away = np.sqrt(sum((x[:, None] - y) ** 2 for x, y in zip(some.astype(np.float32), middle, strict=True)))
-            most = np.minimum((away + radius).min(axis=1), distance[far])[:, None]
-            which, found = np.nonzero(away - radius < most + 1e-6)
+            some, most = others.take(far, 1), distance[far] + 1e-6
+            reach = most + radius.max()
+            begin, end = (np.searchsorted(middle[along], some[along] + side) for side in (-reach, reach))
+            which, found = np.repeat(np.arange(len(far)), end - begin), ranges(begin, end - begin)
+            away = length(some.take(which, 1) - middle.take(found, 1))
+            np.minimum.at(most, which, away + radius[found] + 1e-6)
+            near = away - radius[found] < most[which]
+            which, found = which[near], sorted_by[found[near]]
             other = some.take(which, 1)
             at = barycentric(other, *(self.points.take(c, 1) for c in self.corners.take(found, 1)))
             away = length(other - self.at(found, at))
@@ -88,23 +92,26 @@ class Walkable:
     def beyond(self, least: float, face: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(which of `others` (3, k) are farther than `least`, the triangles nearest to these, the weights on them), by walks
         from the triangles `face` (k,)."""
-        weights = barycentric(others, *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
-        far = np.flatnonzero(length(others - self.at(face, weights)) > least)
+        far = np.flatnonzero(distances(others, *(self.points.take(c, 1) for c in self.corners.take(face, 1))) > least)
         others = others.take(far, 1)
-        face, weights = self.walk(self.corner(face[far], weights.take(far, 1)), others)
+        corners = self.corners.take(face[far], 1)
+        near = np.argmin([length(others - self.points.take(c, 1)) for c in corners], axis=0)
+        face, weights = self.walk(corners[near, np.arange(len(far))], others)
         self.doubt(face, weights, others)
         still = np.flatnonzero(length(others - self.at(face, weights)) > least)
         return far[still], face[still], weights.take(still, 1)
 
     @property
-    def spheres(self) -> tuple[np.ndarray, np.ndarray]:
-        """(middles (3, m), radii (m,)) of spheres about the triangles."""
-        if self._spheres is None or self._spheres[2] is not self.points:
+    def spheres(self) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
+        """(the triangles in order along an axis (m,), the axis, middles (3, m) and radii (m,) of spheres about them)."""
+        if self._spheres is None or self._spheres[0] is not self.points:
             corner = [self.points.take(c, 1) for c in self.corners]
             middle = sum(corner) / 3
             radius = np.max([length(each - middle) for each in corner], axis=0)
-            self._spheres = middle.astype(np.float32), radius.astype(np.float32), self.points
-        return self._spheres[:2]
+            along = int(np.ptp(middle, axis=1).argmax())
+            order = np.argsort(middle[along])
+            self._spheres = self.points, (order, along, middle.take(order, 1), radius[order])
+        return self._spheres[1]
 
     def _round(self, start: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """As walk(), of the triangles round the points `start` (k,) alone."""
@@ -118,16 +125,21 @@ class Walkable:
         count = self.first[start + 1] - begin
         low = np.cumsum(count) - count
         which = np.repeat(np.arange(len(start)), count)
-        face = self.star[np.arange(len(which)) + np.repeat(begin - low, count)]
-        weights, square = nearest_on(others.take(which, 1), *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
+        face = self.star[ranges(begin, count)]
+        square = squares(others.take(which, 1), *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
         hit = np.flatnonzero(square == np.repeat(np.minimum.reduceat(square, low), count))
-        hit = hit[np.searchsorted(which[hit], np.arange(len(start)))]
-        return face[hit], weights.take(hit, 1)
+        face = face[hit[np.searchsorted(which[hit], np.arange(len(start)))]]
+        return face, nearest_on(others, *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
 
 
 def blocks(count: int, size: int) -> list[slice]:
     """Slices of `size` that make up range(count): NumPy is some three times faster on arrays that fit in the cache."""
     return [slice(k, k + size) for k in range(0, count, size)]
+
+
+def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """first[0], first[0] + 1, ... count[0] of them, then those from first[1]."""
+    return np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
 
 
 def length(vectors: np.ndarray) -> np.ndarray:
@@ -145,12 +157,42 @@ def barycentric(p, a, b, c) -> np.ndarray:
     """Barycentric weights (3, k) of the points of the triangles abc nearest to p, each (3, k)."""
     weights = np.empty(p.shape)
     for block in blocks(p.shape[1], BLOCK):
-        weights[:, block] = nearest_on(*(each[:, block] for each in (p, a, b, c)))[0]
+        weights[:, block] = nearest_on(*(each[:, block] for each in (p, a, b, c)))
     return weights
 
 
-def nearest_on(p, a, b, c) -> tuple[np.ndarray, np.ndarray]:
-    """(barycentric weights (3, k), squared distances (k,)) of the points of the triangles abc nearest to p, each (3, k).
+def distances(p, a, b, c) -> np.ndarray:
+    """Distances (k,) of p to the triangles abc, each (3, k)."""
+    square = np.empty(p.shape[1])
+    for block in blocks(p.shape[1], BLOCK):
+        square[block] = squares(*(each[:, block] for each in (p, a, b, c)))
+    return np.sqrt(square)
+
+
+def nearest_on(p, a, b, c) -> np.ndarray:
+    """Barycentric weights (3, k) of the points of the triangles abc nearest to p, each (3, k)."""
+    _, s, t, (ab, ac, bc), (on_ab, on_ac, on_bc) = _planes_and_sides(p, a, b, c)
+    # no where(): the processor cannot foresee which
+    inside = np.minimum(np.minimum(s, t), 1 - s - t) >= 0
+    one = (on_ab <= on_ac) & (on_ab <= on_bc)
+    last = ~one & (on_bc < on_ac) & ~inside
+    two = ~(one | last | inside)
+    one &= ~inside
+    s, t = s * inside + ab * one + (1 - bc) * last, t * inside + ac * two + bc * last
+    return np.stack([1 - s - t, s, t])
+
+
+def squares(p, a, b, c) -> np.ndarray:
+    """Squared distances (k,) of p to the nearest points of the triangles abc, each (3, k)."""
+    (ww, plane), s, t, _, away = _planes_and_sides(p, a, b, c)
+    sides = np.minimum(np.minimum(*away[:2]), away[2])
+    inside = np.minimum(np.minimum(s, t), 1 - s - t) >= 0
+    return np.maximum(ww + sides + inside * (plane - sides), 0)
+
+
+def _planes_and_sides(p, a, b, c) -> tuple[tuple, np.ndarray, np.ndarray, tuple, tuple]:
+    """((squared distances to a, what is added to these on the plane), barycentric weights on the plane of b, of c, how far
+    along the sides ab, ac, bc the nearest points on these are, what is added on these), each (k,).
 
     Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
@@ -158,14 +200,11 @@ def nearest_on(p, a, b, c) -> tuple[np.ndarray, np.ndarray]:
     uu, uv, vv, wu, wv, ww = (np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w)))
     area = uu * vv - uv * uv + 1e-300
     s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
-    square = -(s * wu + t * wv)
-    # beyond a side, the nearest point on that
+    plane = -(s * wu + t * wv)
+    wu2, wv2 = wu + wu, wv + wv
     ab, ac = (wu / (uu + 1e-300)).clip(0, 1), (wv / (vv + 1e-300)).clip(0, 1)
-    bc = ((wv - wu + uu - uv) / (uu - 2 * uv + vv + 1e-300)).clip(0, 1)
-    sides = ((t < 0, ab, 0 * ab), (s < 0, 0 * ac, ac), (s + t > 1, 1 - bc, bc))
-    least = np.full(len(s), np.inf)
-    for beyond, side_s, side_t in sides:
-        away = side_s * (side_s * uu + 2 * side_t * uv - 2 * wu) + side_t * (side_t * vv - 2 * wv)
-        nearer = beyond & (away < least)
-        least, s, t = (np.where(nearer, one, other) for one, other in ((away, least), (side_s, s), (side_t, t)))
-    return np.stack([1 - s - t, s, t]), np.maximum(ww + np.where(least < np.inf, least, square), 0)
+    from_b = uu - wu2
+    along = wv - wu + uu - uv
+    bc_bc = uu - uv - uv + vv + 1e-300
+    bc = (along / bc_bc).clip(0, 1)
+    return (ww, plane), s, t, (ab, ac, bc), (ab * (ab * uu - wu2), ac * (ac * vv - wv2), bc * (bc * bc_bc - along - along) + from_b)

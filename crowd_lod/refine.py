@@ -5,19 +5,22 @@ from copy import copy
 import numpy as np
 
 from .collapse import edge_keys, normals_of
-from .nearest import Walkable, barycentric, length, normals
+from .nearest import Walkable, distances, length, normals, ranges
+from .patch import Patch
 
 KEEP = 0.8  # of a sample's weight for the next move
 SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst near it, to this power
 LOCAL = 0.8  # the worst near it: of this power, to the rest the worst of all
 LAZY = 0.01  # weight, of all points' mean, that holds a point in place
 STRIDE = 0.8  # of each move
+NEAR = 0.5  # of the worst distance: the corners of triangles that are as far off are moved, the others stay
 FINE = 1e-6  # no moves below this worst distance
 HALVES = 3  # times that a move which turns a triangle is halved before it is left
 FLIP = 0.9  # a flip must lessen the local worst distance to this part
 WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
 FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is flipped
 WATCHED = 0.6  # of the worst distance: where samples are as far off, what lies between them is looked at as well
+STEEP = 0.5  # least cosine between a triangle and what it is nearest to: where it is less, the same
 SEEN = 0.9  # of the worst distance: those as far off as this count from then on
 SAMPLES = 15_000  # of the LOD's surface, about
 FINEST = 5  # samples along a side, at most
@@ -26,6 +29,8 @@ FINEST = 5  # samples along a side, at most
 class Fit:
     """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, with no triangle turned()
     unless some were at first, as of a `rough` source, and the state() then.
+
+    elsewhere: where it is a Patch, the worst distance of the others, which stay.
 
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
@@ -38,7 +43,7 @@ class Fit:
         ends = landed[seams].T
         self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
         self.outward = normals_of(source, source_triangles).T
-        self.least, self.best, self.rough, self.most = np.inf, None, False, len(triangles)
+        self.least, self.best, self.rough, self.most, self.elsewhere = np.inf, None, False, len(triangles), 0.0
         # the source's points
         self.landed, self.mine = landed, np.flatnonzero(landed >= 0)
         self.there = self.source.points.take(self.mine, 1)
@@ -95,13 +100,13 @@ class Fit:
             self.off, self.distance = self.lod.follow(self.face, self.weights, self.there, walk)
             self.own_off, self.own_distance = self.source.follow(self.hit, self.hit_weights, here, walk)
             self.own_off *= -1
-            self.worst = max(self.distance.max(), self.own_distance.max())
+            self.worst = max(self.distance.max(initial=self.elsewhere), self.own_distance.max())
             if again or not walk or self.worst < self.least:
                 break
             self.lod.doubt(self.face, self.weights, self.there, 4)
             self.source.doubt(self.hit, self.hit_weights, here, 4)
         if self.worst < self.least:
-            turned = self.turned()
+            turned = len(self.turned())
             self.rough = turned > 0 if self.best is None else self.rough
             if self.rough or not turned:
                 self.least, self.best = self.worst, self.state()
@@ -113,14 +118,22 @@ class Fit:
         facing = np.stack([np.bincount(self.landed[some], x[some], n) for x in self.outward])
         return (facing / (length(facing) + 1e-300))[:, self.lod.corners].sum(axis=1)
 
-    def turned(self) -> int:
-        """How many of the LOD's triangles face away from the source's that is nearest to their middle."""
-        m = self.lod.corners.shape[1]  # the first samples
+    def turned(self) -> np.ndarray:
+        """Which of the LOD's triangles face away from the source's that is nearest to their middle."""
+        every = np.arange(self.lod.corners.shape[1])  # the first samples
+        away = every[self.lean(every) < 0]
+        start = self.source.corner(self.hit[away], self.hit_weights.take(away, 1))
+        middle = self.lod.points[:, self.lod.corners[:, away]].mean(axis=1)
+        self.hit[away], self.hit_weights[:, away] = self.source.walk(start, middle)
+        return away[self.lean(away) < 0]
+
+    def lean(self, faces: np.ndarray) -> np.ndarray:
+        """The cosines (k,) between the LOD's triangles `faces` and the source's that are nearest to their middles."""
         own, theirs = (
             normals(*(surface.points.take(c, 1) for c in surface.corners.take(face, 1)))
-            for surface, face in ((self.lod, np.arange(m)), (self.source, self.hit[:m]))
+            for surface, face in ((self.lod, faces), (self.source, self.hit[faces]))
         )
-        return int((np.einsum("dn,dn->n", own, theirs) < 0).sum())
+        return np.einsum("dn,dn->n", own, theirs) / (length(own) * length(theirs) + 1e-300)
 
     def watch(self) -> bool:
         """Take up what of the source's surface between its points is far from the LOD; whether anything is."""
@@ -146,7 +159,8 @@ class Fit:
         not change any more."""
         if self.fine == FINEST:
             return False
-        some = np.flatnonzero(self.errors() > WATCHED * self.worst)
+        every = np.arange(self.lod.corners.shape[1])
+        some = np.flatnonzero((self.errors() > WATCHED * self.worst) | (self.lean(every) < STEEP))
         face, grid = _between(self.lod.corners, some, _grid(min(2 * self.fine, FINEST))[:, 1:])
         here = self.lod.at(face, grid)
         far, hit, weights = self.source.beyond(SEEN * self.worst, self.hit[face], here)
@@ -167,11 +181,34 @@ class Fit:
             self.least = np.inf
         self.measure()
 
-    def move(self, steps: int) -> None:
-        """Move the points `steps` times, by least squares weighed by how far the samples were off at this and the moves
-        before, against others near them, which leads to the least worst distance everywhere at once. Source: Lawson,
-        "Contributions to the theory of linear least maximum approximation", 1961."""
-        n, facing = self.lod.points.shape[1], self.facing()
+    def move(self, steps: int, near: float = NEAR) -> int:
+        """Move the corners of the triangles that are as far off as `near` of the worst distance `steps` times, but for those of
+        triangles that would be turned(). Returns how many samples that concerned."""
+        if self.worst < FINE:
+            return 0
+        patch = Patch(self, self.errors() > near * self.worst)
+        part, before = patch.fit, patch.fit.lod.points
+        part._move(steps)
+        for _ in range(HALVES):
+            turned = () if self.rough else part.turned()
+            if not len(turned):
+                break
+            back = part.lod.corners[:, turned]
+            part.lod.points = part.lod.points.copy()
+            part.lod.points[:, back] = before[:, back]
+            part.measure()
+        if part.best is not self.best:
+            patch.put_back(part.best)
+            self.least, self.best = part.least, self.state()
+        patch.put_back(part.__dict__)
+        return part.samples
+
+    def _move(self, steps: int) -> None:
+        """Move the `free` points (n,) `steps` times, no triangle away from where it faces, `toward` (3, m), by least squares
+        weighed by how far the samples were off at this and the moves before, against others near them, which leads to the least
+        worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least maximum approximation",
+        1961."""
+        n = self.lod.points.shape[1]
         for step in range(steps):
             if self.worst < FINE:
                 return
@@ -188,9 +225,9 @@ class Fit:
                 for corner, share in zip(self.lod.corners.take(face[some], 1), weights.take(some, 1) * pull[some], strict=True):
                     total += np.bincount(corner, share, n)
                     move += [np.bincount(corner, share * along, n) for along in off]
-            move *= STRIDE / (total + LAZY * total.mean())
-            self.lod.points = _unfolded(self.lod.points, self._along(move), self.lod.corners, facing)
-            self.measure(step > 0 and step % 2 == 0)
+            move *= self.free * STRIDE / (total + LAZY * total.mean())
+            self.lod.points = _unfolded(self.lod.points, self._along(move), self.lod.corners, self.toward)
+            self.measure(step == steps - 1)
 
     def _along(self, move: np.ndarray) -> np.ndarray:
         """The points moved; those on seams along their normals and the seam only, or triangles would reach across it."""
@@ -239,7 +276,7 @@ class Fit:
             along = np.einsum("dn,dn->n", now, mean)
             fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
         a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
-        now = self._flipped(a, b, c, d, one, two)
+        now = self._flipped(a, b, c, d, one, two, FLIP * was)
         good = np.flatnonzero(now < FLIP * was)
         taken, made, chosen = np.zeros(m, bool), set(), []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
@@ -264,26 +301,25 @@ class Fit:
         if self.worst > WORSE * before["worst"]:
             self.__dict__.update({**before, "best": self.best})
 
-    def _flipped(self, a, b, c, d, one, two) -> np.ndarray:
-        """The worst distance (k,) at the triangles cad and dbc, in place of `one` and `two` (k,), each (k,)."""
-        points = self.lod.points
+    def _flipped(self, a, b, c, d, one, two, most) -> np.ndarray:
+        """The worst distance (k,) at the triangles cad and dbc, in place of `one` and `two` (k,), each (k,); or what of it is no
+        less than `most` (k,)."""
+        points, every = self.lod.points, np.arange(len(a))
         order = np.argsort(self.face, kind="stable")
         first = np.searchsorted(self.face[order], np.arange(self.lod.corners.shape[1] + 1))
         worst = np.zeros(len(a))
         for face in (one, two):
             count = first[face + 1] - first[face]
-            which = np.repeat(np.arange(len(face)), count)
-            there = self.there.take(order[np.arange(len(which)) + np.repeat(first[face] - np.cumsum(count) + count, count)], 1)
-            least = np.full(len(which), np.inf)
-            for triangle in ((c, a, d), (d, b, c)):
-                corner = [points.take(each[which], 1) for each in triangle]
-                at = barycentric(there, *corner)
-                least = np.minimum(least, length(there - sum(p * w for p, w in zip(corner, at, strict=True))))
-            np.maximum.at(worst, which, least)
+            which = np.repeat(every, count)
+            there = self.there.take(order[ranges(first[face], count)], 1)
+            now = (distances(there, *(points.take(each[which], 1) for each in t)) for t in ((c, a, d), (d, b, c)))
+            np.maximum.at(worst, which, np.minimum(*now))
         pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
         for face, middle in ((one, (pc + pd) / 2), (one, (pc + pa + pd) / 3), (two, (pc + pb + pd) / 3)):
-            start = self.source.corner(self.hit[face], self.hit_weights.take(face, 1))
-            worst = np.maximum(worst, length(middle - self.source.at(*self.source.walk(start, middle))))
+            some = np.flatnonzero(worst < most)
+            middle, hit = middle.take(some, 1), self.hit[face[some]]
+            start = self.source.corner(hit, self.hit_weights.take(face[some], 1))
+            worst[some] = np.maximum(worst[some], length(middle - self.source.at(*self.source.walk(start, middle))))
         return worst
 
 

@@ -4,7 +4,7 @@ many triangles collapse elsewhere."""
 import numpy as np
 
 from .collapse import FACING, PASSES, bridges, choose, edge_keys, edges_of, normals_of, place, quadrics_of
-from .nearest import Walkable, barycentric, length, normals
+from .nearest import Walkable, distances, length, normals, ranges
 from .refine import Fit, sides_of_two
 
 FAR = 0.7  # of the worst distance: triangles as far off as this are split
@@ -159,7 +159,7 @@ def _after(fit: Fit, edges: np.ndarray, at: np.ndarray) -> np.ndarray:
     for end in edges:
         count = lod.first[end + 1] - lod.first[end]
         which.append(np.repeat(np.arange(k), count))
-        face.append(lod.star[_ranges(lod.first[end], count)])
+        face.append(lod.star[ranges(lod.first[end], count)])
     which, face = np.concatenate(which), np.concatenate(face)
     order = np.argsort(which, kind="stable")
     which, face = which[order], face[order]
@@ -169,31 +169,27 @@ def _after(fit: Fit, edges: np.ndarray, at: np.ndarray) -> np.ndarray:
     by_face = np.argsort(fit.face, kind="stable")
     first = np.searchsorted(fit.face[by_face], np.arange(lod.corners.shape[1] + 1))
     count = first[face + 1] - first[face]
-    sample, of = by_face[_ranges(first[face], count)], np.repeat(which, count)
+    sample, of = by_face[ranges(first[face], count)], np.repeat(which, count)
     stays = mine.sum(axis=0) == 1
     which, face, corners, mine = which[stays], face[stays], corners[:, stays], mine[:, stays]
     corner = [np.where(on, at[:, which], lod.points.take(c, 1)) for on, c in zip(mine, corners, strict=True)]
     begin = np.searchsorted(which, np.arange(k + 1))
     count = (begin[1:] - begin[:-1])[of]
-    triangle, there = _ranges(begin[of], count), np.repeat(fit.there.take(sample, 1), count, axis=1)
-    three = [each.take(triangle, 1) for each in corner]
-    weights = barycentric(there, *three)
-    away = length(there - sum(p * w for p, w in zip(three, weights, strict=True)))
+    triangle, there = ranges(begin[of], count), np.repeat(fit.there.take(sample, 1), count, axis=1)
+    away = distances(there, *(each.take(triangle, 1) for each in corner))
     low = (np.cumsum(count) - count)[count > 0]
     worst = np.zeros(k)
     np.maximum.at(worst, of[count > 0], np.minimum.reduceat(away, low))
-    # and to the source from the new triangles' middles, from those of their sides, and from where the edges went
-    start = fit.source.corner(fit.hit[face], fit.hit_weights.take(face, 1))
-    for middle in (sum(corner) / 3, *((corner[k] + corner[k - 1]) / 2 for k in range(3))):
-        np.maximum.at(worst, which, length(middle - fit.source.at(*fit.source.walk(start.copy(), middle))))
-    face = lod.star[lod.first[edges[0]]]
-    start = fit.source.corner(fit.hit[face], fit.hit_weights.take(face, 1))
-    return np.maximum(worst, length(at - fit.source.at(*fit.source.walk(start, at))))
-
-
-def _ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """first[0], first[0] + 1, ... count[0] of them, then those from first[1]."""
-    return np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
+    # and to the source from where the edges went, from the new triangles' middles, and from those of their new sides
+    turn, every = mine.argmax(axis=0), np.arange(len(which))
+    side = (at.take(which, 1) + lod.points.take(corners[turn - 2, every], 1)) / 2
+    one = lod.star[lod.first[edges[0]]]
+    for of, near, here in ((np.arange(k), one, at), (which, face, sum(corner) / 3), (which, face, side)):
+        fine = np.flatnonzero(worst[of] < LEAD * fit.worst)
+        some, here = near[fine], here.take(fine, 1)
+        start = fit.source.corner(fit.hit[some], fit.hit_weights.take(some, 1))
+        np.maximum.at(worst, of[fine], length(here - fit.source.at(*fit.source.walk(start, here))))
+    return worst
 
 
 def _split(points, corners, seams, halves) -> tuple[Walkable, np.ndarray, np.ndarray]:
