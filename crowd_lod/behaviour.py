@@ -286,13 +286,14 @@ class Trajectory:
             if known != ordered:
                 self._order, order = (None, None), None
                 crowd = self._kept_at(ordered)
-                order = curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area)
+                order = blocks.filled(curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area))
+                self._order = ordered, order
             crowd = self._kept_at(frame)
             longest = self.seconds_per_frame * np.array([-SHUTTER, self.every + SHUTTER])
             wraps = self._pace.between(longest) if self.machine.edge == "wrap" else None
             about = self.groups, self.world.area, wraps, self.heights is None, self.heights
             found = blocks.blocks_of(crowd, order, *about)
-            made, self._order = self.first_frame + frame, (ordered, found.rows.reshape(-1))
+            made = self.first_frame + frame
             self._blocks = made, found
         return made, found
 

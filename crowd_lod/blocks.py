@@ -101,6 +101,20 @@ def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
     return Pace(np.append(low, -climb), np.append(high, climb))
 
 
+def filled(order: np.ndarray) -> np.ndarray:
+    """The order (n,) of agents with the last of them repeated, so that all blocks are full."""
+    beyond = -len(order) % _largest(len(order))
+    return np.append(order, np.full(beyond, order[-1])) if beyond else order
+
+
+def _largest(count: int) -> int:
+    """How many of `count` agents are in one of the largest blocks."""
+    size = LEAF
+    while count > size * FIRST:
+        size *= FAN
+    return size
+
+
 def blocks_of(
     crowd: Crowd,
     order: np.ndarray,
@@ -110,18 +124,12 @@ def blocks_of(
     flat: bool = False,
     heights: HeightMap | None = None,
 ) -> Blocks:
-    """The blocks of `crowd`, its agents in `order`, which may repeat its last. They hold as well for agents beyond `area` once these are taken onto
+    """The blocks of `crowd`, its agents in the `order` that `filled` made. They hold as well for agents beyond `area` once these are taken onto
     it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the area come
     back at its other side. flat: no agent's height changes. heights: what agents stand on, not at their own z. Takes some
     9 bytes an agent at most, of which the result keeps 5."""
-    count = len(crowd)
-    size = LEAF
-    while count > size * FIRST:
-        size *= FAN
-    leaves = -(-count // size) * (size // LEAF)
-    if len(order) < leaves * LEAF:
-        order = np.append(order, np.full(leaves * LEAF - len(order), order[-1]))
-    rows = order.reshape(leaves, LEAF)
+    count, rows = len(crowd), order.reshape(-1, LEAF)
+    leaves, size = len(rows), _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]
     centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "radius"))
     boxes = np.empty((8, leaves))
