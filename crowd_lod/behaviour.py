@@ -324,7 +324,7 @@ class Trajectory:
             return step(some, self.machine, self.world, self._cycles, tables.seconds, self.left_out, tables)
 
         if known is not crowd:
-            looks = frames == 1 and self.leave and len(crowd) >= FEW
+            looks = frames == 1 and self.leave
             ahead = look(crowd, self.machine, self.world, whole) if looks else None
         if ahead is not None and not ahead.turns:
             ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(way, tables=whole))
