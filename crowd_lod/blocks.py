@@ -140,7 +140,7 @@ def blocks_of(
         for at in range(0, leaves, COLUMNS // 4):
             some = slice(at, at + COLUMNS // 4)
             # a block a column: many blocks are compared at a time
-            agents = rows[some].T.astype(np.intp)
+            agents = rows[some].T.astype(np.intp, order="C")
             places = [column[agents] for column in (crowd.x, crowd.y)]
             if heights is not None:
                 places.append(heights.at(*map(np.ravel, places)).reshape(agents.shape))
