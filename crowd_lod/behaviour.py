@@ -318,15 +318,15 @@ class Trajectory:
         seconds = frames * self.seconds_per_frame
         if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
             return self._play(crowd, seconds)
-        tables, whole, (known, ahead) = self._tables(seconds), self._tables(self.seconds_per_frame), self._ahead
+        tables, (known, ahead) = self._tables(seconds), self._ahead
 
         def way(some: Crowd, tables: Tables) -> Crowd:
             return step(some, self.machine, self.world, self._cycles, tables.seconds, self.left_out, tables)
 
         if known is not crowd:
-            looks = frames == 1 and self.leave
-            ahead = look(crowd, self.machine, self.world, whole) if looks else None
+            ahead = look(crowd, self.machine, self.world, tables) if frames == 1 and self.leave else None
         if ahead is not None and not ahead.turns:
+            whole = self._tables(self.seconds_per_frame)
             ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(way, tables=whole))
             self._ahead = crowd, ahead
         if ahead is None:

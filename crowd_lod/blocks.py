@@ -39,11 +39,12 @@ class Blocks:
     """The crowd's blocks at one time.
 
     rows: (b, LEAF) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
-    order[groups[g]:groups[g + 1]], where order are the rows one after another. spheres: (2, G) float64, each group's centre and radius, metres. tiers: of each, the largest
-    blocks first, (agents a block, boxes (8, b) float64, first group and last group (2, b) uint8); the boxes' rows are centre x,
-    y, z, half width along x, y, z, and the least and the greatest radius of their spheres, metres. The last blocks repeat the
-    last agent, to be full. extent: the largest coordinate, metres. finite: no agent stands at NaN or infinity. floor: the
-    height of all agents' feet for as long as the blocks hold; None if they differ.
+    order[groups[g]:groups[g + 1]], where order are the rows one after another. spheres: (2, G) float64, each group's centre
+    and radius, metres. tiers: of each, the largest blocks first, (agents a block, boxes (8, b) float64, first group and last
+    group (2, b) uint8); the boxes' rows are centre x, y, z, half width along x, y, z, and the least and the greatest radius of
+    their spheres, metres. The last blocks repeat the last agent, to be full. extent: the largest coordinate, metres. finite:
+    no agent stands at NaN or infinity. floor: the height of all agents' feet for as long as the blocks hold; None if they
+    differ.
     """
 
     rows: np.ndarray
@@ -124,10 +125,10 @@ def blocks_of(
     flat: bool = False,
     heights: HeightMap | None = None,
 ) -> Blocks:
-    """The blocks of `crowd`, its agents in the `order` that `filled` made. They hold as well for agents beyond `area` once these are taken onto
-    it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the area come
-    back at its other side. flat: no agent's height changes. heights: what agents stand on, not at their own z. Takes some
-    9 bytes an agent at most, of which the result keeps 5."""
+    """The blocks of `crowd`, its agents in the `order` that `filled` made. They hold as well for agents beyond `area` once these
+    are taken onto it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the
+    area come back at its other side. flat: no agent's height changes. heights: what agents stand on, not at their own z. Takes
+    some 9 bytes an agent at most, of which the result keeps 5."""
     count, rows = len(crowd), order.reshape(-1, LEAF)
     leaves, size = len(rows), _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]

@@ -214,14 +214,10 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     items = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
     items[ONE_LEVEL] = bias is None and np.count_nonzero(buckets.counts) <= 1
     known = trajectory.leave if not len(places) else NOTHING
+    items = {item for item, holds in items.items() if holds and item in known}
+    counted = present, np.diff(blocks.groups)
     find_levels = partial(_levels, trajectory, crowd, views, policy, begin, bias)
-    return (
-        buckets,
-        find_levels,
-        (present, np.diff(blocks.groups)),
-        gone,
-        {item for item, holds in items.items() if holds and item in known},
-    )
+    return buckets, find_levels, counted, gone, items
 
 
 def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
