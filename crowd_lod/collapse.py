@@ -20,9 +20,10 @@ SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
 PASSES = 6  # choices of edges in a round
 
 
-def quadrics_of(points: np.ndarray, triangles: np.ndarray, seams: np.ndarray) -> np.ndarray:
-    """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its
-    triangles by their areas, and of the planes upright on its open borders and `seams` (k, 2), by length squared."""
+def quadrics_of(points: np.ndarray, triangles: np.ndarray, seams: np.ndarray, hold: float = 1.0) -> np.ndarray:
+    """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its triangles by
+    their areas, and of the planes upright on its open borders and `seams` (k, 2), by length squared, those on seams times
+    `hold`."""
     n = len(points)
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, area = _unit(np.cross(b - a, c - a))
@@ -30,10 +31,11 @@ def quadrics_of(points: np.ndarray, triangles: np.ndarray, seams: np.ndarray) ->
     half = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     keys = edge_keys(half.T, n)
     _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    held = (count[inverse] != 2) | np.isin(keys, edge_keys(seams.T, n))
+    border = count[inverse] != 2
+    held = border | np.isin(keys, edge_keys(seams.T, n))
     start, end = half[held].T
     side, length = _unit(np.cross(points[end] - points[start], np.repeat(normal, 3, axis=0)[held]))
-    total[:10] += _spread(_planes(side, points[start], length**2)[:10], (start, end), n)
+    total[:10] += _spread(_planes(side, points[start], np.where(border[held], 1, hold) * length**2)[:10], (start, end), n)
     return total
 
 

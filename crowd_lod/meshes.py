@@ -17,6 +17,7 @@ from .steps import finished
 
 BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
+FAR = 0.065  # of the triangles: where fewer are wanted, seams hold the less, by the cube of their part of this
 LEFT = 0.5  # weight of the planes that it leaves against those of the source
 BULK_AGGRESSION = 3  # with this care; its default is 7
 # Work, in about microseconds: what may be done, at least and for each triangle of the source, and what is asked by a triangle of
@@ -125,7 +126,8 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification, flips and shares know no poses, and take
     the rings of a straight elbow first: the one goes less far, in the pose that bends most, the others are left out."""
     part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
-    quadrics, *bent = (quadrics_of(at, triangles, seams) for at in (points, *(skin.place if skin else ())))
+    hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
+    quadrics, *bent = (quadrics_of(at, triangles, seams, hold) for at in (points, *(skin.place if skin else ())))
     spared = BENT if bent else SEAMED if len(seams) else 0
     yield
     most = max(int(BULK * target + REST * len(triangles)), spared)
@@ -134,7 +136,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
     if len(some) < len(triangles) and not bent:
         # of a flat face all points may have landed far from its corners, which must not forget it
-        rows[:11] += LEFT * quadrics_of(start, some, landed[seams])
+        rows[:11] += LEFT * quadrics_of(start, some, landed[seams], hold)
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
@@ -146,7 +148,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     yield
     keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
     inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
-    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside])
+    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], hold)
     left = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - COLLAPSED * (1 + len(bent)) * (len(some) - target)
     left -= BEGUN * fit.samples + ENDED * (fit.samples + OVERHEAD)
     for k in range(POSED_ROUNDS if bent else ROUNDS[1]):

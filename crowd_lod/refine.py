@@ -35,14 +35,15 @@ class Fit:
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
 
-    def __init__(self, points, triangles, source, source_triangles, landed, seams):
+    def __init__(self, points, triangles, source, source_triangles, landed, seams, hold=1.0):
         """points (n, 3), triangles (m, 3): the LOD, each point in one; source (k, 3), source_triangles (j, 3): what it was
         made of; landed: (k,) the LOD's point that each of the source's collapsed into, or -1; seams: (s, 2) edges of the
-        source whose points are to leave neither of their sides."""
+        source whose points are to leave neither of their sides; hold: their weight, as in quadrics_of."""
         self.source, self.lod = Walkable.of(source, source_triangles), Walkable.of(points, triangles)
         ends = landed[seams].T
         self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
         self.outward = normals_of(source, source_triangles).T
+        self.hold = hold
         self.least, self.best, self.rough, self.most, self.elsewhere = np.inf, None, False, len(triangles), 0.0
         # the source's points
         self.landed, self.mine = landed, np.flatnonzero(landed >= 0)

@@ -128,7 +128,7 @@ def _cheapest(fit: Fit, errors, halves, count: int) -> tuple[np.ndarray, np.ndar
     free about `count` triangles: not beside the sides to split, `halves`, and of the cheapest those that lead the least far."""
     points, corners, (n, m) = fit.lod.points, fit.lod.corners, (fit.lod.points.shape[1], fit.lod.corners.shape[1])
     _, edges, faces = edges_of(corners, n)
-    quadrics = quadrics_of(points.T, corners.T, fit.seams.T)
+    quadrics = quadrics_of(points.T, corners.T, fit.seams.T, fit.hold)
     at, cost = place(points, quadrics, *edges)
     off, busy, seam = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
     for corner in corners:

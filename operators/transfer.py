@@ -15,7 +15,7 @@ MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
 INWARD = 0.2  # part of the way to its triangle's centre from where a corner looks for its side of a seam or sharp edge
 JUMP = 0.3  # part of the way in UVs from a corner to its triangle's centre that the nearest UVs may be off
 SHARP = 0.5  # difference between unit normals that a sharp edge makes, about 30 degrees
-BEYOND = 2.0  # how many sizes of a triangle beyond it its UVs are continued
+BEYOND = 5.0  # how many sizes of a triangle beyond it its UVs are continued
 
 
 @dataclass

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.collapse import quadrics_of
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.meshes import decimate
 
@@ -185,6 +186,26 @@ def test_a_seam_is_kept_in_place():
     line = points[seam[0], 1]
     across = lod.points[:, 1][lod.triangles] - line
     assert ((across > -0.05).all(axis=1) | (across < 0.05).all(axis=1)).all()  # no triangle lies on both sides
+
+
+def test_far_lods_spend_no_more_on_many_seams_than_they_must():
+    n = 48
+    points, triangles = terrain(n)
+    grid = np.arange(n * n).reshape(n, n)
+    lines = [line for i in range(4, n - 1, 4) for line in (grid[i], grid[:, i])]
+    patchwork = np.concatenate([np.stack([line[:-1], line[1:]], 1) for line in lines])
+    for ratio in (0.02, 0.03):
+        held, bare = (decimate(points, triangles, ratio, "terrain", seams=seams) for seams in (patchwork, None))
+        far, near = (hausdorff((points, triangles), (lod.points, lod.triangles)) for lod in (held, bare))
+        assert far < 1.6 * near
+
+
+def test_seams_weigh_as_much_as_they_hold_and_borders_in_full():
+    points, triangles = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]), np.array([(0, 1, 2), (0, 2, 3)])
+    seam = np.array([(0, 2)])
+    none, some, all_of_it = (quadrics_of(points, triangles, seam, hold)[:10] for hold in (0, 0.25, 1))
+    assert (none == quadrics_of(points, triangles, seam[:0])[:10]).all()
+    assert np.allclose(some - none, (all_of_it - none) / 4) and (all_of_it != none).any()
 
 
 def test_borders_at_the_same_points_do_not_part():
