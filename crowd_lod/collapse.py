@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .nearest import BLOCK, blocks
+from .nearest import BLOCK, blocks, length
+from .nearest import normals as normals_at
 from .skin import Skin
 
 MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
@@ -60,13 +61,15 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     follows: the point of those given that each moves with, of the two ends of an edge that with the lesser error. Source:
     Mohr, Gleicher, "Deformation sensitive decimation", 2003.
     """
-    points, quadrics, normals, n = points.copy(), quadrics.copy(), normals.copy(), len(points)
-    bent, follows = [each.copy() for each in bent], np.arange(n)
+    all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
+    own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
+    corners = np.ascontiguousarray(corners.reshape(-1, 3).T)  # (3, m): NumPy is several times faster along the long axis
+    points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
+    bent, follows = [each.take(own, 1) for each in bent], own.copy()
     landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
-    corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
     while corners.shape[1] > target:
         keys, edges, faces = edges_of(corners, n)
-        at, cost = place(points.T, quadrics, *edges)
+        at, cost = place(points, quadrics, *edges)
         follow, bent_cost = _follow(skin, bent, follows, edges, at)
         cost += bent_cost / (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
         cost[bridges(edges, faces, n) | np.isin(keys, refused)] = np.inf
@@ -87,16 +90,16 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         keep, gone = ends = edges[:, chosen]
         changed = _ring(corners, ends, n)
         refused, thorough = refused[~changed[np.stack(np.divmod(refused, n))].any(axis=0)], False
-        points[keep], follows[keep] = at[:, chosen].T, follow[chosen]
-        for each in (quadrics, *bent):
+        points[:, keep], follows[keep] = at.take(chosen, 1), follow[chosen]
+        for each in (quadrics, normals, *bent):
             each[:, keep] += each[:, gone]
-        normals[keep] += normals[gone]
         move = np.arange(n)
         move[gone] = keep
         landed, corners = move[landed], move[corners]
         corners = corners.compress(~_flat(corners), axis=1)
         yield
-    return points, corners.T, landed, follows
+    all_points[own], all_landed[own], all_follow[own] = points.T, own[landed], follows
+    return all_points, own[corners].T, all_landed, all_follow
 
 
 def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -121,8 +124,9 @@ def _flat(corners: np.ndarray) -> np.ndarray:
 
 
 def choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
-    """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first."""
-    n = len(points)
+    """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first. points, normals,
+    at: (3, n) and (3, k)."""
+    n = points.shape[1]
     ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
     free, chosen, bad = np.ones(len(order), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
     for _ in range(passes):
@@ -217,7 +221,7 @@ def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> n
 def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> np.ndarray:
     """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart. facing:
     the least cosine between a triangle's normals before and after."""
-    n, k = len(points), ends.shape[1]
+    n, k = points.shape[1], ends.shape[1]
     which = np.full(n, -1)
     which[ends] = np.arange(k)
     # link condition: only the corners opposite of the edge are neighbours of both its ends
@@ -236,15 +240,18 @@ def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> n
     high = across.max(axis=0)
     across = edge_keys((across.sum(axis=0) + 1 - high, high), n)
     good[_twice(edge * n * n + across) // n // n] = False
-    old = points[rest]
-    new = np.where((mine >= 0)[..., None], at.T[edge], old)
-    (was, was_size), (now, size) = (_unit(np.cross(t[1] - t[0], t[2] - t[0])) for t in (old, new))
-    was_long, long = (((t - np.roll(t, 1, axis=0)) ** 2).sum(axis=(0, 2)) for t in (old, new))
+    old = [points.take(corner, 1) for corner in rest]
+    new = [np.where(moved >= 0, at.take(edge, 1), corner) for moved, corner in zip(mine, old, strict=True)]
+    was, now = normals_at(*old), normals_at(*new)
+    was_size, size = length(was), length(now)
+    was_long, long = (sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a)) for a, b, c in (old, new))
     thin = (size < THIN * long) & (size * was_long <= was_size * long)
     outward = normals.copy()
-    outward[ends] = normals[ends].sum(axis=0)
-    stands_for = _unit(_unit(outward)[0][rest].sum(axis=0))[0]
-    turned = (np.einsum("nd,nd->n", was, now) < facing) & (was_size > 0) | (np.einsum("nd,nd->n", stands_for, now) < facing)
+    outward[:, ends] = normals[:, ends].sum(axis=1, keepdims=True)
+    outward /= length(outward) + 1e-300
+    stands_for = sum(outward.take(corner, 1) for corner in rest)
+    turned = (np.einsum("dn,dn->n", was, now) / (was_size * size + 1e-300) < facing) & (was_size > 0)
+    turned |= np.einsum("dn,dn->n", stands_for, now) / (length(stands_for) * size + 1e-300) < facing
     good[edge[thin | turned]] = False
     return good
 
