@@ -70,10 +70,12 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     while corners.shape[1] > target:
         keys, edges, faces = edges_of(corners, n)
         at, cost = place(points, quadrics, *edges)
-        follow, bent_cost = _follow(skin, bent, follows, edges, at)
-        cost += bent_cost / (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
         cost[bridges(edges, faces, n) | np.isin(keys, refused)] = np.inf
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
+        follow = follows[edges[0]]
+        if bent:
+            weight = (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
+            _add_bent(skin, bent, follows[edges], edges, at, weight, most, cost, follow)
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else PASSES
@@ -184,16 +186,30 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return middle + step, cost / (area + 1e-300) ** MEAN
 
 
-def _follow(skin: Skin | None, bent, follows, edges, at) -> tuple[np.ndarray, np.ndarray]:
-    """(what the points that the edges (2, k) collapse to, `at` (3, k), would follow (k,), their error in all poses (k,))."""
-    ends = follows[edges]
+def _add_bent(skin: Skin, bent, ends, edges, at, weight, most: int, cost: np.ndarray, follow: np.ndarray) -> None:
+    """Add to the `cost` (k,) of the edges (2, k), which may follow either of `ends` (2, k), the lesser error in all poses, over the
+    `weight` (k,), and put that end into `follow` (k,): of the `most` cheapest and whichever else might be one of these."""
+    known, limit = np.zeros(len(cost), bool), np.partition(cost, most - 1)[most - 1]
+    for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
+        some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
+        follow[some], error = _follow(skin, bent, ends.take(some, 1), edges.take(some, 1), at.take(some, 1))
+        cost[some] += error / weight[some]
+        known[some] = True
+        limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
+
+
+def _follow(skin: Skin, bent, ends, edges, at) -> tuple[np.ndarray, np.ndarray]:
+    """(which of `ends` (2, k) the points that the edges (2, k) collapse to, `at` (3, k), would follow (k,), their error in all
+    poses (k,))."""
     error = np.zeros(ends.shape)
-    for j, quadrics in enumerate(bent):
-        xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics[:, edges[0]] + quadrics[:, edges[1]]
-        for end in range(2):
-            x, y, z = skin.at(j, at.T, ends[end]).T
-            gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
-            error[end] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
+    for block in blocks(ends.shape[1], BLOCK):
+        (a, b), points = edges[:, block], at[:, block]
+        for j, quadrics in enumerate(bent):
+            xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
+            for end, follow in enumerate(ends[:, block]):
+                x, y, z = skin.at(j, points, follow)
+                gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+                error[end, block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
     return np.where(error[1] < error[0], ends[1], ends[0]), error.min(axis=0)
 
 
