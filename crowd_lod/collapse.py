@@ -130,6 +130,9 @@ def choose(points, corners, normals, edges, faces, order, at, passes: int, facin
     at: (3, n) and (3, k)."""
     n = points.shape[1]
     ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
+    near = np.zeros(n, bool)
+    near[ends] = True
+    corners, edges = (each.compress(near[each].any(axis=0), axis=1) for each in (corners, edges))
     free, chosen, bad = np.ones(len(order), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
     for _ in range(passes):
         found = _apart(ends, free, corners, n)
