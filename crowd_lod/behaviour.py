@@ -247,7 +247,8 @@ class Trajectory:
     def __post_init__(self):
         self._cycles = cycles_of(self.groups)
         self._kept[0] = self.start
-        self._recent = ((0, self.start),)  # the latest, and the one before it, which the time before a frame asks for
+        # the latest, and the one before it once that has been asked for, as open shutters do
+        self._recent, self._looks_back = ((0, self.start),), False
         self._ground = None, None
         self.left_out = self.leave and self.leave & needless(
             self.start, self.machine, self.world, len(self.groups), self.heights is not None
@@ -367,6 +368,7 @@ class Trajectory:
         with self._lock:
             nearest = max(kept for kept in self._kept if kept <= target)
             known = [(nearest, self._kept[nearest]), *self._recent]
+            self._looks_back |= self._recent[0][0] - target == 1
             frame, crowd = max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
             while frame < target:
                 before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
@@ -374,5 +376,5 @@ class Trajectory:
                     self._keep(frame, crowd)
                     if self._ahead[1] is None:
                         self._ahead = None, None  # to look again
-                self._recent = (frame, crowd), before
+                self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
             return crowd

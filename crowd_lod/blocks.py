@@ -10,6 +10,7 @@ Agents move on from where the boxes were taken; until the next boxes these are g
 The order is renewed less often than the boxes, which only grow as neighbours part (behaviour.Trajectory.blocks).
 """
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,19 +18,14 @@ import numpy as np
 
 from . import curve
 from .agents import Crowd, Group
-from .camera import Camera, planes, stretch
+from .looks import COLUMNS, Look, Test
 from .machine import StateMachine
 from .maps import Area, HeightMap
 
 # Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked first, about.
 LEAF, FAN, FIRST = 16, 8, 1024
-# Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
-# rounds at each of the at most MOST_CELLS borders a step. What it leaves open costs time, not truth.
-SLACK = 1e-8
-# NumPy's matrix product takes several threads for more columns than this: it costs them more to start than they save.
-COLUMNS = 2048
-# Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
-HUGE, TINY = 1e100, 1e-100
+# Agents tested alone together.
+PART = 8192
 # In place of a LOD: not seen; of a block, whose agents do not all have the same.
 CULLED, OPEN = 255, 254
 
@@ -80,8 +76,8 @@ class Pace:
 
     def between(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """(least, most) displacement, each (3,) metres, at any of the times `seconds`, relative to that of the boxes."""
-        ways = [np.zeros(3), *(t * v for t in (min(seconds), max(seconds)) for v in (self.low, self.high))]
-        return np.min(ways, axis=0), np.max(ways, axis=0)
+        ways = np.multiply.outer((min(seconds), max(seconds)), (self.low, self.high))
+        return np.minimum(ways.min(axis=(0, 1)), 0.0), np.maximum(ways.max(axis=(0, 1)), 0.0)
 
 
 STANDING = Pace(np.zeros(3), np.zeros(3))
@@ -196,96 +192,6 @@ def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
     return which.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
 
 
-@dataclass(frozen=True)
-class Look:
-    """One camera's look at the crowd: the arguments of `radar`, for agents displaced by least to most, (3,) metres each,
-    from the boxes, with spheres larger by `grown`."""
-
-    camera: Camera
-    least: np.ndarray
-    most: np.ndarray
-    grown: float = 0.0
-
-
-class _Test:
-    """What a look decides of boxes, by linear forms: rows of `forms` (f, 8) times a box, plus `add` (f,)."""
-
-    def __init__(self, look: Look, extent: float, margin: float | None, radial: bool):
-        camera = self.camera = look.camera
-        self.radial = radial or camera.kind == "PANO"
-        self.linear = not (self.radial or camera.turn)
-        self.moved, self.wider = (look.least + look.most) / 2, (look.most - look.least) / 2
-        normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
-        if camera.kind != "PANO":
-            frustum = planes(camera)
-            normals, rounding = frustum.normals, max(1.0, frustum.rounding)
-            offsets = frustum.offsets + (margin or 0.0) * np.append(frustum.fixed[:4], (0, 0))
-        self.reach = camera.pad + (look.grown if margin is None else 0.0)
-        self.radius = 1.0 if margin is None else 0.0
-        about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
-        self.slack = SLACK * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
-        self.slack += 1e-12 * np.abs(offsets).max(initial=0.0) + TINY
-        if not about < HUGE:
-            self.slack = np.nan  # nothing is decided
-        self.count = len(normals)
-        axes = np.concatenate([normals, normals, [camera.Z, camera.Z]])
-        sign = np.repeat([-1.0, 1.0, -1.0, 1.0], [self.count, self.count, 1, 1])
-        part = np.zeros((len(axes), 2))
-        part[: self.count, 1] = part[self.count : -2, 0] = -self.radius
-        self.forms = np.concatenate([axes, sign[:, None] * np.abs(axes), part], axis=1)
-        self.add = axes @ (self.moved - camera.origin) + sign * (np.abs(axes) @ self.wider)
-        self.add[:-2] -= np.tile(offsets, 2) + self.reach
-        self.add[-2:] += (-self.slack, self.slack)
-        # of single spheres, which have not moved on: rows of `single` (f, 5) times (x, y, z, radius, 1)
-        fixed = np.append(-offsets - self.reach, 0.0) - axes[self.count : -1] @ camera.origin
-        self.single = np.column_stack([axes[self.count : -1], part[self.count : -1, 0], fixed])
-
-    def __call__(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(outside, inside, nearest, farthest), each (b,), of `boxes` (8, b): whether all their spheres are, as far as is
-        known; bounds of their distances."""
-        camera, k = self.camera, self.count
-        values = self.forms @ boxes
-        values += self.add[:, None]
-        nearest, farthest = values[-2:]
-        turned = 0.0, 0.0
-        if self.radial or camera.turn:
-            off = np.abs(boxes[:3] + (self.moved - camera.origin)[:, None])
-            half = boxes[3:6] + self.wider[:, None]
-            close = np.sqrt((np.maximum(off - half, 0) ** 2).sum(axis=0)) - self.slack
-            away = np.sqrt(((off + half) ** 2).sum(axis=0)) + self.slack
-            least, most = self.reach + self.radius * boxes[6:]
-            turned = camera.turn * (close + least), camera.turn * (away + most)
-            if self.radial:
-                nearest, farthest = close, away
-        if camera.kind == "PANO":
-            return *self._of_range(boxes, close, away, least + turned[0], most + turned[1]), nearest, farthest
-        outside = values[:k].max(axis=0) > turned[1] + self.slack
-        inside = values[k : 2 * k].max(axis=0) <= turned[0] - self.slack
-        return outside, inside, nearest, farthest
-
-    def alone(self, spheres: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(outside, inside, distance), each (m,), of `spheres` (5, m): whether each is, as far as is known; its distance to
-        within the slack. For cameras whose reach and distance are linear."""
-        *sides, distance = values = self.single @ spheres
-        worst = values[: len(sides)].max(axis=0)
-        return worst > self.slack, worst <= -self.slack, distance
-
-    def _of_range(self, boxes, close, away, least, most) -> tuple[np.ndarray, np.ndarray]:
-        """(outside, inside), each (b,), of a panoramic camera's clip range and cone; of these a sphere about the box."""
-        camera = self.camera
-        outside = (close > camera.far + most + self.slack) | (away < camera.near - most - self.slack)
-        inside = (close >= camera.near - least + self.slack) & (away <= camera.far + least - self.slack)
-        if camera.cone < np.pi:
-            v = boxes[:3] + (self.moved - camera.origin)[:, None]
-            longer = stretch(camera)[1]
-            ball = longer * np.sqrt(((boxes[3:6] + self.wider[:, None]) ** 2).sum(axis=0)) + longer * self.slack
-            across, depth = np.hypot(camera.X @ v, camera.Y @ v), camera.Z @ v
-            beyond = across * np.cos(camera.cone) - depth * np.sin(camera.cone)
-            outside |= beyond - ball > longer * most
-            inside &= beyond + ball <= longer * least
-        return outside, inside
-
-
 def decide(
     blocks: Blocks,
     crowd: Crowd,
@@ -305,14 +211,15 @@ def decide(
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        tests = [[_Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
+        tests = [[Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
         for tier, (size, boxes, group) in enumerate(blocks.tiers):
             parts = FAN if tier else 1
             undecided = [opened[:0]]
             for at in range(0, len(opened), COLUMNS // parts):
                 whole = opened[at : at + COLUMNS // parts]
                 some = (whole[:, None] * parts + np.arange(parts)).ravel()
-                asked = boxes.reshape(8, -1, parts)[:, whole].reshape(8, -1)
+                asked = np.ones((9, len(some)))
+                boxes.reshape(8, -1, parts).take(whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip")
                 outside, level = _asked(tests, steps, asked, group, some)
                 shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
                 leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
@@ -327,53 +234,50 @@ def decide(
         opened = np.append(opened, last)
     leaves[opened] = OPEN
     decided = Decided(leaves, opened, np.full((len(opened), LEAF), CULLED, np.uint8))
-    places = np.arange(len(opened) * LEAF - (LEAF - own if own and leaves[last] == OPEN else 0))
+    count = len(opened) * LEAF - (LEAF - own if own and leaves[last] == OPEN else 0)
     if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
-        places = _alone(blocks, crowd, tests[0], limits, decided, places)
-    return decided, places
+        return decided, _alone(blocks, crowd, tests[0], limits, decided, count)
+    return decided, np.arange(count)
 
 
-def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, places: np.ndarray) -> np.ndarray:
-    """Decide what agents at `places` are clearly in or out; the places (m,) of those that only exact tests tell."""
-    left, slack = [places[:0]], max(test.slack for test in tests)
+def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:
+    """Decide which of the first `count` agents of decided.own, taken flat, are clearly in or out; the places (m,) there of those
+    that only exact tests tell."""
+    left, slack = [np.arange(0)], max(test.slack for test in tests)
     centre, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
     begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
     order, levels = blocks.rows.take(decided.opened, axis=0).ravel(), decided.own.reshape(-1)
-    # agents lie group by group: to tell theirs, none is asked
-    groups = np.repeat(np.arange(len(centre), dtype=np.uint8), np.diff(before(blocks, decided.opened))) if len(centre) > 1 else None
-    for start in range(0, len(places), COLUMNS):
-        some = places[start : start + COLUMNS]
-        agents = order[start : start + len(some)].astype(np.intp)
-        group = 0 if groups is None else groups[start : start + COLUMNS]
-        spheres = np.empty((5, len(some)))
-        spheres[0], spheres[1] = crowd.x[agents], crowd.y[agents]
+    several = len(centre) > 1
+    groups = (
+        np.repeat(np.arange(len(centre), dtype=np.uint8), np.diff(edges(crowd.group, order[:count], len(centre))))
+        if several
+        else None
+    )
+    for start in range(0, count, PART):
+        part = slice(start, min(start + PART, count))
+        agents = order[part].astype(np.intp)
+        group = 0 if groups is None else groups[part]
+        spheres = np.empty((5, len(agents)))
+        spheres[0], spheres[1] = crowd.x.take(agents, mode="clip"), crowd.y.take(agents, mode="clip")
         spheres[2] = (crowd.z[agents] if blocks.floor is None else blocks.floor) + centre[group]
         spheres[3], spheres[4] = radius[group], 1.0
         outside, inside, distance = tests[0].alone(spheres)
         for test in tests[1:]:
             out, within, other = test.alone(spheres)
             outside, inside, distance = outside & out, inside | within, np.minimum(distance, other)
-        shown = np.flatnonzero(inside)
-        beyond = distance[shown] - (begin if uniform else begin.take(group[shown], axis=1))
-        levels[some[shown]] = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
-        inside[shown[(np.abs(beyond) <= slack).any(axis=0)]] = False
-        left.append(some[~(outside | inside)])
+        beyond = distance - (begin if uniform else begin.take(group, axis=1))
+        level = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
+        sure = inside & ~np.logical_or.reduce(np.abs(beyond) <= slack, axis=0)
+        levels[part] = _or_culled(level, inside)
+        left.append((~(outside | sure)).nonzero()[0] + start)
     return np.concatenate(left)
 
 
-def before(blocks: Blocks, leaves: np.ndarray, shown: np.ndarray | None = None, counts: np.ndarray | None = None) -> np.ndarray:
-    """(G + 1,) intp: how many agents of the smallest blocks `leaves` (k,), rising, come before each group's first, and in all; of
-    those alone that are `shown` (k, LEAF) bool, which are so many of each block: `counts` (k,)."""
-    leaf, own = np.divmod(blocks.groups, LEAF)
-    at = np.searchsorted(leaves, leaf)
-    found = at * LEAF if counts is None else np.append(0, np.cumsum(counts))[at]
-    here = np.append(leaves, -1)[at] == leaf
-    part = np.arange(LEAF) < own[here, None]
-    if shown is not None:
-        part &= shown[at[here]]
-    found[here] += np.count_nonzero(part, axis=1)
-    return found
+def edges(group: np.ndarray, agents: np.ndarray, groups: int) -> np.ndarray:
+    """(groups + 1,) intp: where in `agents` (m,), which come group by group, each group begins, and their end. group: (n,), of all
+    agents; a few are asked."""
+    return np.array([*(bisect_left(agents, g, key=group.__getitem__) for g in range(groups)), len(agents)])
 
 
 def _steps(limits: np.ndarray) -> tuple:
@@ -384,7 +288,7 @@ def _steps(limits: np.ndarray) -> tuple:
 
 
 def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(outside, level), each (b,): whether no camera sees the boxes (8, b), with the groups group[:, some]; the LOD of
+    """(outside, level), each (b,): whether no camera sees the boxes (9, b), with the groups group[:, some]; the LOD of
     those seen wholly, and in one LOD; CULLED stands for all others."""
     outside = inside = nearest = None
     for time, eyes in enumerate(tests):
@@ -400,4 +304,9 @@ def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray)
     for latest, earliest in steps:
         finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(np.uint8)
         coarsest += (farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)).view(np.uint8)
-    return outside, np.where(inside & (finest == coarsest), finest, np.uint8(CULLED))
+    return outside, _or_culled(finest, inside & (finest == coarsest))
+
+
+def _or_culled(levels: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """`levels` (b,) uint8, CULLED, whose bits are all set, where not `shown` (b,) bool: several times as fast as where()."""
+    return levels | (shown.view(np.uint8) - np.uint8(1))

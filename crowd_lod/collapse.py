@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .nearest import BLOCK, blocks
+from .nearest import BLOCK, blocks, length
+from .nearest import normals as normals_at
 from .skin import Skin
 
 MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
@@ -62,17 +63,21 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     follows: the point of those given that each moves with, of the two ends of an edge that with the lesser error. Source:
     Mohr, Gleicher, "Deformation sensitive decimation", 2003.
     """
-    points, quadrics, normals, n = points.copy(), quadrics.copy(), normals.copy(), len(points)
-    bent, follows = [each.copy() for each in bent], np.arange(n)
+    all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
+    own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
+    corners = np.ascontiguousarray(corners.reshape(-1, 3).T)  # (3, m): NumPy is several times faster along the long axis
+    points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
+    bent, follows = [each.take(own, 1) for each in bent], own.copy()
     landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
-    corners = np.ascontiguousarray(triangles.T, np.intp)  # (3, m): NumPy is several times faster along the long axis
     while corners.shape[1] > target:
         keys, edges, faces = edges_of(corners, n)
-        at, cost = place(points.T, quadrics, *edges)
-        follow, bent_cost = _follow(skin, bent, follows, edges, at)
-        cost += bent_cost / (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
+        at, cost = place(points, quadrics, *edges)
         cost[bridges(edges, faces, n) | np.isin(keys, refused)] = np.inf
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
+        follow = follows[edges[0]]
+        if bent:
+            weight = (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
+            _add_bent(skin, bent, follows[edges], edges, at, weight, most, cost, follow)
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else PASSES
@@ -89,16 +94,16 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         keep, gone = ends = edges[:, chosen]
         changed = _ring(corners, ends, n)
         refused, thorough = refused[~changed[np.stack(np.divmod(refused, n))].any(axis=0)], False
-        points[keep], follows[keep] = at[:, chosen].T, follow[chosen]
-        for each in (quadrics, *bent):
+        points[:, keep], follows[keep] = at.take(chosen, 1), follow[chosen]
+        for each in (quadrics, normals, *bent):
             each[:, keep] += each[:, gone]
-        normals[keep] += normals[gone]
         move = np.arange(n)
         move[gone] = keep
         landed, corners = move[landed], move[corners]
         corners = corners.compress(~_flat(corners), axis=1)
         yield
-    return points, corners.T, landed, follows
+    all_points[own], all_landed[own], all_follow[own] = points.T, own[landed], follows
+    return all_points, own[corners].T, all_landed, all_follow
 
 
 def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -123,9 +128,13 @@ def _flat(corners: np.ndarray) -> np.ndarray:
 
 
 def choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
-    """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first."""
-    n = len(points)
+    """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first. points, normals,
+    at: (3, n) and (3, k)."""
+    n = points.shape[1]
     ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
+    near = np.zeros(n, bool)
+    near[ends] = True
+    corners, edges = (each.compress(near[each].any(axis=0), axis=1) for each in (corners, edges))
     free, chosen, bad = np.ones(len(order), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
     for _ in range(passes):
         found = _apart(ends, free, corners, n)
@@ -182,16 +191,30 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return middle + step, cost / (area + 1e-300) ** MEAN
 
 
-def _follow(skin: Skin | None, bent, follows, edges, at) -> tuple[np.ndarray, np.ndarray]:
-    """(what the points that the edges (2, k) collapse to, `at` (3, k), would follow (k,), their error in all poses (k,))."""
-    ends = follows[edges]
+def _add_bent(skin: Skin, bent, ends, edges, at, weight, most: int, cost: np.ndarray, follow: np.ndarray) -> None:
+    """Add to the `cost` (k,) of the edges (2, k), which may follow either of `ends` (2, k), the lesser error in all poses, over the
+    `weight` (k,), and put that end into `follow` (k,): of the `most` cheapest and whichever else might be one of these."""
+    known, limit = np.zeros(len(cost), bool), np.partition(cost, most - 1)[most - 1]
+    for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
+        some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
+        follow[some], error = _follow(skin, bent, ends.take(some, 1), edges.take(some, 1), at.take(some, 1))
+        cost[some] += error / weight[some]
+        known[some] = True
+        limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
+
+
+def _follow(skin: Skin, bent, ends, edges, at) -> tuple[np.ndarray, np.ndarray]:
+    """(which of `ends` (2, k) the points that the edges (2, k) collapse to, `at` (3, k), would follow (k,), their error in all
+    poses (k,))."""
     error = np.zeros(ends.shape)
-    for j, quadrics in enumerate(bent):
-        xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics[:, edges[0]] + quadrics[:, edges[1]]
-        for end in range(2):
-            x, y, z = skin.at(j, at.T, ends[end]).T
-            gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
-            error[end] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
+    for block in blocks(ends.shape[1], BLOCK):
+        (a, b), points = edges[:, block], at[:, block]
+        for j, quadrics in enumerate(bent):
+            xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
+            for end, follow in enumerate(ends[:, block]):
+                x, y, z = skin.at(j, points, follow)
+                gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+                error[end, block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
     return np.where(error[1] < error[0], ends[1], ends[0]), error.min(axis=0)
 
 
@@ -219,7 +242,7 @@ def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> n
 def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> np.ndarray:
     """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart. facing:
     the least cosine between a triangle's normals before and after."""
-    n, k = len(points), ends.shape[1]
+    n, k = points.shape[1], ends.shape[1]
     which = np.full(n, -1)
     which[ends] = np.arange(k)
     # link condition: only the corners opposite of the edge are neighbours of both its ends
@@ -238,15 +261,18 @@ def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> n
     high = across.max(axis=0)
     across = edge_keys((across.sum(axis=0) + 1 - high, high), n)
     good[_twice(edge * n * n + across) // n // n] = False
-    old = points[rest]
-    new = np.where((mine >= 0)[..., None], at.T[edge], old)
-    (was, was_size), (now, size) = (_unit(np.cross(t[1] - t[0], t[2] - t[0])) for t in (old, new))
-    was_long, long = (((t - np.roll(t, 1, axis=0)) ** 2).sum(axis=(0, 2)) for t in (old, new))
+    old = [points.take(corner, 1) for corner in rest]
+    new = [np.where(moved >= 0, at.take(edge, 1), corner) for moved, corner in zip(mine, old, strict=True)]
+    was, now = normals_at(*old), normals_at(*new)
+    was_size, size = length(was), length(now)
+    was_long, long = (sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a)) for a, b, c in (old, new))
     thin = (size < THIN * long) & (size * was_long <= was_size * long)
     outward = normals.copy()
-    outward[ends] = normals[ends].sum(axis=0)
-    stands_for = _unit(_unit(outward)[0][rest].sum(axis=0))[0]
-    turned = (np.einsum("nd,nd->n", was, now) < facing) & (was_size > 0) | (np.einsum("nd,nd->n", stands_for, now) < facing)
+    outward[:, ends] = normals[:, ends].sum(axis=1, keepdims=True)
+    outward /= length(outward) + 1e-300
+    stands_for = sum(outward.take(corner, 1) for corner in rest)
+    turned = (np.einsum("dn,dn->n", was, now) / (was_size * size + 1e-300) < facing) & (was_size > 0)
+    turned |= np.einsum("dn,dn->n", stands_for, now) / (length(stands_for) * size + 1e-300) < facing
     good[edge[thin | turned]] = False
     return good
 

@@ -9,7 +9,7 @@ SHARE, MOST_BITS = 4, 12
 # Agents whose places along the curve are found at a time.
 BLOCK = 16_384
 # A crowd of fewer agents is tested faster agent by agent: it needs no order.
-FEWEST = 40_000
+FEWEST = 4_000
 
 
 def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .agents import Crowd, Group
 from .behaviour import Trajectory
-from .blocks import CULLED, LEAF, Look, decide
+from .blocks import CULLED, LEAF, decide
 from .camera import Camera
 from .culling import Bounds, bounds, lost, radar, refuse_lost
 from .lean import (
@@ -27,6 +27,7 @@ from .lean import (
     LeftOut,
 )
 from .levels import Bias, LevelPolicy, assign, limits
+from .looks import Look
 from .sorting import Buckets, sort, sort_blocks, sort_in_order
 
 # Another way to cull, give LODs and sort, of the same agents and LODs: (crowd, order, camera, policy, begin) -> (places (m,)
@@ -209,7 +210,7 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     factor = None if bias is None else bias.at(crowd.x[seen], crowd.y[seen])
     decided.own.reshape(-1)[places[visible]] = assign(distance[visible], begin, crowd.group[seen], factor)
     ticks.append(clock.perf_counter())
-    buckets, present = sort_blocks(blocks, decided, policy.count)
+    buckets, present = sort_blocks(blocks, decided, crowd.group, policy.count)
     ticks.append(clock.perf_counter())
     items = {ALL_INSIDE: len(buckets.order) == len(crowd), ALL_OUTSIDE: not len(buckets.order)}
     items[ONE_LEVEL] = bias is None and np.count_nonzero(buckets.counts) <= 1

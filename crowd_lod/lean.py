@@ -12,7 +12,7 @@ from .maps import LabelMap
 SHORT_RUN = 2_000  # agents: about as many as take the culling the time of the calls that a block of them costs
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # each is one of those below, and itself alone: asked for many times a frame
 class LeftOut:
     """A part of the pipeline's `stage` that a scene does not need, and why."""
 

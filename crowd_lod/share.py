@@ -144,8 +144,8 @@ def _cheapest(fit: Fit, errors, halves, count: int) -> tuple[np.ndarray, np.ndar
     order = np.sort(order[cost[order] < np.inf])
     there = _after(fit, edges[:, order], at[:, order])
     order = order[np.argsort(there, kind="stable")[: (there < LEAD * fit.worst).sum()]]
-    around = normals_of(points.T, corners.T)
-    order, _ = choose(points.T, corners, around, edges, faces, order, at, PASSES, FACING)
+    around = normals_of(points.T, corners.T).T
+    order, _ = choose(points, corners, around, edges, faces, order, at, PASSES, FACING)
     freed = np.cumsum(faces[order])
     order = order[: np.searchsorted(freed, count) + 1]
     return *edges[:, order], at[:, order], int(faces[order].sum())

@@ -1,6 +1,7 @@
 """How a mesh moves in its poses: what decimation must know to keep the rings of an elbow that is straight at rest."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -22,9 +23,17 @@ class Skin:
     frame: np.ndarray
 
     def at(self, pose: int, points: np.ndarray, follows: np.ndarray) -> np.ndarray:
-        """Where points (m, 3) at rest, each moving with the mesh's point `follows` (m,), lie in the pose, (m, 3)."""
-        off = np.einsum("mij,mj->mi", self.frame[pose][follows], points - self.rest[follows])
-        return self.place[pose][follows] + off
+        """Where points (3, m) at rest, each moving with the mesh's point `follows` (m,), lie in the pose, (3, m)."""
+        rows = self._rows[pose].take(follows, 1)
+        x, y, z = points - rows[:3]
+        return rows[3:6] + (rows[6:9] * x + rows[9:12] * y + rows[12:] * z)
+
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        """(k, 15, n): rest, place, and the frame's three columns: NumPy is several times faster along the long axis."""
+        frame = self.frame.transpose(0, 3, 2, 1).reshape(len(self.frame), 9, -1)
+        rest = np.broadcast_to(self.rest.T, (len(frame), *self.rest.T.shape))
+        return np.concatenate([rest, self.place.transpose(0, 2, 1), frame], axis=1)
 
     def of(self, points: np.ndarray) -> "Skin":
         """That of the mesh's points (m,) alone."""

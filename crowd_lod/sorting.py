@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .blocks import LEAF, OPEN, Blocks, Decided, before
+from .blocks import LEAF, OPEN, Blocks, Decided, edges
 
 
 @dataclass(frozen=True)
@@ -46,18 +46,15 @@ def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
     return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
 
 
-def sort_blocks(blocks: Blocks, decided: Decided, count: int) -> tuple[Buckets, np.ndarray]:
-    """(the buckets of agents in blocks, how many agents of each LOD and group (count, G)): blocks of one LOD go as they are."""
-    buckets, present = [], np.zeros((count, len(blocks.groups) - 1), np.intp)
+def sort_blocks(blocks: Blocks, decided: Decided, group: np.ndarray, count: int) -> tuple[Buckets, np.ndarray]:
+    """(the buckets of agents in blocks, how many agents of each LOD and group (count, G)): blocks of one LOD go as they are. group:
+    (n,) uint8, of all agents."""
+    buckets, groups = [], len(blocks.groups) - 1
     differ = decided.leaves == OPEN
     for level in range(count):
-        leaves, own = np.flatnonzero((decided.leaves == level) | differ), decided.own == level
-        shown, at = np.ones((len(leaves), LEAF), bool), np.searchsorted(leaves, decided.opened)
-        shown[at] = own
+        leaves = ((decided.leaves == level) | differ).nonzero()[0]
+        shown = np.ones((len(leaves), LEAF), bool)
+        shown[differ.take(leaves).nonzero()[0]] = decided.own == level
         buckets.append(blocks.rows.take(leaves, axis=0)[shown])
-        present[level] = len(buckets[-1])
-        if present.shape[1] > 1:
-            counts = np.full(len(leaves), LEAF)
-            counts[at] = np.count_nonzero(own, axis=1)
-            present[level] = np.diff(before(blocks, leaves, shown, counts))
-    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])), present
+    present = [np.diff(edges(group, agents, groups)) if groups > 1 else [len(agents)] for agents in buckets]
+    return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])), np.array(present)

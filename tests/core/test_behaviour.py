@@ -1,5 +1,6 @@
 import dataclasses
 import json
+import weakref
 
 import numpy as np
 import pytest
@@ -264,13 +265,20 @@ def test_trajectory_does_not_depend_on_the_order_of_frames(make):
 
 
 def test_the_times_of_an_open_shutter_do_not_step_from_far_back_again():
-    """Blender asks for them before, at and after each frame: what those need is at hand."""
+    """Blender asks for them before, at and after each frame: once it has done so, what those need is at hand."""
     asked = trajectory()
+    asked.at(19), asked.at(18)
     for number in range(20, 36):
         crowd, before = asked.at(number), asked.at(number - 1)
         for time in (number - 0.25, number, number + 0.25, number, number - 0.75):
             asked.at(time)
         assert asked.at(number) is crowd and asked.at(number - 1) is before
+
+
+def test_a_crowd_that_nobody_asks_for_again_is_let_go():
+    asked = trajectory()
+    before = weakref.ref(asked.at(20))
+    assert asked.at(21) and before() is None
 
 
 def test_an_agents_chances_do_not_depend_on_the_rest_of_the_crowd():

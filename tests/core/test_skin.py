@@ -60,7 +60,7 @@ def test_an_elbow_straight_at_rest_keeps_its_shape_when_it_bends(ratio):
     skin = bent(points, [0.0, 0.7, 1.6])
     heeding, blind = decimate(points, triangles, ratio, "arm", skin=skin), decimate(points, triangles, ratio, "arm")
     assert len(heeding.triangles) <= len(blind.triangles) * 1.01
-    off = [distance(skin.place[2], skin.at(2, lod.points, lod.source), lod.triangles).max() for lod in (heeding, blind)]
+    off = [distance(skin.place[2], skin.at(2, lod.points.T, lod.source).T, lod.triangles).max() for lod in (heeding, blind)]
     assert off[0] < off[1] / 3
     assert distance(points, heeding.points, heeding.triangles).max() < 0.02
 
@@ -73,9 +73,9 @@ def test_a_point_moves_as_linear_blend_skinning_has_it():
     off = rng.normal(0, 0.1, (50, 3))
     upper = np.clip(points[follows, 2] / 0.3 + 0.5, 0, 1)[:, None]
     wanted = (1 - upper) * (points[follows] + off) + upper * ((points[follows] + off) @ turn(np.array(1.1)).T)
-    np.testing.assert_allclose(skin.at(0, points[follows] + off, follows), wanted, atol=1e-12)
+    np.testing.assert_allclose(skin.at(0, (points[follows] + off).T, follows).T, wanted, atol=1e-12)
     moved = skin.scaled(np.array([1.0, 2.0, 3.0]), 4.0)
-    there = moved.at(0, (points[follows] + off - (1, 2, 3)) / 4, follows)
+    there = moved.at(0, ((points[follows] + off - (1, 2, 3)) / 4).T, follows).T
     np.testing.assert_allclose(there, (wanted - (1, 2, 3)) / 4, atol=1e-12)
 
 

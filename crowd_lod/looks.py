@@ -1,0 +1,113 @@
+"""What a camera decides of boxes about many spheres at once, and of single spheres, where it is clear beyond all rounding."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .camera import Camera, planes, stretch
+
+# Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
+# rounds at each of the at most MOST_CELLS borders a step. What it leaves open costs time, not truth.
+SLACK = 1e-8
+# NumPy's matrix product takes several threads for more columns than this: it costs them more to start than they save.
+COLUMNS = 2048
+# Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
+HUGE, TINY = 1e100, 1e-100
+# Which of a camera's planes are the sides, that a fixed margin moves.
+SIDES = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Look:
+    """One camera's look at the crowd: the arguments of `radar`, for agents displaced by least to most, (3,) metres each,
+    from the boxes, with spheres larger by `grown`."""
+
+    camera: Camera
+    least: np.ndarray
+    most: np.ndarray
+    grown: float = 0.0
+
+
+class Test:
+    """What a look decides of boxes, by linear forms: rows of `forms` (f, 9) times a box and 1."""
+
+    def __init__(self, look: Look, extent: float, margin: float | None, radial: bool):
+        camera = self.camera = look.camera
+        self.radial = radial or camera.kind == "PANO"
+        self.linear = not (self.radial or camera.turn)
+        self.moved, self.wider = (look.least + look.most) / 2, (look.most - look.least) / 2
+        normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
+        if camera.kind != "PANO":
+            frustum = planes(camera)
+            normals, rounding = frustum.normals, max(1.0, frustum.rounding)
+            offsets = frustum.offsets if margin is None else frustum.offsets + margin * SIDES * frustum.fixed
+        self.reach = camera.pad + (look.grown if margin is None else 0.0)
+        self.radius = 1.0 if margin is None else 0.0
+        about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
+        self.slack = SLACK * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
+        self.slack += 1e-12 * np.abs(offsets).max(initial=0.0) + TINY
+        if not about < HUGE:
+            self.slack = np.nan  # nothing is decided
+        k = self.count = len(normals)
+        axes, sign, part = np.empty((2 * k + 2, 3)), np.ones((2 * k + 2, 1)), np.zeros((2 * k + 2, 2))
+        axes[:k] = axes[k:-2] = normals
+        axes[-2:] = camera.Z
+        sign[:k] = sign[-2] = -1.0
+        part[:k, 1] = part[k:-2, 0] = -self.radius
+        wide = sign * np.abs(axes)
+        add, beyond = axes @ (self.moved - camera.origin) + wide @ self.wider, offsets + self.reach
+        add[:k] -= beyond
+        add[k:-2] -= beyond
+        add[-2:] += (-self.slack, self.slack)
+        self.forms = np.concatenate([axes, wide, part, add[:, None]], axis=1)
+        # of single spheres, which have not moved on: rows of `single` (f, 5) times (x, y, z, radius, 1)
+        self.single = np.empty((k + 1, 5))
+        self.single[:, :3], self.single[:, 3] = axes[k:-1], part[k:-1, 0]
+        self.single[:, 4] = axes[k:-1] @ -camera.origin
+        self.single[:k, 4] -= beyond
+
+    def __call__(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(outside, inside, nearest, farthest), each (b,), of `boxes` (9, b), the last row 1: whether all their spheres are, as far
+        as is known; bounds of their distances."""
+        camera, k = self.camera, self.count
+        values = self.forms @ boxes
+        nearest, farthest = values[-2:]
+        turned = 0.0, 0.0
+        if self.radial or camera.turn:
+            off = np.abs(boxes[:3] + (self.moved - camera.origin)[:, None])
+            half = boxes[3:6] + self.wider[:, None]
+            close = np.sqrt((np.maximum(off - half, 0) ** 2).sum(axis=0)) - self.slack
+            away = np.sqrt(((off + half) ** 2).sum(axis=0)) + self.slack
+            least, most = self.reach + self.radius * boxes[6:8]
+            turned = camera.turn * (close + least), camera.turn * (away + most)
+            if self.radial:
+                nearest, farthest = close, away
+        if camera.kind == "PANO":
+            return *self._of_range(boxes, close, away, least + turned[0], most + turned[1]), nearest, farthest
+        outside = values[:k].max(axis=0) > turned[1] + self.slack
+        inside = values[k : 2 * k].max(axis=0) <= turned[0] - self.slack
+        return outside, inside, nearest, farthest
+
+    def alone(self, spheres: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(outside, inside, distance), each (m,), of `spheres` (5, m): whether each is, as far as is known; its distance to
+        within the slack. For cameras whose reach and distance are linear."""
+        *sides, distance = values = np.empty((len(self.single), spheres.shape[1]))
+        for at in range(0, spheres.shape[1], COLUMNS):
+            np.matmul(self.single, spheres[:, at : at + COLUMNS], out=values[:, at : at + COLUMNS])
+        worst = values[: len(sides)].max(axis=0)
+        return worst > self.slack, worst <= -self.slack, distance
+
+    def _of_range(self, boxes, close, away, least, most) -> tuple[np.ndarray, np.ndarray]:
+        """(outside, inside), each (b,), of a panoramic camera's clip range and cone; of these a sphere about the box."""
+        camera = self.camera
+        outside = (close > camera.far + most + self.slack) | (away < camera.near - most - self.slack)
+        inside = (close >= camera.near - least + self.slack) & (away <= camera.far + least - self.slack)
+        if camera.cone < np.pi:
+            v = boxes[:3] + (self.moved - camera.origin)[:, None]
+            longer = stretch(camera)[1]
+            ball = longer * np.sqrt(((boxes[3:6] + self.wider[:, None]) ** 2).sum(axis=0)) + longer * self.slack
+            across, depth = np.hypot(camera.X @ v, camera.Y @ v), camera.Z @ v
+            beyond = across * np.cos(camera.cone) - depth * np.sin(camera.cone)
+            outside |= beyond - ball > longer * most
+            inside &= beyond + ball <= longer * least
+        return outside, inside
