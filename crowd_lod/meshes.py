@@ -18,6 +18,7 @@ from .steps import finished
 BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
 FAR = 0.065  # of the triangles: where fewer are wanted, seams hold the less, by the cube of their part of this
+HELD = 0.5  # the weight of seams in each pose, of that at rest: they add up
 LEFT = 0.5  # weight of the planes that it leaves against those of the source
 BULK_AGGRESSION = 3  # with this care; its default is 7
 # Work, in about microseconds: what may be done, at least and for each triangle of the source, and what is asked by a triangle of
@@ -127,7 +128,8 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     the rings of a straight elbow first: the one goes less far, in the pose that bends most, the others are left out."""
     part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
     hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
-    quadrics, *bent = (quadrics_of(at, triangles, seams, hold) for at in (points, *(skin.place if skin else ())))
+    quadrics = quadrics_of(points, triangles, seams, hold)
+    bent = [quadrics_of(place, triangles, seams, HELD) for place in (skin.place if skin else ())]
     spared = BENT if bent else SEAMED if len(seams) else 0
     yield
     most = max(int(BULK * target + REST * len(triangles)), spared)
