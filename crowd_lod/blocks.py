@@ -248,12 +248,10 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Dec
     uniform = (limits == limits[0]).all()
     begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
     order, levels = blocks.rows.take(decided.opened, axis=0).ravel(), decided.own.reshape(-1)
-    several = len(centre) > 1
-    groups = (
-        np.repeat(np.arange(len(centre), dtype=np.uint8), np.diff(edges(crowd.group, order[:count], len(centre))))
-        if several
-        else None
-    )
+    groups = None
+    if len(centre) > 1:
+        sizes = np.diff(edges(crowd.group, order[:count], len(centre)))
+        groups = np.repeat(np.arange(len(centre), dtype=np.uint8), sizes)
     for start in range(0, count, PART):
         part = slice(start, min(start + PART, count))
         agents = order[part].astype(np.intp)

@@ -124,7 +124,7 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
         follows = corner[np.arange(len(hit)), np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1)]
     for j, surface in enumerate(surfaces):
         yield
-        distance = max(distance, deviation(surface, Surface(skin.at(j, points, follows), triangles), SAMPLES)[0])
+        distance = max(distance, deviation(surface, Surface(skin.at(j, points.T, follows).T, triangles), SAMPLES)[0])
     yield
     return distance / diagonal, uv_error(source, mesh, points, triangles, corners)
 

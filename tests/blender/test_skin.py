@@ -46,7 +46,7 @@ def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
         scene.frame_set(int(frame // 1), subframe=float(frame % 1))
         evaluated = other.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
         wanted = np.array([v.co for v in evaluated.vertices])
-        np.testing.assert_allclose(source.skin.at(j, at, follows), wanted, atol=1e-4)  # float32, divided by a step of 1 %
+        np.testing.assert_allclose(source.skin.at(j, at.T, follows).T, wanted, atol=1e-4)  # float32, divided by a step of 1 %
     assert np.ptp(source.skin.place, axis=0).max() > 0.5
 
 
