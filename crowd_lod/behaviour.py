@@ -368,7 +368,8 @@ class Trajectory:
         with self._lock:
             nearest = max(kept for kept in self._kept if kept <= target)
             known = [(nearest, self._kept[nearest]), *self._recent]
-            self._looks_back |= self._recent[0][0] - target == 1
+            latest, looked_back = self._recent[0], self._recent[0][0] - target == 1
+            self._looks_back |= looked_back
             frame, crowd = max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
             while frame < target:
                 before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
@@ -377,4 +378,6 @@ class Trajectory:
                     if self._ahead[1] is None:
                         self._ahead = None, None  # to look again
                 self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
+            if looked_back:
+                self._recent = latest, (frame, crowd)
             return crowd

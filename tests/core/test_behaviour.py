@@ -265,9 +265,8 @@ def test_trajectory_does_not_depend_on_the_order_of_frames(make):
 
 
 def test_the_times_of_an_open_shutter_do_not_step_from_far_back_again():
-    """Blender asks for them before, at and after each frame: once it has done so, what those need is at hand."""
+    """Blender asks for them before, at and after each frame: what those need is at hand."""
     asked = trajectory()
-    asked.at(19), asked.at(18)
     for number in range(20, 36):
         crowd, before = asked.at(number), asked.at(number - 1)
         for time in (number - 0.25, number, number + 0.25, number, number - 0.75):
