@@ -123,7 +123,7 @@ def _roughly(one: Surface, other: Surface) -> float:
         return 0.0
     samples = [each.samples(POSE_SAMPLES) for each in (one, other)]
     some = [points[:: max(1, len(points) // POSE_SAMPLES)] for points in samples]
-    return float(max(other.nearest(some[0])[2].max(), one.nearest(some[1])[2].max()))
+    return float(max(other.distances(some[0]).max(), one.distances(some[1]).max()))
 
 
 def meshes_of(levels: bpy.types.Collection, g: int) -> list[list[bpy.types.Object]]:

@@ -1,10 +1,12 @@
 """Surfaces of triangles: the nearest points on one, samples of one, the distance between two."""
 
+from collections.abc import Iterator
 from functools import cached_property
 
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
+ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
 SAMPLES = 20_000  # points over each surface, besides its vertices, that a distance between two is measured at
 
 
@@ -24,9 +26,25 @@ class Surface:
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(at (k, 3) metres, triangle (k,) intp, distance (k,) metres) of the surface's points nearest to points (k, 3)."""
-        hits = [self.tree.find_nearest(p) for p in (points - self.middle).tolist()]
+        hits = list(self._hits(points))
         at = np.array([hit[0] for hit in hits], np.float64).reshape(-1, 3) + self.middle
         return at, np.array([hit[2] for hit in hits], np.intp), np.array([hit[3] for hit in hits], np.float64)
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """(k,) metres, of points (k, 3) to the surface: sooner than by `nearest`."""
+        return np.array([hit[3] for hit in self._hits(points)], np.float64)
+
+    def _hits(self, points: np.ndarray) -> Iterator[tuple]:
+        """What the tree finds nearest to each of points (k, 3). It is no farther off than that of the point before and the way
+        from there, but for rounding: the tree need not be searched beyond."""
+        points, find = points - self.middle, self.tree.find_nearest
+        ways = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1) + ROUNDED * np.ptp(self.points, axis=0).max()
+        most = ANYWHERE
+        for point, way in zip(points.tolist(), ways.tolist(), strict=True):
+            hit = find(point, most + way)
+            hit = hit if hit[3] is not None else find(point)
+            most = hit[3] * (1 + ROUNDED)
+            yield hit
 
     def samples(self, count: int = SAMPLES, seed: int = 0) -> np.ndarray:
         """Points (k, 3) metres on the surface: those of its corners, then `count` spread evenly over its area."""
@@ -49,7 +67,7 @@ def deviation(one: Surface, other: Surface, count: int = SAMPLES) -> tuple[float
     The true Hausdorff distance is at least this; it lies between samples by at most their spacing. Source: Aspert,
     Santa-Cruz, Ebrahimi, "MESH: measuring errors between surfaces using the Hausdorff distance", 2002.
     """
-    there, back = (a.nearest(b.samples(count))[2] for a, b in ((other, one), (one, other)))
+    there, back = (a.distances(b.samples(count)) for a, b in ((other, one), (one, other)))
     # corners are no even sample of the area
     rms = max(float(np.sqrt(np.mean(d[-count:] ** 2))) for d in (there, back))
     return float(max(there.max(), back.max())), rms
