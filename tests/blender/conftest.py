@@ -45,29 +45,47 @@ def scene():
 
 
 @pytest.fixture(scope="session")
-def built_file(tmp_path_factory):
-    """Where the small crowd is kept once it was built: that takes seconds."""
-    return tmp_path_factory.mktemp("built") / "built.blend"
+def kept(tmp_path_factory):
+    """Where files are kept that take seconds to make."""
+    return tmp_path_factory.mktemp("kept")
 
 
 @pytest.fixture
-def built(built_file, request):
+def levelled(kept, request):
+    """The small crowd with its LODs."""
+    return _opened(kept / "levelled.blend", _level, request, "scene")
+
+
+@pytest.fixture
+def built(kept, request):
     """The small crowd, built, under a camera that moves and turns."""
-    if not built_file.exists():
-        _build(request.getfixturevalue("scene"))
-        bpy.ops.wm.save_as_mainfile(filepath=str(built_file), copy=True)
-    bpy.ops.wm.open_mainfile(filepath=str(built_file), load_ui=False)
-    bpy.context.scene.frame_set(1)
+    scene = _opened(kept / "built.blend", _build, request, "levelled")
+    scene.frame_set(1)
+    return scene
+
+
+def _opened(path, make, request, fixture):
+    """The scene of the file `path`, which `make` makes of the scene of the `fixture`, once."""
+    if not path.exists():
+        make(request.getfixturevalue(fixture))
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
     return bpy.context.scene
+
+
+def _level(scene):
+    from crowd_lod_extension.operators.levels import make_levels
+    from crowd_lod_extension.operators.populate import measure_groups, store_groups
+
+    store_groups(scene.crowd_lod, measure_groups(scene))
+    list(make_levels(scene))
 
 
 def _build(scene):
     from crowd_lod_extension.operators.build import build
-    from crowd_lod_extension.operators.levels import make_levels
 
     for frame, x, turn in ((1, -5, -0.3), (40, 12, 0.6)):
         scene.camera.location.x, scene.camera.rotation_euler.z = x, turn
         scene.camera.keyframe_insert("location", frame=frame)
         scene.camera.keyframe_insert("rotation_euler", frame=frame)
-    list(make_levels(scene))
     list(build(scene))

@@ -93,16 +93,15 @@ def test_a_bake_that_is_stopped_leaves_the_live_build(built):
         assert set(bpy.data.user_map()) == before and builder.BAKED not in built.crowd_lod.build
 
 
-def test_remove_takes_a_bake_away(scene):
-    list(make_levels(scene))
+def test_remove_takes_a_bake_away(levelled):
     before = set(bpy.data.user_map())
-    list(bake(scene, [3, 4]))
+    list(bake(levelled, [3, 4]))
     assert set(bpy.data.user_map()) > before
-    builder.remove_build(scene.crowd_lod)
+    builder.remove_build(levelled.crowd_lod)
     assert set(bpy.data.user_map()) == before
 
 
-def test_the_command_bakes_a_file_and_says_its_size(scene, tmp_path, capfd):
+def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     untouched = (tmp_path / "crowd.blend").read_bytes()
     out = tmp_path / "out.blend"

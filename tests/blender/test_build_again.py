@@ -32,14 +32,13 @@ def points(top):
     return {name: [vertex.co[:] for vertex in item.data.vertices] for name, item in builder.points_of(top).items()}
 
 
-def test_remove_brings_the_file_back(scene):
-    list(make_levels(scene))
+def test_remove_brings_the_file_back(levelled):
     before = set(bpy.data.user_map())
     for _ in range(2):
-        list(builder.build(scene))
-        list(builder.build(scene))
-        builder.remove_build(scene.crowd_lod)
-        assert set(bpy.data.user_map()) == before and scene.crowd_lod.build is None
+        list(builder.build(levelled))
+        list(builder.build(levelled))
+        builder.remove_build(levelled.crowd_lod)
+        assert set(bpy.data.user_map()) == before and levelled.crowd_lod.build is None
 
 
 def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
@@ -186,13 +185,12 @@ def test_a_stale_bake_is_rebuilt_with_its_inputs(built, tmp_path):
     assert not len(visible())
 
 
-def test_a_tree_of_the_users_by_our_name_is_let_alone(scene):
+def test_a_tree_of_the_users_by_our_name_is_let_alone(levelled):
     theirs = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
     theirs.nodes.new("NodeGroupInput")
-    list(make_levels(scene))
-    list(builder.build(scene))
+    list(builder.build(levelled))
     assert len(theirs.nodes) == 1 and trees.made(NAME) != theirs
-    builder.remove_build(scene.crowd_lod)
+    builder.remove_build(levelled.crowd_lod)
     assert list(bpy.data.node_groups) == [theirs]
 
 

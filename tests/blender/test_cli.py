@@ -36,7 +36,7 @@ def shares(path, low=1 / 255, ratio=1.6):
 
 def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
     out = tmp_path / "a folder"
-    assert run("preview", "chapter", *SHORT, "--out", out, "--json") == 0
+    assert run("preview", "chapter", *SHORT, "--seed", "9", "--out", out, "--json") == 0
     said = capfd.readouterr()
     result = json.loads(said.out)
     assert result["out"] == str(out) and said.err == ""
@@ -53,7 +53,8 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
         assert 0 < n["vertices"] < n["full_vertices"] and 0 < n["triangles"] < n["full_triangles"]
         assert n["culling_ms"] > 0
     plan = json.loads((out / "plan.json").read_text())
-    assert plan["version"] == 1 and plan["crowd"]["count"] == 4096 and plan["preview"]["frames"] == [1, 60]
+    assert plan["version"] == 1 and plan["preview"]["frames"] == [1, 60]
+    assert plan["crowd"]["count"] == 4096 and plan["crowd"]["seed"] == 9
     assert {"stage", "reason", "ms_saved", "ms_spread"} == set(plan["left_out"][0])
     assert any("no height map" in each["reason"] and each["ms_saved"] > 0 for each in plan["left_out"])
     assert plan["machine"]["states"] and plan["camera"] and plan["levels"]["thresholds"]
@@ -62,9 +63,9 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
     assert min(shares(out / "above_0001.png")) > 0.0005
 
 
-def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(scene, tmp_path, capfd):
-    scene.crowd_lod.machine = bpy.data.texts.new("east")
-    scene.crowd_lod.machine.from_string(
+def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(levelled, tmp_path, capfd):
+    levelled.crowd_lod.machine = bpy.data.texts.new("east")
+    levelled.crowd_lod.machine.from_string(
         '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"go": {"on": {"*": {"move": [1.5, 0]}}}}}'
     )
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "stuck.blend"))
@@ -82,16 +83,15 @@ def test_without_a_window_old_blender_says_that_it_cannot_draw_the_overlay(tmp_p
     assert "take Blender 5.1 or later" in capfd.readouterr().err and not (tmp_path / "out").exists()
 
 
-def test_the_same_command_twice_gives_the_same_figures(tmp_path, capfd):
-    def figures(folder):
-        assert run("preview", "chapter", *SHORT, "--out", tmp_path / folder) == 0
-        rows = csv.DictReader((tmp_path / folder / "frames.csv").open())
+def test_the_same_command_twice_gives_the_same_figures(levelled, tmp_path, capfd):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+
+    def figures():
+        assert run("preview", tmp_path / "crowd.blend", *SHORT, "--out", tmp_path / "out") == 0
+        rows = csv.DictReader((tmp_path / "out" / "frames.csv").open())
         return [{k: v for k, v in row.items() if not k.endswith("_ms")} for row in rows]
 
-    first = figures("out")
-    assert figures("out") == first  # into the same folder, over what is there
-    assert run("preview", "chapter", *SHORT, "--seed", "9", "--out", tmp_path / "other") == 0
-    assert json.loads((tmp_path / "other" / "plan.json").read_text())["crowd"]["seed"] == 9
+    assert figures() == figures()  # into the same folder, over what is there
 
 
 def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path, capfd):
@@ -107,22 +107,20 @@ def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path, capfd):
     assert "100%" in capfd.readouterr().err  # the progress bar
 
 
-def test_preview_leaves_the_open_scene_as_it_was(scene, tmp_path):
+def test_preview_leaves_the_open_scene_as_it_was(levelled, tmp_path):
     from crowd_lod_extension.operators.build import build
-    from crowd_lod_extension.operators.levels import make_levels
     from crowd_lod_extension.operators.preview import Preview, preview
 
-    list(make_levels(scene))
-    list(build(scene))
-    scene.frame_set(7)
+    list(build(levelled))
+    levelled.frame_set(7)
     state = lambda: (  # noqa: E731
-        set(bpy.data.user_map()), scene.frame_current, scene.render.engine, scene.render.filepath, scene.camera,
-        scene.render.resolution_x, scene.crowd_lod.build, scene.crowd_lod.levels, [len(o.data.vertices) for o in scene.crowd_lod.build.objects],
+        set(bpy.data.user_map()), levelled.frame_current, levelled.render.engine, levelled.render.filepath, levelled.camera,
+        levelled.render.resolution_x, levelled.crowd_lod.build, levelled.crowd_lod.levels, [len(o.data.vertices) for o in levelled.crowd_lod.build.objects],
     )  # fmt: skip
     before = state()
-    list(preview(scene, Preview([1, 30], tmp_path / "out", 160), []))
+    list(preview(levelled, Preview([1, 30], tmp_path / "out", 160), []))
     assert state() == before
-    steps = preview(scene, Preview([1, 30], tmp_path / "esc", 160), [])
+    steps = preview(levelled, Preview([1, 30], tmp_path / "esc", 160), [])
     next(steps)
     next(steps)
     steps.close()
@@ -244,12 +242,15 @@ def test_sample_is_written_and_opens_with_its_crowd(tmp_path, capfd):
     assert settings.count == 4096 and len(settings.characters.children) == 3
 
 
-def test_ctrl_c_leaves_the_folder_as_it_was(tmp_path):
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli", "preview", "chapter", "--frames", "1:500", "--step", "1"]
-    run = subprocess.Popen([*command, "--width", "64", "--out", tmp_path / "out"], stderr=subprocess.PIPE, text=True)
-    while not list(tmp_path.glob("out/.crowd-lod-*/main_*.png")):
+def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
+    file, folder = tmp_path / "crowd.blend", tmp_path / "there"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    folder.mkdir()
+    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli", "preview", file, "--frames", "1:500", "--step", "1"]
+    run = subprocess.Popen([*command, "--width", "64", "--out", folder / "out"], stderr=subprocess.PIPE, text=True)
+    while not list(folder.glob("out/.crowd-lod-*/main_*.png")):
         assert run.poll() is None
         time.sleep(0.1)
     run.send_signal(signal.SIGINT)
     assert run.wait(60) == 130
-    assert "stopped" in run.stderr.read() and os.listdir(tmp_path) == []
+    assert "stopped" in run.stderr.read() and os.listdir(folder) == []

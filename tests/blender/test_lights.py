@@ -7,7 +7,6 @@ from crowd_lod_extension.crowd_lod import lean
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.lights import read_surroundings
 from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
@@ -15,11 +14,11 @@ from mathutils import Matrix
 
 
 @pytest.fixture
-def lit(scene):
+def lit(levelled):
     """The small crowd on a ground, in Cycles."""
-    scene.render.engine = "CYCLES"
-    add(scene.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
-    return scene
+    levelled.render.engine = "CYCLES"
+    add(levelled.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
+    return levelled
 
 
 def lamp(scene, kind, location=(0, 0, 5), turn=(0, 0, 0), **values):
@@ -115,7 +114,6 @@ def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (30, 50, 0)], atol=1e-5)
     tower = add(lit.collection, "Tower", [(box(-1, -1, 1, 1, 0, 12), material("Stone", (1, 1, 1)))])
     tower.location.x = 40
-    list(make_levels(lit))
     list(builder.build(lit))
     lit.frame_set(5)
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (41, 50, 12)], atol=1e-5)
@@ -183,7 +181,6 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
         sun.rotation_euler = turn
         sun.keyframe_insert("rotation_euler", frame=frame)
     lit.render.use_motion_blur = blur
-    list(make_levels(lit))
     list(builder.build(lit))
     first = {}
     for time in (30.0, 2.0, 11.25, 11.0, 10.75, 11.25, 2.0, 10.75, 30.0):
@@ -213,7 +210,6 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur):
         sun.keyframe_insert("rotation_euler", frame=frame)
         wall.keyframe_insert("location", frame=frame)
     lit.render.use_motion_blur = blur
-    list(make_levels(lit))
     list(builder.build(lit))
 
     def ids(mesh, name):

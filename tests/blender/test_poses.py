@@ -165,11 +165,10 @@ def test_a_group_that_stands_still_has_one_pose(scene):
     assert len(meshes) == 6
 
 
-def test_making_poses_leaves_nothing_when_it_is_stopped(scene):
-    list(make_levels(scene))
+def test_making_poses_leaves_nothing_when_it_is_stopped(levelled):
     before = set(bpy.data.user_map())
     for steps in (1, 30, 150):
-        making = make_poses(scene)
+        making = make_poses(levelled)
         for _ in range(steps):
             next(making)
         making.close()

@@ -22,23 +22,23 @@ def run(*words):
 
 
 @pytest.fixture
-def lit(scene):
+def lit(levelled):
     """The small crowd on a ground, a low sun and a lamp beside the picture, a mirror in it."""
-    add(scene.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
+    add(levelled.collection, "Ground", [(tile(-30, -40, 30, 50), material("Ground", (0.5, 0.5, 0.5)))])
     for kind, place, turn, energy in (("SUN", (0, 0, 9), (0, 1.2, 0.2), 3), ("POINT", (9, -12, 3), (0, 0, 0), 3000)):
         data = bpy.data.lights.new(kind, kind)
         data.energy = energy
         item = bpy.data.objects.new(kind, data)
         item.location, item.rotation_euler = place, turn
-        scene.collection.objects.link(item)
+        levelled.collection.objects.link(item)
     silver = material("Silver", (0.9, 0.9, 0.9), 0.0)
     next(node for node in silver.node_tree.nodes if node.type == "BSDF_PRINCIPLED").inputs["Metallic"].default_value = 1
     home = bpy.data.collections.new("Mirrors")
-    scene.collection.children.link(home)
+    levelled.collection.children.link(home)
     pane = add(home, "Pane", [(tile(-4, 0, 4, 5), silver)])
     pane.location, pane.rotation_euler = (4, -3, 0), (pi / 2, 0, -0.5)
-    scene.crowd_lod.mirrors = home
-    return scene
+    levelled.crowd_lod.mirrors = home
+    return levelled
 
 
 def rendered(scene, folder, **wanted):

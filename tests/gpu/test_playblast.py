@@ -10,6 +10,7 @@ from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators import cli, playblast
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.drawing import Batches, Cast, paint
+from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.points import Style, drawing
 from crowd_lod_extension.operators.populate import frame_of, groups_of
 from crowd_lod_extension.operators.srgb import linear
@@ -123,8 +124,15 @@ def state(space):
 
 
 def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    sample_scenes.make("chapter", bpy.context.scene)
+    bpy.context.scene.crowd_lod.way = "PRECISE"  # the quickest
+    list(make_levels(bpy.context.scene))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "chapter.blend"))
+    command = ["preview", str(tmp_path / "chapter.blend"), "--frames", "1,60", "--width", "160", "--quiet"]
+
     def run(*words):
-        return cli._run(["preview", "chapter", "--frames", "1,60", "--width", "160", "--quiet", *map(str, words)], "crowd-lod")
+        return cli._run([*command, *map(str, words)], "crowd-lod")
 
     assert run("--engine", "overlay", "--out", tmp_path / "lod") == 0
     plan = json.loads((tmp_path / "lod" / "plan.json").read_text())
