@@ -145,7 +145,7 @@ def blocks_of(
                 places.append(crowd.z[agents])
             for axis, place in enumerate(places):
                 low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
-        _stay(low, high, area, wraps)
+        _stay(low, high, area, wraps, heights)
         low[2] += _over(centre, np.minimum)[*group]
         high[2] += _over(centre, np.maximum)[*group]
         radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
@@ -176,12 +176,16 @@ def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.nd
     )
 
 
-def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None) -> None:
-    """Let the boxes low, high (3, b) hold agents as they are taken onto the area, or as they come back on its other side."""
+def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, heights: HeightMap | None) -> None:
+    """Let the boxes low, high (3, b) hold agents as they are taken onto the area, or as they come back on its other side,
+    where the ground is another."""
     for axis, (least, most) in enumerate(((area.x_min, area.x_max), (area.y_min, area.y_max))):
         if wraps is not None:
             crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
             low[axis, crosses], high[axis, crosses] = np.minimum(low[axis, crosses], least), np.maximum(high[axis, crosses], most)
+            if heights is not None:
+                bottom, top = heights.area.z + float(heights.heights.min()), heights.area.z + float(heights.heights.max())
+                low[2, crosses], high[2, crosses] = np.minimum(low[2, crosses], bottom), np.maximum(high[2, crosses], top)
         low[axis], high[axis] = np.minimum(low[axis], most), np.maximum(high[axis], least)
 
 

@@ -214,6 +214,13 @@ def test_hills_between_the_boxes_and_the_agents():
         compare(trajectory, straight(offset=(0, 30, 40)), time=time)
 
 
+def test_who_comes_back_at_the_other_side_of_the_map_stands_on_other_ground():
+    slope = HeightMap(np.linspace(0, 40, 9, dtype=np.float32)[None].repeat(2, axis=0), AREA)
+    trajectory = shot(walking("wrap"), count=1500, heights=slope)
+    low = replace(straight(kind="ORTHO", offset=(-38, -5, 1)), far=200.0)  # the foot of the slope, 38 m below its top
+    assert sum(compare(trajectory, low, time=time).visible.sum() for time in (9, 16, 30)) > 0
+
+
 def test_blocks_are_kept_of_large_crowds_alone(monkeypatch):
     monkeypatch.setattr(curve, "FEWEST", 401)
     assert shot(count=400).blocks(1) is None
