@@ -196,6 +196,7 @@ def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
     return which.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
 
 
+@np.errstate(invalid="ignore", over="ignore", under="ignore")
 def decide(
     blocks: Blocks,
     crowd: Crowd,
@@ -214,22 +215,21 @@ def decide(
     steps = [] if limits is None else [_steps(step) for step in limits.T]
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
-    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        tests = [[Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
-        for tier, (size, boxes, group) in enumerate(blocks.tiers):
-            parts = FAN if tier else 1
-            undecided = [opened[:0]]
-            for at in range(0, len(opened), COLUMNS // parts):
-                whole = opened[at : at + COLUMNS // parts]
-                some = (whole[:, None] * parts + np.arange(parts)).ravel()
-                asked = np.ones((9, len(some)))
-                boxes.reshape(8, -1, parts).take(whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip")
-                outside, level = _asked(tests, steps, asked, group, some)
-                shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
-                leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
-                outside[shown] = True
-                undecided.append(some[~outside])
-            opened = np.concatenate(undecided)
+    tests = [[Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
+    for tier, (size, boxes, group) in enumerate(blocks.tiers):
+        parts = FAN if tier else 1
+        undecided = [opened[:0]]
+        for at in range(0, len(opened), COLUMNS // parts):
+            whole = opened[at : at + COLUMNS // parts]
+            some = (whole[:, None] * parts + np.arange(parts)).ravel()
+            asked = np.ones((9, len(some)))
+            boxes.reshape(8, -1, parts).take(whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip")
+            outside, level = _asked(tests, steps, asked, group, some)
+            shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
+            leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
+            outside[shown] = True
+            undecided.append(some[~outside])
+        opened = np.concatenate(undecided)
     # of the blocks that the last agent fills, one has others, too
     last, own = divmod(int(blocks.groups[-1]), LEAF)
     leaves[last + (own > 0) :] = CULLED
