@@ -78,7 +78,7 @@ class LabelMap:
         return _index(x, self.area.x_min, width, columns), _index(y, self.area.y_min, depth, rows)
 
     def into(self, x, y, column, row) -> tuple[np.ndarray, np.ndarray]:
-        """The positions nearest to x, y (n,) that `cells` puts into the cells column, row (n,)."""
+        """The positions next to x, y (n,) that `cells` puts into the cells column, row (n,)."""
         rows, columns = self.labels.shape
         width, depth = self.cell
         return _into(x, column, self.area.x_min, width, columns), _into(y, row, self.area.y_min, depth, rows)
@@ -102,7 +102,7 @@ def _into(value, index, low, size, count):
         off = index - _index(value, low, size, count)
         if not off.any():
             break
-        value = np.where(off, np.nextafter(value, np.copysign(np.inf, off)), value)
+        value = value + np.sign(off) * np.spacing(np.abs(value) + abs(low))  # near 0 of value - low, not its own
     return value
 
 
