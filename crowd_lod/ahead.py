@@ -64,6 +64,7 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
     sides = (crowd.x, tables.x, area.x_min, width, columns), (crowd.y, tables.y, area.y_min, depth, rows)
     # by less than a cell a step, agents go on through cells of the same label, in one row or in one column of them
     through = np.abs(tables.x) < 0.99 * width, (np.abs(tables.y) < 0.99 * depth) & (tables.x == 0)
+    heading = tables.heading.view(np.int32)  # 0.0 and -0.0 are two
     slack = SLACK * np.spacing(np.abs((area.x_min, area.x_max, area.y_min, area.y_max)).max())
     for at in range(0, len(crowd), BLOCK):
         block = slice(at, at + BLOCK)
@@ -79,7 +80,8 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
             least[~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))] = 0  # -0.0 + 0.0 is another
         if machine.timed:
             least = np.minimum(least, crowd.wait[block] / tables.seconds * (1 - TICK) - 2)
-        least[tables.turns.take(of) & (tables.heading.take(of) != crowd.heading[block])] = 0
+        turned = heading.take(of) != crowd.heading[block].view(np.int32)
+        least[tables.turns.take(of) & turned] = 0
         case[block], steps[block] = of, np.where(least >= 1, least, 0)
     return Ahead(case, steps, tables.seconds)
 

@@ -245,6 +245,10 @@ class Trajectory:
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
     def __post_init__(self):
+        for axis in "xy":
+            place = getattr(self.start, axis)
+            if np.isinf(place).any():  # who stands beyond the map is taken onto it, but from infinity nobody comes back
+                self.start = replace(self.start, **{axis: np.where(np.isinf(place), np.nan, place)})
         self._cycles = cycles_of(self.groups)
         self._kept[0] = self.start
         # the latest, and the one before it once that has been asked for, as open shutters do

@@ -145,7 +145,7 @@ def blocks_of(
                 places.append(crowd.z[agents])
             for axis, place in enumerate(places):
                 low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
-        _stay(low, high, area, wraps)
+        _stay(low, high, area, wraps, heights)
         low[2] += _over(centre, np.minimum)[*group]
         high[2] += _over(centre, np.maximum)[*group]
         radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
@@ -176,12 +176,16 @@ def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.nd
     )
 
 
-def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None) -> None:
-    """Let the boxes low, high (3, b) hold agents as they are taken onto the area, or as they come back on its other side."""
+def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, heights: HeightMap | None) -> None:
+    """Let the boxes low, high (3, b) hold agents as they are taken onto the area, or as they come back on its other side,
+    where the ground is another."""
     for axis, (least, most) in enumerate(((area.x_min, area.x_max), (area.y_min, area.y_max))):
         if wraps is not None:
             crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
             low[axis, crosses], high[axis, crosses] = np.minimum(low[axis, crosses], least), np.maximum(high[axis, crosses], most)
+            if heights is not None:
+                bottom, top = heights.area.z + float(heights.heights.min()), heights.area.z + float(heights.heights.max())
+                low[2, crosses], high[2, crosses] = np.minimum(low[2, crosses], bottom), np.maximum(high[2, crosses], top)
         low[axis], high[axis] = np.minimum(low[axis], most), np.maximum(high[axis], least)
 
 
@@ -192,6 +196,7 @@ def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
     return which.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
 
 
+@np.errstate(invalid="ignore", over="ignore", under="ignore")
 def decide(
     blocks: Blocks,
     crowd: Crowd,
@@ -210,22 +215,21 @@ def decide(
     steps = [] if limits is None else [_steps(step) for step in limits.T]
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
     opened = np.arange(blocks.tiers[0][1].shape[1])
-    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        tests = [[Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
-        for tier, (size, boxes, group) in enumerate(blocks.tiers):
-            parts = FAN if tier else 1
-            undecided = [opened[:0]]
-            for at in range(0, len(opened), COLUMNS // parts):
-                whole = opened[at : at + COLUMNS // parts]
-                some = (whole[:, None] * parts + np.arange(parts)).ravel()
-                asked = np.ones((9, len(some)))
-                boxes.reshape(8, -1, parts).take(whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip")
-                outside, level = _asked(tests, steps, asked, group, some)
-                shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
-                leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
-                outside[shown] = True
-                undecided.append(some[~outside])
-            opened = np.concatenate(undecided)
+    tests = [[Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
+    for tier, (size, boxes, group) in enumerate(blocks.tiers):
+        parts = FAN if tier else 1
+        undecided = [opened[:0]]
+        for at in range(0, len(opened), COLUMNS // parts):
+            whole = opened[at : at + COLUMNS // parts]
+            some = (whole[:, None] * parts + np.arange(parts)).ravel()
+            asked = np.ones((9, len(some)))
+            boxes.reshape(8, -1, parts).take(whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip")
+            outside, level = _asked(tests, steps, asked, group, some)
+            shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
+            leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
+            outside[shown] = True
+            undecided.append(some[~outside])
+        opened = np.concatenate(undecided)
     # of the blocks that the last agent fills, one has others, too
     last, own = divmod(int(blocks.groups[-1]), LEAF)
     leaves[last + (own > 0) :] = CULLED

@@ -107,7 +107,7 @@ def plan(
     asked = None
     if STATIC in leave and STILL in left:
         crowds = [crowd, *(trajectory.at(sample) for sample, _ in shutter)]
-        painted = None if bias is None else (bias.values.tobytes(), bias.area)
+        painted = None if bias is None else (bias.values.shape, bias.values.tobytes(), bias.area)
         views = [_values(each) for each in (cameras, *(eyes for _, eyes in shutter))]
         asked = [column for each in crowds for column in (each.x, each.y, each.z, each.group)], (
             views, policy, painted, grown.tobytes()

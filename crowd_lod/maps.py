@@ -72,13 +72,13 @@ class LabelMap:
         return self.labels[row, column]
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(column, row), each (n,) intp, of the cells at the world positions x, y (n,); outside the nearest."""
+        """(column, row), each (n,) intp, of the cells at the world positions x, y (n,); outside the nearest, at NaN any."""
         rows, columns = self.labels.shape
         width, depth = self.cell
         return _index(x, self.area.x_min, width, columns), _index(y, self.area.y_min, depth, rows)
 
     def into(self, x, y, column, row) -> tuple[np.ndarray, np.ndarray]:
-        """The positions nearest to x, y (n,) that `cells` puts into the cells column, row (n,)."""
+        """The positions next to x, y (n,) that `cells` puts into the cells column, row (n,)."""
         rows, columns = self.labels.shape
         width, depth = self.cell
         return _into(x, column, self.area.x_min, width, columns), _into(y, row, self.area.y_min, depth, rows)
@@ -93,7 +93,7 @@ def _run(labels: np.ndarray) -> np.ndarray:
 
 
 def _index(value, low, size, count):
-    return np.minimum(np.maximum((value - low) / size, 0), count - 1).astype(np.intp)  # of few, sooner than np.clip
+    return np.fmin(np.fmax((value - low) / size, 0), count - 1).astype(np.intp)  # of few, sooner than np.clip
 
 
 def _into(value, index, low, size, count):
@@ -102,7 +102,7 @@ def _into(value, index, low, size, count):
         off = index - _index(value, low, size, count)
         if not off.any():
             break
-        value = np.where(off, np.nextafter(value, np.copysign(np.inf, off)), value)
+        value = value + np.sign(off) * np.spacing(np.abs(value) + abs(low))  # near 0 of value - low, not its own
     return value
 
 
@@ -162,7 +162,7 @@ class HeightMap:
         width, depth = self.area.size
         across, up = (x - self.area.x_min) * (columns / width) - 0.5, (y - self.area.y_min) * (rows / depth) - 0.5
         inside = (across >= 0) & (across < columns - 1), (up >= 0) & (up < rows - 1)
-        across, up = np.clip(across, 0, columns - 1), np.clip(up, 0, rows - 1)
+        across, up = np.fmin(np.fmax(across, 0), columns - 1), np.fmin(np.fmax(up, 0), rows - 1)  # at NaN anywhere
         column, row = across.astype(np.intp), up.astype(np.intp)
         right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
         places = ((row, column), (row, right), (above, column), (above, right))

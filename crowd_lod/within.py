@@ -83,8 +83,8 @@ def within(
             rest.append(np.arange(at, min(at + BLOCK, len(x))))  # beyond the map, or at NaN
             continue
         cells = [np.floor((old[block] - low) / size) for old, _, _, low, _, size, _ in sides]
-        for (old, _, _, _, high, _, count), cell in zip(sides, cells, strict=True):
-            if old[block].max() == high:
+        for (*_, count), cell in zip(sides, cells, strict=True):
+            if cell.max() >= count:  # at the map's end, or so near that the quotient rounds up to it
                 np.minimum(cell, count - 1, out=cell)
         one = ONE_LABEL in leave
         label = labels[0] if one else labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")

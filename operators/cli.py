@@ -74,7 +74,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     _scene(command, program)
     command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
     command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
-    command.add_argument("--out", type=Path, metavar="DIR", help="the folder for pictures, frames.csv and plan.json")
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures, frames.csv and plan.json")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
     command.add_argument("--width", type=int, metavar="PIXELS", help="of the pictures (default: the scene's, 960)")
@@ -99,7 +99,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument(
         "--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)"
     )
-    command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.set_defaults(run=_build)
 
@@ -113,7 +113,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     _scene(command, program)
     command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
     command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
-    command.add_argument("--out", type=Path, metavar="DIR", help="the folder for pictures, verify.csv and verify.json")
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures, verify.csv and verify.json")
     command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="of the pictures (default: 320)")
     command.add_argument("--samples", type=int, default=4, metavar="N", help="of each pixel (default: 4)")
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="once more with the sky and N bounces (default: 0)")
@@ -121,7 +121,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
 
     command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
-    command.add_argument("--out", type=Path, metavar="FILE", help="the .blend file (default: NAME.blend)")
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
     command.set_defaults(run=_sample)
 
     about = "tables of error, run time and extreme cases"
@@ -132,7 +132,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
         reports, program, "error", "plot error against run time of a scene, with tables", "report error plaza --out plaza_error"
     )
     _scene(command, program)
-    command.add_argument("--out", type=Path, metavar="DIR", help="the folder for plots and tables (default: SCENE_error)")
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for plots and tables (default: SCENE_error)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.add_argument("--repeats", type=int, default=7, metavar="N", help="runs a time is the median of (default: 7)")
     command.set_defaults(run=_report_error)
@@ -143,7 +143,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
         "--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)"
     )
     command.add_argument("--seed", type=int, default=0, metavar="N", help="other agents of the same cases")
-    command.add_argument("--out", type=Path, metavar="FILE", help="write the table to a Markdown file as well")
+    command.add_argument("--out", type=_path, metavar="FILE", help="write the table to a Markdown file as well")
     command.set_defaults(run=_report_extremes)
     command = _command(reports, program, "cull", "judge the culling of random cameras, by lens", "report cull --pairs 1000000")
     command.add_argument("--pairs", type=int, default=1_000_000, metavar="N", help="of camera and agent (default: 1 million)")
@@ -157,6 +157,13 @@ def _command(commands, program: str, name: str, about: str, example: str) -> arg
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     command.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
     return command
+
+
+def _path(text: str) -> Path:
+    """What a shell's empty variable leaves names no path: Path would take it for the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("names nothing")
+    return Path(text)
 
 
 def _scene(command: argparse.ArgumentParser, program: str) -> None:
@@ -215,7 +222,9 @@ def _preview(args, command: list[str]) -> dict:
             f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."
         )
     wanted = Preview(
-        frames=parse_frames(args.frames or settings.frames, settings.step if args.step is None else args.step),
+        frames=parse_frames(
+            settings.frames if args.frames is None else args.frames, settings.step if args.step is None else args.step
+        ),
         folder=folder,
         width=args.width or settings.width,
         engine=engine,
@@ -242,7 +251,9 @@ def _verify(args, command: list[str]) -> dict:
     settings = scene.crowd_lod
     stem = Path(args.scene or bpy.data.filepath or "scene").stem
     wanted = Verify(
-        frames=parse_frames(args.frames or settings.frames, settings.step if args.step is None else args.step),
+        frames=parse_frames(
+            settings.frames if args.frames is None else args.frames, settings.step if args.step is None else args.step
+        ),
         folder=(args.out or Path(f"{stem}_verify")).absolute(),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),
@@ -331,10 +342,14 @@ def _sample(args, command: list[str]) -> dict:
 
 
 def _blend(path: Path) -> Path:
-    """The path, absolute; CrowdError if it is no .blend file's."""
+    """The path, absolute; CrowdError if it is no .blend file's, or has no folder, before any work is done for it."""
     if path.suffix != ".blend":
         raise CrowdError(f"The file {path.name} must end in .blend.")
-    return path.absolute()
+    path = path.absolute()
+    if path.is_dir() or not path.parent.is_dir():
+        what = f"there is no folder {path.parent}" if not path.is_dir() else "it is a folder"
+        raise CrowdError(f"The file {path} cannot be written: {what}.")
+    return path
 
 
 def _save(path: Path, compress: bool = False) -> None:

@@ -208,25 +208,30 @@ def test_bad_scenes_are_one_sentence_and_exit_code_1(scene, tmp_path, capfd, spo
 def test_bad_arguments_are_one_sentence_and_exit_code_1(tmp_path, capfd):
     (tmp_path / "letter.blend").write_text("Dear Blender")
     (tmp_path / "file").write_text("")
+    (tmp_path / "folder.blend").mkdir()
     cases = {
         ("preview", tmp_path / "letter.blend"): "cannot open",
         ("preview", tmp_path / "none.blend"): "There is no file",
         ("preview", "chapter", "--frames", "9,3"): "out of order",
         ("preview", "chapter", "--frames", "9:3"): "run backwards",
+        ("preview", "chapter", "--frames", ""): "neither a range",
+        ("preview", "chapter", "--frames", "9" * 20): "There is no frame",
         ("preview", "chapter", "--step", "0", "--frames", "1:9"): "step",
         ("preview", "chapter", "--seed", "-1"): "seed",
         ("preview", "chapter", "--width", "1"): "width",
         ("preview", "chapter", "--out", tmp_path / "file" / "out"): "cannot be written",
         ("sample", "chapter", "--out", tmp_path / "file" / "x.blend"): "cannot be written",
         ("sample", "chapter", "--out", tmp_path / "x.txt"): "must end in .blend",
+        ("build", tmp_path / "none.blend", "--out", tmp_path / "none" / "x.blend"): "there is no folder",
+        ("build", tmp_path / "none.blend", "--out", tmp_path / "folder.blend"): "it is a folder",
     }
     for words, sentence in cases.items():
         more = () if "--out" in words else ("--out", tmp_path / "out")
         assert run(*words, "--quiet", *more) == 1, words
         said = capfd.readouterr()
         assert sentence in said.err and said.err.count("\n") == 1 and said.out == "", said
-    assert sorted(os.listdir(tmp_path)) == ["file", "letter.blend"]
-    assert run("fly") == 2 and run("preview", "chapter", "--engine", "luxcore") == 2
+    assert sorted(os.listdir(tmp_path)) == ["file", "folder.blend", "letter.blend"]
+    assert run("fly") == 2 and run("preview", "chapter", "--engine", "luxcore") == 2 and run("preview", "chapter", "--out", "") == 2
 
 
 def test_help_shows_an_example(capfd):

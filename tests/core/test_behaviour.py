@@ -158,6 +158,19 @@ def test_cost_grows_with_the_fast_agents_only():
     np.testing.assert_allclose(moved.x, np.mod(x + np.repeat(speeds, counts), 100), atol=1e-9)
 
 
+def test_nobody_gets_further_than_its_speed_about_the_origin():
+    random, fastest = np.random.default_rng(1), []
+    for _ in range(12):
+        table, (width, depth) = load_preset("plaza"), 10 ** random.uniform(1, 2.5, 2)
+        labels = np.where(random.random((31, 37)) < 0.25, random.integers(len(table.labels), size=(31, 37)), 0).astype(np.uint8)
+        world = LabelMap(labels, Area(-width / 2, -depth / 2, width / 2, depth / 2))
+        crowd, reach = populate(500, 1, 1, table, world), np.hypot(*table.velocity.reshape(-1, 2).T).max() / 24
+        for _ in range(12):
+            before, crowd = crowd, step(crowd, table, world, cycles_of((walker(),)), 1 / 24)
+            fastest.append(np.hypot(crowd.x - before.x, crowd.y - before.y).max() / reach)
+    assert 0.9 < max(fastest) < 1 + 1e-9
+
+
 def test_absurd_speeds_are_refused_by_name():
     machine = machine_of({"walk": {"on": {"*": {}}}, "warp": {"on": {"*": {}, "wall": {"move": [0, -1e9]}}}})
     world = LabelMap(np.zeros((10, 10), np.uint8), Area(0, 0, 10, 10))

@@ -188,7 +188,8 @@ def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
         ((camera, camera), POLICY),
         (camera, replace(POLICY, margin=0.5)),
         (camera, POLICY, Bias(np.full((2, 2), 0.25), AREA)),
-        (camera, POLICY, Bias(np.full((2, 2), 1.0), AREA)),
+        (camera, POLICY, Bias(np.array([[0.0, 1.0]]), AREA)),
+        (camera, POLICY, Bias(np.array([[0.0], [1.0]]), AREA)),
         (camera, POLICY, None),
     ]
     for view, policy, *bias in changes:

@@ -108,7 +108,7 @@ def test_cells_too_small_for_their_place_are_refused():
     LabelMap(np.zeros((1000, 1000), np.uint8), Area(1e8, 0, 1e8 + 1000, 1000))
 
 
-@pytest.mark.parametrize("low", [0.0, 0.1, -1e7 / 3, 1e8])
+@pytest.mark.parametrize("low", [0.0, 0.1, -1e7 / 3, 1e8, -4.55, -20.2])  # the last two about the world's origin
 def test_positions_put_into_a_cell_are_found_in_it(low):
     random = np.random.default_rng(0)
     world = LabelMap(np.zeros((30, 30), np.uint8), Area(low, low, low + 21.7, low + 9.1))

@@ -59,7 +59,25 @@ def test_frames(text, step, frames):
     assert parse_frames(text, step) == frames
 
 
-@pytest.mark.parametrize("text", ["10:1", "1,3,2", "1,1", "", "a:b", "1:2:3", "1.5", "1,,2", "0:99999999"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "10:1",
+        "1,3,2",
+        "1,1",
+        "",
+        "a:b",
+        "1:2:3",
+        "1.5",
+        "1,,2",
+        "0:999999",
+        "1048575",
+        "-1048575:1",
+        "9" * 20,
+        "1:" + "9" * 20,
+        "9" * 5000,
+    ],
+)
 def test_frames_that_make_no_sense_are_refused(text):
     with pytest.raises(CrowdError, match="frame"):
         parse_frames(text, 1)

@@ -27,9 +27,10 @@ def same(one, other):
 
 
 def odd(crowd, random):
-    """With agents on the map's border, on cells' borders, beyond the map, and mirrored."""
+    """With agents on the map's border or next to it, on cells' borders, beyond the map, and mirrored."""
     x, y = crowd.x.copy(), crowd.y.copy()
-    x[::11], x[1::11], y[2::11], y[3::11] = AREA.x_min, AREA.x_max, AREA.y_min, AREA.y_max
+    right = random.choice([AREA.x_max, np.nextafter(AREA.x_max, 0)])
+    x[::11], x[1::11], y[2::11], y[3::11] = AREA.x_min, right, AREA.y_min, AREA.y_max
     x[4::11], y[5::11] = AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape), AREA.y_min + 100 / 7 * 3
     x[6::101], y[7::101] = -70, 170
     mirror = random.integers(4, size=len(x)).astype(np.uint8)
