@@ -9,8 +9,9 @@ import numpy as np
 from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
 from . import scene as io
+from .movers import action_range
 from .operator import Stepwise
-from .populate import action_range, characters_of, groups_of, store_groups
+from .populate import characters_of, groups_of, store_groups
 from .surface import Surface, deviation
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces

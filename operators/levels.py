@@ -13,9 +13,11 @@ from . import chain, transfer, ways
 from . import scene as io
 from . import source as sources
 from .deviation import measure, poses
+from .movers import armatures_of, stance
 from .operator import Stepwise
-from .populate import armatures_of, characters_of, measuring_groups, store_groups
+from .populate import characters_of, measuring_groups, store_groups
 from .skin import skin_of
+from .source import OWNED
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
 # (Okabe and Ito), and white. Linear RGB.
@@ -29,14 +31,13 @@ TINTS = (
     (0.60, 0.19, 0.38),
     (0.85, 0.85, 0.85),
 )
-OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 # Custom properties of a LOD's collection of one character group: the hash of what it was made from, which candidate it is,
 # and how many objects it has; of the finest, what was measured of all candidates. Of its objects: the hash of what was
 # made; how, why so, and the milliseconds it took.
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
 COLUMNS = ("vertices", "triangles", "deviations", "rms", "worst")  # of Group, a value a LOD
-VERSION = 9  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 10  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)
@@ -262,30 +263,16 @@ class _Ladder:
 
 def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
     """A hash of all that LODs take from the object."""
-    animated = [item, *armatures_of([item]), getattr(item.data, "shape_keys", None)]
-    actions = [block.animation_data.action for block in animated if block and block.animation_data]
-    curves = [
-        (curve.data_path, curve.array_index, sources.keys_of(curve)) for action in actions for curve in sources.curves_of(action)
-    ]
-    stance = (
-        item.name_full,
-        item.type,
-        item.parent and (item.parent.name_full, item.parent_type, item.parent_bone),
-        [tuple(row) for matrix in (item.matrix_parent_inverse, item.matrix_basis) for row in matrix]
-        if item.animation_data is None
-        else (),
-        [(modifier.name, modifier.type) for modifier in item.modifiers],
-        [constraint.name for constraint in item.constraints],
+    blocks = source.keys and item.data.shape_keys.key_blocks
+    looks = (
+        [getattr(item, name) for name in io.SHOWN if name not in ("hide_render", "hide_viewport", "color")],
         [slot.material and slot.material.name_full for slot in item.material_slots],
-        source.keys,
+        [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
     )
     if source.mesh is None:
-        return sources.text_digest(stance, curves)
-    return sources.digest(source.mesh, stance, _group_names(item), curves)
-
-
-def _group_names(item: bpy.types.Object) -> list[str]:
-    return [group.name for group in item.vertex_groups] if item.type == "MESH" else []
+        return sources.text_digest(stance(item), looks)
+    active = [layer.active_render for layer in source.mesh.uv_layers], source.mesh.attributes.default_color_name
+    return sources.digest(source.mesh, stance(item), looks, active, source.groups)
 
 
 def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, way: str, progress: float):
@@ -307,7 +294,7 @@ def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, 
     for slot in copy.material_slots:
         slot.link = "DATA"
     bones = {bone.name for armature in armatures_of([item]) for bone in armature.data.bones if bone.use_deform}
-    transfer.set_weights(copy, _group_names(item), bones, made.weights)
+    transfer.set_weights(copy, source.groups, bones, made.weights)
     transfer.set_normals(made.mesh)
     transfer.set_keys(copy, source)
     transfer.mark_active(made.mesh, source.mesh)

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..crowd_lod.meshes import decimating
 from . import scene as io
-from .source import Source, evaluated_mesh, read_weights, staged
+from .source import Source, drop_loose, evaluated_mesh, read_weights, staged
 from .surface import Surface, deviation
 from .transfer import barycentric, charts_of, dress, weights_of
 
@@ -101,6 +101,7 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
         bpy.data.objects.remove(item)
     mesh.name = name
     mesh.validate()  # a closed part may have become two triangles on each other
+    drop_loose(mesh)
     return Made(mesh, read_weights(mesh), "PRECISE", why, 1000 * (clock.perf_counter() - start))
 
 
@@ -132,10 +133,10 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
 def uv_error(source: Source, mesh: bpy.types.Mesh, points, triangles, corners) -> float:
     """The largest part, over the UV maps, of the mesh's surface whose UVs are off by more than UV_OFF from those of the
     nearest point of the source."""
-    if not mesh.uv_layers:
-        return 0.0
     a, b, c = (points[triangles[:, i]].astype(np.float64) for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if not mesh.uv_layers or not area.any():
+        return 0.0
     random = np.random.default_rng(0)
     face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(SAMPLES) + random.random(SAMPLES)) / SAMPLES)
     face = face.clip(0, len(area) - 1)
