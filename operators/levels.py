@@ -74,6 +74,9 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     ratios = chain.ratios_of(settings)
     groups = yield from standing(measuring_groups(scene), 0.0)
     earlier = settings.levels
+    copied = [other for other in bpy.data.scenes if other != scene and other.crowd_lod.levels == earlier]
+    others = earlier if copied else None  # a copy of the scene begins with the LODs of the other, which stay that one's
+    earlier = None if copied else earlier
     before = set(bpy.data.user_map())
     done = False
     try:
@@ -91,11 +94,13 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         keep, dropped = [list(range(len(ratios)))] * len(ladders), []
         if settings.choice == "BY_TOLERANCE":
             keep, dropped = yield from chain.chosen(scene, [ladder.group for ladder in ladders], 0.9)
-        homes, edited = [], []
+        homes, edited, taken = [], [], set()
         for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
-            old = None if ladder.homes else _earlier(earlier, ladder.digest, kept)
+            old = None if ladder.homes else _earlier(earlier, ladder.digest, kept, taken)
+            taken.update(old or ())
             if not ladder.homes and not old:
-                edited.append(ladder.name)
+                if ladder.digest not in [each.digest for each in ladders[:g]]:
+                    edited.append(ladder.name)
                 for part in ladder.make():
                     yield 0.9 + 0.09 * (g + part) / len(ladders)
             homes.append(old or [ladder.homes[k] for k in kept])
@@ -136,6 +141,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 if item.get(OWNED):
                     item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")
                     item.color = (*TINTS[k], 1.0)
+    if others is not None and others.name in scene.collection.children:
+        scene.collection.children.unlink(others)
     scene.collection.children.link(top)
     top.hide_render = True  # in a view layer that the user adds later, too
     for view_layer in scene.view_layers:
@@ -162,17 +169,24 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
             for scene in item.users_scene:
                 scene.collection.objects.link(item)
     objects = [o for o in top.all_objects if o.get(OWNED)]
-    data = [o.data for o in objects if o.data is not None and o.data.get(OWNED)]
+    data = {o.data for o in objects if o.data is not None and o.data.get(OWNED)}
+    users = bpy.data.user_map(subset=data)
+    data = [block for block in data if users[block].issubset(objects)]  # the user may have taken one
     doomed = [*objects, *data, *top.children_recursive, top]
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
     bpy.data.batch_remove(doomed)
 
 
-def _earlier(top: bpy.types.Collection | None, digest: str, candidates: list[int]) -> list[bpy.types.Collection] | None:
-    """The collections in `top` of these candidates that were made from what has this digest, if all are there, untouched."""
-    levels = top.children if top is not None else ()
-    found = {home[CANDIDATE]: home for level in levels for home in level.children if home.get(DIGEST) == digest}
+def _earlier(
+    top: bpy.types.Collection | None, digest: str, candidates: list[int], taken: set[bpy.types.Collection]
+) -> list[bpy.types.Collection] | None:
+    """The collections in `top` of these candidates that were made from what has this digest, but for those `taken` by another
+    group of the same objects, if all are there, untouched."""
+    levels, found = top.children if top is not None else (), {}
+    for home in (home for level in levels for home in level.children):
+        if home.get(DIGEST) == digest and home not in taken:
+            found.setdefault(home[CANDIDATE], home)
     homes = [found.get(k) for k in candidates]
     return homes if all(home is not None and _untouched(home) for home in homes) else None
 
@@ -315,6 +329,8 @@ def _copy(item: bpy.types.Object) -> bpy.types.Object:
     copy = item.copy()
     if copy.override_library:
         copy.make_local()
+    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
+        copy.pop(name, None)
     return copy
 
 

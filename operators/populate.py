@@ -50,10 +50,14 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
-            groups.append((root.name, parts(root, [root, *root.children_recursive]), tuple(root.matrix_world.translation)))
+            below = [item for item in root.children_recursive if not item.get(OWNED)]  # LODs hang on the same armature
+            groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
     if not groups:
         raise CrowdError(f"The collection {top.name} is empty: put the characters in it, one child collection or object each.")
+    names = [name for name, _, _ in groups]
     for name, objects, _ in groups:
+        if names.count(name) > 1:
+            raise CrowdError(f"Two character groups in {top.name} are called {name}: rename one of them.")
         if not any(map(may_have_faces, objects)):
             raise CrowdError(f"The character group {name} in {top.name} holds no mesh with faces: give it one, or take it out.")
     if len(groups) > MOST_GROUPS:
