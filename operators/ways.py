@@ -61,9 +61,8 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     yield
     near, off = yield from errors(source, fast.mesh)
     precisely, precisely_off = yield from errors(source, precise.mesh)
-    better = near <= SLACK * precisely + NEAR_ENOUGH and off <= max(MOST_OFF, precisely_off)
+    better, reason = chosen(near, off, precisely, precisely_off)
     best, other = (fast, precise) if better else (precise, fast)
-    reason = "it is no worse" if better else ("its UVs are closer" if off > max(MOST_OFF, precisely_off) else "it is closer")
     best.why = (
         f"{best.way.capitalize()}, as {reason}: the fast way is up to {near:.2%} of the size away, with UVs off on {off:.1%} of the surface, "
         f"in {fast.milliseconds:.0f} ms; the precise way {precisely:.2%}, {precisely_off:.1%}, {precise.milliseconds:.0f} ms."
@@ -73,6 +72,16 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     if len(best.mesh.polygons) > MISSED * wanted:
         best.why += f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, parts of it would go."
     return best
+
+
+def chosen(near: float, off: float, precisely: float, precisely_off: float) -> tuple[bool, str]:
+    """(whether the fast way is to be taken, why) of both ways' distances and parts of the surface whose UVs are off."""
+    if off <= max(MOST_OFF, precisely_off):
+        better = near <= SLACK * precisely + NEAR_ENOUGH
+        return better, "it is no worse" if better else "it is closer"
+    # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
+    better = precisely_off > MOST_OFF and near * off < precisely * precisely_off
+    return better, "it is closer, by more than its UVs are farther off" if better else "its UVs are closer"
 
 
 def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
