@@ -10,10 +10,11 @@ import bpy
 import numpy as np
 
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.parts import parts_of
 from ..crowd_lod.skin import Skin
 from . import scene as io
 from .movers import curves_of
-from .surface import Surface
+from .surface import Surface, has_area
 
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}  # kinds of objects whose shape may be a mesh
@@ -193,6 +194,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         raise CrowdError(
             f"The object {item.name} has {int(wrong.sum())} vertices at NaN or infinity: mend its mesh or its modifiers."
         )
+    if not offsets:
+        _drop_flat_parts(mesh)
     return Source(item, mesh, _group_names(mesh), list(offsets), notes)
 
 
@@ -272,6 +275,22 @@ def _mend(mesh: bpy.types.Mesh) -> None:
         bmesh.ops.weld_verts(body, targetmap={body.verts[int(v)]: body.verts[int(target[v])] for v in joined})
         body.to_mesh(mesh)
         body.free()
+    drop_loose(mesh)
+
+
+def _drop_flat_parts(mesh: bpy.types.Mesh) -> None:
+    """Remove loose parts of which nothing shows, for they have no area: a LOD would spend triangles on them, and deviate there."""
+    points, triangles, _, faces = io.read_triangles(mesh)
+    part = parts_of(len(points), triangles)[triangles[:, 0]]
+    shown = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
+    if shown.all() or not shown.any():
+        return
+    body = bmesh.new()
+    body.from_mesh(mesh)
+    body.faces.ensure_lookup_table()
+    bmesh.ops.delete(body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES")
+    body.to_mesh(mesh)
+    body.free()
     drop_loose(mesh)
 
 

@@ -322,3 +322,17 @@ def test_modifiers_count_as_they_are_rendered():
     wide = {name: np.ptp(io.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()}
     assert wide["rendered LOD 1"] == pytest.approx(wide["both LOD 1"]) == pytest.approx(2 * wide["drawn LOD 1"], rel=0.05)
     assert all(group.deviations[1] < 0.05 for group in bpy.context.scene.crowd_lod.groups)
+
+
+def test_a_stray_face_without_area_costs_no_lod_its_likeness():
+    body = tube("body", 12, 12)
+    points, faces = [tuple(v.co) for v in body.vertices], [tuple(p.vertices) for p in body.polygons]
+    at = len(points)
+    points += [(5, 0, 2), (6, 0, 2), (7, 0, 2), (8, 8, 8), (8, 8, 8), (8, 8, 8)]
+    stray = bpy.data.meshes.new("stray")
+    stray.from_pydata(points, [], [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
+    character(new("stray", stray))
+    bpy.context.scene.crowd_lod.way = "FAST"
+    lod = made(1)["stray LOD 1"]
+    assert np.abs(io.read_triangles(lod.data)[0][:, :2]).max() < 0.25
+    assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05
