@@ -89,3 +89,19 @@ def test_two_groups_of_one_name_are_named(scene):
     scene.crowd_lod.characters.objects.link(new("hero", tube("hero", 8, 8)))
     with pytest.raises(CrowdError, match="Two character groups in People are called hero: rename one of them"):
         characters_of(scene)
+
+
+def test_collections_that_the_user_put_among_the_lods_stay(scene):
+    character(new("body", tube("body", 8, 8)))
+    run(scene)
+    own, linked = bpy.data.collections.new("own"), bpy.data.collections.new("linked")
+    scene.collection.children.link(linked)
+    for collection in (own, linked):
+        scene.crowd_lod.levels.children[1].children.link(collection)
+        collection.objects.link(new(f"in {collection.name}", None))
+    for ratio in (0.4, 0.5):
+        scene.crowd_lod.ratios[1] = ratio
+        run(scene)
+        for collection in (own, linked):
+            assert collection.name in scene.collection.children and list(collection.objects.keys()) == [f"in {collection.name}"]
+    assert not scene.collection.objects and len(scene.crowd_lod.levels.all_objects) == 3
