@@ -341,6 +341,8 @@ def _copy(item: bpy.types.Object) -> bpy.types.Object:
         copy.make_local()
     for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
         copy.pop(name, None)
+    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+        collection.objects.unlink(copy)
     return copy
 
 

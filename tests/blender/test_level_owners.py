@@ -105,3 +105,13 @@ def test_collections_that_the_user_put_among_the_lods_stay(scene):
         for collection in (own, linked):
             assert collection.name in scene.collection.children and list(collection.objects.keys()) == [f"in {collection.name}"]
     assert not scene.collection.objects and len(scene.crowd_lod.levels.all_objects) == 3
+
+
+def test_lods_of_a_rigid_body_take_no_part_in_the_simulation(scene):
+    body = new("body", tube("body", 8, 8))
+    character(body)
+    bpy.context.view_layer.objects.active = body
+    bpy.ops.rigidbody.world_add()
+    bpy.ops.rigidbody.object_add()
+    run(scene)
+    assert list(scene.rigidbody_world.collection.objects) == [body] and len(scene.crowd_lod.levels.all_objects) == 3
