@@ -17,8 +17,8 @@ def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
     for item in objects:
         for armature in (item.parent, *(m.object for m in item.modifiers if m.type == "ARMATURE")):
             if armature is not None and armature.type == "ARMATURE":
-                found[armature.name] = armature
-    return list(found.values())
+                found[armature] = None
+    return list(found)
 
 
 def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.parts import parts_of
 from ..crowd_lod.skin import Skin
 from . import scene as io
-from .movers import curves_of
+from .movers import armatures_of, curves_of, movers_of
 from .surface import Surface, has_area
 
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
@@ -116,6 +116,20 @@ def staged(item: bpy.types.Object):
         bpy.data.scenes.remove(stage)
 
 
+@contextmanager
+def _at_rest(item: bpy.types.Object):
+    """The armatures that `item` follows are at rest: what else shapes it, such as a shrinkwrap on a body, is then, too."""
+    rigs = [armature for armature in movers_of([item]) if armature.type == "ARMATURE"] if armatures_of([item]) else []
+    before = {rig.data: rig.data.pose_position for rig in rigs}
+    try:
+        for data in before:
+            data.pose_position = "REST"
+        yield
+    finally:
+        for data, position in before.items():
+            data.pose_position = position
+
+
 def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh | None:
     """A new mesh of `item` as modified, with all its layers; None if it has none, as hair has not."""
     try:
@@ -157,7 +171,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         for name in values:
             key = twin.data.shape_keys.key_blocks[name]
             key.slider_min, key.slider_max, key.value = 0, 1, 0
-    with staged(twin) as depsgraph:
+    with _at_rest(item), staged(twin) as depsgraph:
         mesh = evaluated_mesh(twin, depsgraph)
         offsets = {name: _offset(twin, depsgraph, name, mesh) for name in values} if mesh is not None else {}
         if any(offset is None for offset in offsets.values()):

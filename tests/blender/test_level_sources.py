@@ -336,3 +336,19 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     lod = made(1)["stray LOD 1"]
     assert np.abs(io.read_triangles(lod.data)[0][:, :2]).max() < 0.25
     assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05
+
+
+def test_what_is_shrunk_onto_a_body_is_so_at_rest():
+    armature, body, shirt = rig(), new("body", tube("body", 16, 16)), new("shirt", tube("shirt", 16, 16, 0.22))
+    for frame in (1, 10):
+        armature.pose.bones["upper"].rotation_euler = (1.2, 0, 0)  # nowhere at rest
+        armature.pose.bones["upper"].keyframe_insert("rotation_euler", frame=frame)
+    for item in (body, shirt):
+        skin(item, armature)
+    wrap = shirt.modifiers.new("Shrinkwrap", "SHRINKWRAP")
+    wrap.target, wrap.offset = body, 0.02
+    character(armature, body, shirt)
+    bpy.context.scene.crowd_lod.way = "PRECISE"
+    low, high = (getattr(io.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0) for end in ("min", "max"))
+    assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(high, (0.22, 0.22, 2), atol=0.03)
+    assert armature.data.pose_position == "POSE"
