@@ -13,7 +13,7 @@ import numpy as np
 
 from .joints import Character, baking
 from .looks import Looks
-from .populate import armatures_of
+from .movers import actions_of, armatures_of, curves_of
 
 LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, which have no cheap mark of change
 
@@ -134,12 +134,11 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
             points = np.empty(3 * sizes[0], np.float32)
             item.data.vertices.foreach_get("co", points)
             digest.update(points)
-        for owner in (*items, *armatures_of(items)):
-            action = owner.animation_data and owner.animation_data.action
-            if action and action not in told:
+        for action in actions_of([*items, *armatures_of(items)]):
+            if action not in told:
                 told.add(action)
                 digest.update(repr((action.session_uid, tuple(action.frame_range))).encode())
-                for curve in _curves(action):
+                for curve in curves_of(action):
                     keys = np.empty(2 * len(curve.keyframe_points), np.float32)
                     curve.keyframe_points.foreach_get("co", keys)
                     digest.update(keys)
@@ -154,10 +153,3 @@ def _painted(images: list[bpy.types.Image]) -> int:
         image.pixels.foreach_get(values)
         found = zlib.crc32(values, found)
     return found
-
-
-def _curves(action: bpy.types.Action):
-    for layer in action.layers:
-        for strip in layer.strips:
-            for bag in strip.channelbags:
-                yield from bag.fcurves

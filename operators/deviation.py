@@ -9,9 +9,10 @@ import numpy as np
 from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
 from . import scene as io
+from .movers import action_range
 from .operator import Stepwise
-from .populate import action_range, characters_of, groups_of, store_groups
-from .surface import Surface, deviation
+from .populate import characters_of, groups_of, store_groups
+from .surface import Surface, deviation, has_area
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 POSES = 12  # spread over the action, its ends included
@@ -64,7 +65,8 @@ def _surface(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) ->
         triangles.append(faces + count)
         count += len(corners)
     points, triangles = np.concatenate(points), np.concatenate(triangles)
-    used, triangles = np.unique(triangles, return_inverse=True)  # loose vertices are no surface
+    # neither faces without area nor loose vertices are a surface
+    used, triangles = np.unique(triangles[has_area(points[triangles])], return_inverse=True)
     return Surface(points[used], triangles.reshape(-1, 3)) if len(triangles) else None
 
 

@@ -12,7 +12,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.steps import finished
 from . import scene as io
 from .looks import Looks
-from .populate import action_range, armatures_of
+from .movers import action_range, armatures_of
 
 MOST_JOINTS = 16384 // 3  # in a row of a texture, which every GPU takes 16384 wide, three texels each
 MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even steps
@@ -202,7 +202,7 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
             triangles, corners = triangles[:, ::-1], corners[:, ::-1]
         weights = np.zeros((len(points), len(part.bones)), np.float32)
-        columns = {group.index: part.bones.index(group.name) for group in part.item.vertex_groups if group.name in part.bones}
+        columns = {group.index: part.bones.index(group.name) for group in evaluated.vertex_groups if group.name in part.bones}
         for vertex in mesh.vertices if columns else ():
             for entry in vertex.groups:
                 if entry.group in columns:

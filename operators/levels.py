@@ -13,9 +13,11 @@ from . import chain, transfer, ways
 from . import scene as io
 from . import source as sources
 from .deviation import measure, poses
+from .movers import armatures_of, stance
 from .operator import Stepwise
-from .populate import armatures_of, characters_of, measuring_groups, store_groups
+from .populate import characters_of, measuring_groups, store_groups
 from .skin import skin_of
+from .source import OWNED
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
 # (Okabe and Ito), and white. Linear RGB.
@@ -29,14 +31,13 @@ TINTS = (
     (0.60, 0.19, 0.38),
     (0.85, 0.85, 0.85),
 )
-OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 # Custom properties of a LOD's collection of one character group: the hash of what it was made from, which candidate it is,
 # and how many objects it has; of the finest, what was measured of all candidates. Of its objects: the hash of what was
 # made; how, why so, and the milliseconds it took.
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
 COLUMNS = ("vertices", "triangles", "deviations", "rms", "worst")  # of Group, a value a LOD
-VERSION = 9  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 10  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)
@@ -73,6 +74,9 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     ratios = chain.ratios_of(settings)
     groups = yield from standing(measuring_groups(scene), 0.0)
     earlier = settings.levels
+    copied = [other for other in bpy.data.scenes if other != scene and other.crowd_lod.levels == earlier]
+    others = earlier if copied else None  # a copy of the scene begins with the LODs of the other, which stay that one's
+    earlier = None if copied else earlier
     before = set(bpy.data.user_map())
     done = False
     try:
@@ -90,11 +94,13 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         keep, dropped = [list(range(len(ratios)))] * len(ladders), []
         if settings.choice == "BY_TOLERANCE":
             keep, dropped = yield from chain.chosen(scene, [ladder.group for ladder in ladders], 0.9)
-        homes, edited = [], []
+        homes, edited, taken = [], [], set()
         for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
-            old = None if ladder.homes else _earlier(earlier, ladder.digest, kept)
+            old = None if ladder.homes else _earlier(earlier, ladder.digest, kept, taken)
+            taken.update(old or ())
             if not ladder.homes and not old:
-                edited.append(ladder.name)
+                if ladder.digest not in [each.digest for each in ladders[:g]]:
+                    edited.append(ladder.name)
                 for part in ladder.make():
                     yield 0.9 + 0.09 * (g + part) / len(ladders)
             homes.append(old or [ladder.homes[k] for k in kept])
@@ -135,6 +141,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 if item.get(OWNED):
                     item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")
                     item.color = (*TINTS[k], 1.0)
+    if others is not None and others.name in scene.collection.children:
+        scene.collection.children.unlink(others)
     scene.collection.children.link(top)
     top.hide_render = True  # in a view layer that the user adds later, too
     for view_layer in scene.view_layers:
@@ -155,23 +163,40 @@ def _of(group: Group, kept: list[int], count: int) -> Group:
 def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
     """Remove the collection `top` and all that Crowd LOD made in it; what the user put there moves up into the scene.
     Whatever refers to a child of `top`, such as a build, then refers to the heir in its place."""
-    inside = {top, *top.children_recursive}
+    inside, left = {top}, [top]
+    while left:
+        ours = {child for child in left.pop().children if child.get(OWNED)} - inside
+        inside |= ours
+        left += ours
+    others = [*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes)]
+    kept = {child for other in others if other not in inside for child in other.children}
+    scenes = [scene for scene in bpy.data.scenes if top in scene.collection.children_recursive]
+    for child in {child for home in inside for child in home.children} - kept - inside:
+        for scene in scenes:
+            scene.collection.children.link(child)
     for item in list(top.all_objects):
-        if not item.get(OWNED) and inside.issuperset(item.users_collection):
+        if not item.get(OWNED) and set(item.users_collection).issubset(inside):
             for scene in item.users_scene:
                 scene.collection.objects.link(item)
     objects = [o for o in top.all_objects if o.get(OWNED)]
-    data = [o.data for o in objects if o.data is not None and o.data.get(OWNED)]
-    doomed = [*objects, *data, *top.children_recursive, top]
+    data = {o.data for o in objects if o.data is not None and o.data.get(OWNED)}
+    users = bpy.data.user_map(subset=data)
+    data = [block for block in data if users[block].issubset(objects)]  # the user may have taken one
+    doomed = [*objects, *data, *inside]
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
     bpy.data.batch_remove(doomed)
 
 
-def _earlier(top: bpy.types.Collection | None, digest: str, candidates: list[int]) -> list[bpy.types.Collection] | None:
-    """The collections in `top` of these candidates that were made from what has this digest, if all are there, untouched."""
-    levels = top.children if top is not None else ()
-    found = {home[CANDIDATE]: home for level in levels for home in level.children if home.get(DIGEST) == digest}
+def _earlier(
+    top: bpy.types.Collection | None, digest: str, candidates: list[int], taken: set[bpy.types.Collection]
+) -> list[bpy.types.Collection] | None:
+    """The collections in `top` of these candidates that were made from what has this digest, but for those `taken` by another
+    group of the same objects, if all are there, untouched."""
+    levels, found = top.children if top is not None else (), {}
+    for home in (home for level in levels for home in level.children):
+        if home.get(DIGEST) == digest and home not in taken:
+            found.setdefault(home[CANDIDATE], home)
     homes = [found.get(k) for k in candidates]
     return homes if all(home is not None and _untouched(home) for home in homes) else None
 
@@ -262,30 +287,16 @@ class _Ladder:
 
 def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
     """A hash of all that LODs take from the object."""
-    animated = [item, *armatures_of([item]), getattr(item.data, "shape_keys", None)]
-    actions = [block.animation_data.action for block in animated if block and block.animation_data]
-    curves = [
-        (curve.data_path, curve.array_index, sources.keys_of(curve)) for action in actions for curve in sources.curves_of(action)
-    ]
-    stance = (
-        item.name_full,
-        item.type,
-        item.parent and (item.parent.name_full, item.parent_type, item.parent_bone),
-        [tuple(row) for matrix in (item.matrix_parent_inverse, item.matrix_basis) for row in matrix]
-        if item.animation_data is None
-        else (),
-        [(modifier.name, modifier.type) for modifier in item.modifiers],
-        [constraint.name for constraint in item.constraints],
+    blocks = source.keys and item.data.shape_keys.key_blocks
+    looks = (
+        [getattr(item, name) for name in io.SHOWN if name not in ("hide_render", "hide_viewport", "color")],
         [slot.material and slot.material.name_full for slot in item.material_slots],
-        source.keys,
+        [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
     )
     if source.mesh is None:
-        return sources.text_digest(stance, curves)
-    return sources.digest(source.mesh, stance, _group_names(item), curves)
-
-
-def _group_names(item: bpy.types.Object) -> list[str]:
-    return [group.name for group in item.vertex_groups] if item.type == "MESH" else []
+        return sources.text_digest(stance(item), looks)
+    active = [layer.active_render for layer in source.mesh.uv_layers], source.mesh.attributes.default_color_name
+    return sources.digest(source.mesh, stance(item), looks, active, source.groups)
 
 
 def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, way: str, progress: float):
@@ -307,7 +318,7 @@ def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, 
     for slot in copy.material_slots:
         slot.link = "DATA"
     bones = {bone.name for armature in armatures_of([item]) for bone in armature.data.bones if bone.use_deform}
-    transfer.set_weights(copy, _group_names(item), bones, made.weights)
+    transfer.set_weights(copy, source.groups, bones, made.weights)
     transfer.set_normals(made.mesh)
     transfer.set_keys(copy, source)
     transfer.mark_active(made.mesh, source.mesh)
@@ -328,6 +339,10 @@ def _copy(item: bpy.types.Object) -> bpy.types.Object:
     copy = item.copy()
     if copy.override_library:
         copy.make_local()
+    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
+        copy.pop(name, None)
+    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+        collection.objects.unlink(copy)
     return copy
 
 

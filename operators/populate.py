@@ -20,8 +20,9 @@ from ..crowd_lod.shadows import Surroundings, surround
 from ..crowd_lod.steps import finished, share
 from . import scene as io
 from .cameras import read_cameras, read_shutter
+from .movers import action_range, armatures_of
 from .operator import Stepwise
-from .source import may_have_faces, parts
+from .source import OWNED, may_have_faces, parts
 from .trouble import find
 
 # The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
@@ -49,25 +50,19 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
-            groups.append((root.name, parts(root, [root, *root.children_recursive]), tuple(root.matrix_world.translation)))
+            below = [item for item in root.children_recursive if not item.get(OWNED)]  # LODs hang on the same armature
+            groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
     if not groups:
         raise CrowdError(f"The collection {top.name} is empty: put the characters in it, one child collection or object each.")
+    names = [name for name, _, _ in groups]
     for name, objects, _ in groups:
+        if names.count(name) > 1:
+            raise CrowdError(f"Two character groups in {top.name} are called {name}: rename one of them.")
         if not any(map(may_have_faces, objects)):
             raise CrowdError(f"The character group {name} in {top.name} holds no mesh with faces: give it one, or take it out.")
     if len(groups) > MOST_GROUPS:
         raise CrowdError(f"The collection {top.name} holds {len(groups)} character groups; use at most {MOST_GROUPS}.")
     return sorted(groups, key=lambda group: group[0].casefold())
-
-
-def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """The armatures that deform `objects`, by modifier or parent."""
-    found = {}
-    for item in objects:
-        for armature in (item.parent, *(m.object for m in item.modifiers if m.type == "ARMATURE")):
-            if armature is not None and armature.type == "ARMATURE":
-                found[armature.name] = armature
-    return list(found.values())
 
 
 def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
@@ -106,15 +101,6 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
         if group.name in own:
             entry.own_thresholds, entry.thresholds, entry.sizes = own[group.name]
-
-
-def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
-    """The first and the last frame of the actions that move `objects`; 1 and 1 without any."""
-    animated = [*objects, *armatures_of(objects)]
-    actions = [o.animation_data.action for o in animated if o.animation_data and o.animation_data.action]
-    if not actions:
-        return 1.0, 1.0
-    return min(a.frame_range[0] for a in actions), max(a.frame_range[1] for a in actions)
 
 
 def _poses(first: float, last: float) -> np.ndarray:

@@ -25,7 +25,8 @@ from . import scene as io
 from .cameras import cameras_at
 from .deviation import SOLID
 from .levels import OWNED
-from .populate import action_range, characters_of, groups_of, machine_of, policy_of
+from .movers import action_range
+from .populate import characters_of, groups_of, machine_of, policy_of
 
 MOST_CAMERAS = 9  # times of the shot whose cameras say how large a LOD is seen
 MEASURING = 0.3  # part of the time

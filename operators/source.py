@@ -10,10 +10,13 @@ import bpy
 import numpy as np
 
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.parts import parts_of
 from ..crowd_lod.skin import Skin
 from . import scene as io
-from .surface import Surface
+from .movers import armatures_of, curves_of, movers_of
+from .surface import Surface, has_area
 
+OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}  # kinds of objects whose shape may be a mesh
 FOLLOWED = {"ARMATURE", "LATTICE"}  # modifiers that deform a LOD as they do its source, and so are left to it
 DEFORMERS = {"CLOTH", "HOOK", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "SOFT_BODY", "SURFACE_DEFORM", "WAVE"}
@@ -39,11 +42,13 @@ KINDS = {
 @dataclass
 class Source:
     """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
-    vertices; None if that has no faces. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh.
-    notes: sentences on what LODs leave out. skin: how its points move, see skin.skin_of."""
+    vertices; None if that has no faces. groups: the names of the mesh's vertex groups, which modifiers may have made other
+    than the object's. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh. notes: sentences on what
+    LODs leave out. skin: how its points move, see skin.skin_of."""
 
     item: bpy.types.Object
     mesh: bpy.types.Mesh | None
+    groups: list[str] = field(default_factory=list)
     keys: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     charts: object = None  # transfer.Charts, when first asked for
@@ -111,6 +116,20 @@ def staged(item: bpy.types.Object):
         bpy.data.scenes.remove(stage)
 
 
+@contextmanager
+def _at_rest(item: bpy.types.Object):
+    """The armatures that `item` follows are at rest: what else shapes it, such as a shrinkwrap on a body, is then, too."""
+    rigs = [armature for armature in movers_of([item]) if armature.type == "ARMATURE"] if armatures_of([item]) else []
+    before = {rig.data: rig.data.pose_position for rig in rigs}
+    try:
+        for data in before:
+            data.pose_position = "REST"
+        yield
+    finally:
+        for data, position in before.items():
+            data.pose_position = position
+
+
 def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh | None:
     """A new mesh of `item` as modified, with all its layers; None if it has none, as hair has not."""
     try:
@@ -133,6 +152,7 @@ def read_source(item: bpy.types.Object) -> Source:
             twin.data = item.data.copy()  # its keys can be set, and it is in no edit mode
             made.append(twin.data)
         for modifier in list(twin.modifiers):
+            modifier.show_viewport = modifier.show_render
             if modifier.type in FOLLOWED:
                 twin.modifiers.remove(modifier)
         if twin.parent_type in FOLLOWED:
@@ -151,7 +171,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         for name in values:
             key = twin.data.shape_keys.key_blocks[name]
             key.slider_min, key.slider_max, key.value = 0, 1, 0
-    with staged(twin) as depsgraph:
+    with _at_rest(item), staged(twin) as depsgraph:
         mesh = evaluated_mesh(twin, depsgraph)
         offsets = {name: _offset(twin, depsgraph, name, mesh) for name in values} if mesh is not None else {}
         if any(offset is None for offset in offsets.values()):
@@ -162,6 +182,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
                 key.slider_min, key.slider_max, key.value = min(value, 0), max(value, 1), value
             depsgraph.view_layer.update()
             mesh, offsets = evaluated_mesh(twin, depsgraph), {}
+        if any(instance.is_instance for instance in depsgraph.object_instances):
+            notes.append("What it instances is left out.")
         slots = [slot.material if slot.link == "OBJECT" else None for slot in item.material_slots]
     if mesh is None or not len(mesh.polygons):
         if mesh is not None:
@@ -186,7 +208,18 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         raise CrowdError(
             f"The object {item.name} has {int(wrong.sum())} vertices at NaN or infinity: mend its mesh or its modifiers."
         )
-    return Source(item, mesh, list(offsets), notes)
+    if not offsets:
+        _drop_flat_parts(mesh)
+    return Source(item, mesh, _group_names(mesh), list(offsets), notes)
+
+
+def _group_names(mesh: bpy.types.Mesh) -> list[str]:
+    """The names of the mesh's vertex groups, which it tells through an object alone."""
+    item = bpy.data.objects.new(mesh.name, mesh)
+    try:
+        return item.vertex_groups.keys()
+    finally:
+        bpy.data.objects.remove(item)
 
 
 def positions(mesh: bpy.types.Mesh) -> np.ndarray:
@@ -227,24 +260,9 @@ def _moving_keys(item: bpy.types.Object) -> list[str]:
     ]
 
 
-def curves_of(action: bpy.types.Action | None) -> list[bpy.types.FCurve]:
-    """All curves of the action, in whatever layer and slot."""
-    if action is None:
-        return []
-    strips = (strip for layer in action.layers for strip in layer.strips if strip.type == "KEYFRAME")
-    return [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
-
-
-def keys_of(curve: bpy.types.FCurve) -> bytes:
-    """The frames and values of the curve's keys."""
-    keys = np.empty(2 * len(curve.keyframe_points), np.float32)
-    curve.keyframe_points.foreach_get("co", keys)
-    return keys.tobytes()
-
-
 def _notes(item: bpy.types.Object) -> list[str]:
     notes = []
-    baked = [modifier.name for modifier in item.modifiers if modifier.type in DEFORMERS and modifier.show_viewport]
+    baked = [modifier.name for modifier in item.modifiers if modifier.type in DEFORMERS and modifier.show_render]
     if baked:
         notes.append(f"What its modifiers {', '.join(baked)} do at frame 1 is baked.")
     if any(modifier.type == "PARTICLE_SYSTEM" for modifier in item.modifiers):
@@ -261,16 +279,43 @@ def _mend(mesh: bpy.types.Mesh) -> None:
     points, triangles = io.read_triangles(mesh)[:2]
     target = _sewn(points, triangles)
     joined = np.flatnonzero(target != np.arange(len(points)))
-    if len(np.unique(triangles)) == len(points) and not len(joined):
-        return
-    body = bmesh.new()
-    body.from_mesh(mesh)
-    body.verts.ensure_lookup_table()
     if len(joined):
+        body = bmesh.new()
+        body.from_mesh(mesh)
+        body.verts.ensure_lookup_table()
         if NORMALS not in mesh.attributes:
             for edge in body.edges:
                 edge.smooth = edge.smooth and not edge.is_boundary
         bmesh.ops.weld_verts(body, targetmap={body.verts[int(v)]: body.verts[int(target[v])] for v in joined})
+        body.to_mesh(mesh)
+        body.free()
+    drop_loose(mesh)
+
+
+def _drop_flat_parts(mesh: bpy.types.Mesh) -> None:
+    """Remove loose parts of which nothing shows, for they have no area: a LOD would spend triangles on them, and deviate there."""
+    points, triangles, _, faces = io.read_triangles(mesh)
+    part = parts_of(len(points), triangles)[triangles[:, 0]]
+    shown = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
+    if shown.all() or not shown.any():
+        return
+    body = bmesh.new()
+    body.from_mesh(mesh)
+    body.faces.ensure_lookup_table()
+    bmesh.ops.delete(body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES")
+    body.to_mesh(mesh)
+    body.free()
+    drop_loose(mesh)
+
+
+def drop_loose(mesh: bpy.types.Mesh) -> None:
+    """Remove the mesh's vertices and edges without a face."""
+    corners = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    if len(np.unique(corners)) == len(mesh.vertices):
+        return
+    body = bmesh.new()
+    body.from_mesh(mesh)
     bmesh.ops.delete(body, geom=[e for e in body.edges if not e.link_faces], context="EDGES")
     bmesh.ops.delete(body, geom=[v for v in body.verts if not v.link_faces], context="VERTS")
     body.to_mesh(mesh)

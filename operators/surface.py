@@ -8,6 +8,7 @@ from mathutils.bvhtree import BVHTree
 
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
 SAMPLES = 20_000  # points over each surface, besides its vertices, that a distance between two is measured at
+FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
 
 
 class Surface:
@@ -59,6 +60,13 @@ class Surface:
         u, v = random.random((2, count, 1))
         root = np.sqrt(u)
         return np.concatenate([corners, (1 - root) * a[face] + root * (1 - v) * b[face] + root * v * c[face]])
+
+
+def has_area(corners: np.ndarray) -> np.ndarray:
+    """Whether anything shows of triangles (m, 3, 3), (m,) bool."""
+    sides = corners - np.roll(corners, 1, axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0)
+    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
 
 
 def deviation(one: Surface, other: Surface, count: int = SAMPLES) -> tuple[float, float]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..crowd_lod.meshes import decimating
 from . import scene as io
-from .source import Source, evaluated_mesh, read_weights, staged
+from .source import Source, drop_loose, evaluated_mesh, read_weights, staged
 from .surface import Surface, deviation
 from .transfer import barycentric, charts_of, dress, weights_of
 
@@ -61,9 +61,8 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     yield
     near, off = yield from errors(source, fast.mesh)
     precisely, precisely_off = yield from errors(source, precise.mesh)
-    better = near <= SLACK * precisely + NEAR_ENOUGH and off <= max(MOST_OFF, precisely_off)
+    better, reason = chosen(near, off, precisely, precisely_off)
     best, other = (fast, precise) if better else (precise, fast)
-    reason = "it is no worse" if better else ("its UVs are closer" if off > max(MOST_OFF, precisely_off) else "it is closer")
     best.why = (
         f"{best.way.capitalize()}, as {reason}: the fast way is up to {near:.2%} of the size away, with UVs off on {off:.1%} of the surface, "
         f"in {fast.milliseconds:.0f} ms; the precise way {precisely:.2%}, {precisely_off:.1%}, {precise.milliseconds:.0f} ms."
@@ -73,6 +72,16 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     if len(best.mesh.polygons) > MISSED * wanted:
         best.why += f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, parts of it would go."
     return best
+
+
+def chosen(near: float, off: float, precisely: float, precisely_off: float) -> tuple[bool, str]:
+    """(whether the fast way is to be taken, why) of both ways' distances and parts of the surface whose UVs are off."""
+    if off <= max(MOST_OFF, precisely_off):
+        better = near <= SLACK * precisely + NEAR_ENOUGH
+        return better, "it is no worse" if better else "it is closer"
+    # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
+    better = precisely_off > MOST_OFF and near * off < precisely * precisely_off
+    return better, "it is closer, by more than its UVs are farther off" if better else "its UVs are closer"
 
 
 def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
@@ -101,6 +110,7 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
         bpy.data.objects.remove(item)
     mesh.name = name
     mesh.validate()  # a closed part may have become two triangles on each other
+    drop_loose(mesh)
     return Made(mesh, read_weights(mesh), "PRECISE", why, 1000 * (clock.perf_counter() - start))
 
 
@@ -132,10 +142,10 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
 def uv_error(source: Source, mesh: bpy.types.Mesh, points, triangles, corners) -> float:
     """The largest part, over the UV maps, of the mesh's surface whose UVs are off by more than UV_OFF from those of the
     nearest point of the source."""
-    if not mesh.uv_layers:
-        return 0.0
     a, b, c = (points[triangles[:, i]].astype(np.float64) for i in range(3))
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    if not mesh.uv_layers or not area.any():
+        return 0.0
     random = np.random.default_rng(0)
     face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(SAMPLES) + random.random(SAMPLES)) / SAMPLES)
     face = face.clip(0, len(area) - 1)

@@ -201,3 +201,14 @@ def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(scene):
             populate.frame_of(scene, depsgraph)
     settings.choice = "BY_RATIO"
     assert populate.policy_of(settings).thresholds == (0.2, 0.5)
+
+
+def test_a_face_without_area_is_no_surface():
+    whole, clean = sphere(8, 12), sphere(8, 12)
+    points, faces = [tuple(v.co) for v in whole.data.vertices], [tuple(p.vertices) for p in whole.data.polygons]
+    stray, at = bpy.data.objects.new("stray", bpy.data.meshes.new("stray")), len(points)
+    stray.data.from_pydata(
+        [*points, (1, 2, 3), (2, 2.1, 3.3), (3, 2.2, 3.6), (9, 9, 9)], [], [*faces, (at, at + 1, at + 2), (at + 3,) * 3]
+    )
+    found = finished(deviation.measure(GROUP, [stray], [[clean]]))
+    assert found.deviations == (0.0,) and found.diagonal == pytest.approx(np.linalg.norm([2, 2, 2]), rel=0.05)

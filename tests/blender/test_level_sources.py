@@ -276,3 +276,79 @@ def test_what_the_precise_way_would_leave_nothing_of_is_made_the_fast_way(way):
     lods = made(1)
     assert triangles(lods["cards LOD 1"]) >= 1
     assert lods["cards LOD 1"]["crowd_lod_way"] == "FAST" and "leaves no face" in lods["cards LOD 1"]["crowd_lod_why"]
+    settings.way, settings.ratios[1], settings.ratios[2] = "PRECISE", 0.5, 0.2  # it leaves some
+    cards = made(1)["cards LOD 1"]
+    assert cards["crowd_lod_way"] == "PRECISE" and len(cards.data.vertices) == len(
+        {*(loop.vertex_index for loop in cards.data.loops)}
+    )
+
+
+@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+def test_vertex_groups_of_what_nodes_join_keep_their_names(way):
+    donor = new("donor", tube("donor", 8, 8))
+    for name in ("a", "b", "c"):
+        donor.vertex_groups.new(name=name)
+    tree = bpy.data.node_groups.new("join", "GeometryNodeTree")
+    for way_in in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=way_in, socket_type="NodeSocketGeometry")
+    kinds = ("NodeGroupInput", "NodeGroupOutput", "GeometryNodeObjectInfo", "GeometryNodeJoinGeometry")
+    begin, end, other, join = (tree.nodes.new(kind) for kind in kinds)
+    other.inputs[0].default_value = donor
+    for one, two in (
+        (other.outputs["Geometry"], join.inputs[0]),
+        (begin.outputs[0], join.inputs[0]),
+        (join.outputs[0], end.inputs[0]),
+    ):
+        tree.links.new(one, two)
+    armature, body = rig(), new("body", tube("body", 8, 8))
+    body.modifiers.new("Join", "NODES").node_group = tree
+    skin(body, armature)
+    character(body)
+    bpy.context.scene.crowd_lod.way = way
+    lod = made(1)["body LOD 1"]
+    of = {group.index: group.name for group in lod.vertex_groups}
+    assert set(of.values()) == {"a", "b", "c", "lower", "upper"}
+    top = [{of[entry.group] for entry in vertex.groups if entry.weight > 0} for vertex in lod.data.vertices if vertex.co.z > 1.9]
+    assert {"upper"} in top and all(names <= {"upper"} for names in top)
+
+
+def test_modifiers_count_as_they_are_rendered():
+    for name, seen, rendered in (("both", True, True), ("drawn", True, False), ("rendered", False, True)):
+        item = new(name, tube(name, 8, 8))
+        array = item.modifiers.new("Array", "ARRAY")
+        array.show_viewport, array.show_render = seen, rendered
+        character(item, name=name)
+    bpy.context.scene.crowd_lod.way = "PRECISE"
+    wide = {name: np.ptp(io.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()}
+    assert wide["rendered LOD 1"] == pytest.approx(wide["both LOD 1"]) == pytest.approx(2 * wide["drawn LOD 1"], rel=0.05)
+    assert all(group.deviations[1] < 0.05 for group in bpy.context.scene.crowd_lod.groups)
+
+
+def test_a_stray_face_without_area_costs_no_lod_its_likeness():
+    body = tube("body", 12, 12)
+    points, faces = [tuple(v.co) for v in body.vertices], [tuple(p.vertices) for p in body.polygons]
+    at = len(points)
+    points += [(5, 0, 2), (6, 0, 2), (7, 0, 2), (8, 8, 8), (8, 8, 8), (8, 8, 8)]
+    stray = bpy.data.meshes.new("stray")
+    stray.from_pydata(points, [], [*faces, (at, at + 1, at + 2), (at + 3, at + 4, at + 5)])
+    character(new("stray", stray))
+    bpy.context.scene.crowd_lod.way = "FAST"
+    lod = made(1)["stray LOD 1"]
+    assert np.abs(io.read_triangles(lod.data)[0][:, :2]).max() < 0.25
+    assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05
+
+
+def test_what_is_shrunk_onto_a_body_is_so_at_rest():
+    armature, body, shirt = rig(), new("body", tube("body", 16, 16)), new("shirt", tube("shirt", 16, 16, 0.22))
+    for frame in (1, 10):
+        armature.pose.bones["upper"].rotation_euler = (1.2, 0, 0)  # nowhere at rest
+        armature.pose.bones["upper"].keyframe_insert("rotation_euler", frame=frame)
+    for item in (body, shirt):
+        skin(item, armature)
+    wrap = shirt.modifiers.new("Shrinkwrap", "SHRINKWRAP")
+    wrap.target, wrap.offset = body, 0.02
+    character(armature, body, shirt)
+    bpy.context.scene.crowd_lod.way = "PRECISE"
+    low, high = (getattr(io.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0) for end in ("min", "max"))
+    assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(high, (0.22, 0.22, 2), atol=0.03)
+    assert armature.data.pose_position == "POSE"

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.operators import ways
 from crowd_lod_extension.operators.levels import make_levels
 from mathutils import Vector
 
@@ -210,3 +211,17 @@ def test_the_way_and_why_are_kept_with_each_lod():
     made = lod(1, body, "AUTO")
     assert made["crowd_lod_way"] in ("FAST", "PRECISE") and made["crowd_lod_why"].startswith(made["crowd_lod_way"].capitalize())
     assert "% of the size away" in made["crowd_lod_why"]
+
+
+@pytest.mark.parametrize(
+    "fast, precise, takes_fast",
+    [
+        ((0.010, 0.01), (0.010, 0.00), True),
+        ((0.020, 0.01), (0.010, 0.00), False),
+        ((0.010, 0.03), (0.050, 0.01), False),  # the precise way keeps the UVs
+        ((0.022, 0.023), (0.072, 0.021), True),  # neither does: a third of the distance for a tenth more of UVs
+        ((0.126, 0.52), (0.119, 0.03), False),
+    ],
+)
+def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_fast):
+    assert ways.chosen(*fast, *precise)[0] == takes_fast

@@ -1,0 +1,117 @@
+"""Making LOD meshes again replaces what was made for these characters of this scene, and nothing else."""
+
+import bpy
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.steps import finished
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.populate import characters_of
+
+from .characters import character, new, rig, skin, tube
+
+
+@pytest.fixture
+def scene(registered):
+    scene = bpy.context.scene
+    scene.crowd_lod.way = "PRECISE"  # the quickest
+    return scene
+
+
+def run(scene):
+    return finished(make_levels(scene))
+
+
+def objects_of(scene, k):
+    return [[item.name for item in home.objects] for home in scene.crowd_lod.levels.children[k].children]
+
+
+def test_lods_that_hang_on_a_character_s_armature_are_no_part_of_it(scene):
+    armature, body, root, hat = rig(), new("body", tube("body", 8, 8)), new("root", None), new("hat", tube("hat", 8, 8))
+    skin(body, armature)
+    hat.parent = root
+    bpy.data.collections.remove(character())
+    for item in (armature, body, root, hat):
+        scene.crowd_lod.characters.objects.link(item)
+    assert run(scene).made == ("rig", "root")
+    assert run(scene).kept == ("rig", "root") and objects_of(scene, 1) == [["body LOD 1"], ["hat LOD 1"]]
+    scene.crowd_lod.ratios[1] = 0.5
+    assert run(scene).made == ("rig", "root") and objects_of(scene, 2) == [["body LOD 2"], ["hat LOD 2"]]
+
+
+def test_an_object_may_be_in_several_groups(scene):
+    body = new("body", tube("body", 8, 8))
+    for name in ("one", "two"):
+        character(body, name=name)
+    assert run(scene).made == ("one", "two")
+    before = [list(level.children) for level in scene.crowd_lod.levels.children]
+    assert run(scene).kept == ("one", "two")
+    assert [list(level.children) for level in scene.crowd_lod.levels.children] == before
+    character(body, name="three")
+    outcome = run(scene)
+    assert (outcome.made, outcome.kept, outcome.edited) == (("two",), ("one", "three"), ())
+
+
+@pytest.mark.parametrize("linked", [False, True])
+def test_a_lod_that_became_a_character_stays(scene, linked):
+    character(new("body", tube("body", 8, 8)), name="one")
+    run(scene)
+    mine = scene.crowd_lod.levels.children[1].children[0].objects[0]
+    if linked:  # as Alt D does it
+        mine = mine.copy()
+    del mine["crowd_lod"]
+    if not linked:
+        run(scene)  # moves it out into the scene
+    character(mine, name="two")
+    count = len(mine.data.vertices)
+    for ratio in (0.4, 0.5, 0.45):
+        scene.crowd_lod.ratios[1] = ratio
+        run(scene)
+        assert len(mine.data.vertices) == count and mine.name in scene.crowd_lod.characters.all_objects
+
+
+def test_a_copy_of_the_scene_leaves_the_first_one_s(scene):
+    character(new("body", tube("body", 8, 8)))
+    run(scene)
+    levels, items = scene.crowd_lod.levels, list(scene.crowd_lod.levels.all_objects)
+    other = scene.copy()
+    for ratio in (0.4, 0.5):
+        other.crowd_lod.ratios[1] = ratio
+        run(other)
+        assert scene.crowd_lod.levels == levels and list(levels.all_objects) == items
+        assert levels.name in scene.collection.children and levels.name not in other.collection.children
+        assert other.crowd_lod.levels.name in other.collection.children
+    assert len(bpy.data.scenes) == 2 and len(other.crowd_lod.levels.all_objects) == len(items)
+    assert run(scene).kept == ("someone",)
+
+
+def test_two_groups_of_one_name_are_named(scene):
+    character(new("inner", tube("inner", 8, 8)), name="hero")
+    scene.crowd_lod.characters.objects.link(new("hero", tube("hero", 8, 8)))
+    with pytest.raises(CrowdError, match="Two character groups in People are called hero: rename one of them"):
+        characters_of(scene)
+
+
+def test_collections_that_the_user_put_among_the_lods_stay(scene):
+    character(new("body", tube("body", 8, 8)))
+    run(scene)
+    own, linked = bpy.data.collections.new("own"), bpy.data.collections.new("linked")
+    scene.collection.children.link(linked)
+    for collection in (own, linked):
+        scene.crowd_lod.levels.children[1].children.link(collection)
+        collection.objects.link(new(f"in {collection.name}", None))
+    for ratio in (0.4, 0.5):
+        scene.crowd_lod.ratios[1] = ratio
+        run(scene)
+        for collection in (own, linked):
+            assert collection.name in scene.collection.children and list(collection.objects.keys()) == [f"in {collection.name}"]
+    assert not scene.collection.objects and len(scene.crowd_lod.levels.all_objects) == 3
+
+
+def test_lods_of_a_rigid_body_take_no_part_in_the_simulation(scene):
+    body = new("body", tube("body", 8, 8))
+    character(body)
+    bpy.context.view_layer.objects.active = body
+    bpy.ops.rigidbody.world_add()
+    bpy.ops.rigidbody.object_add()
+    run(scene)
+    assert list(scene.rigidbody_world.collection.objects) == [body] and len(scene.crowd_lod.levels.all_objects) == 3

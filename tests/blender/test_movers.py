@@ -1,0 +1,145 @@
+"""What moves a character: found wherever users put it, and noticed when it changes."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators.levels import _object_digest
+from crowd_lod_extension.operators.movers import action_range
+from crowd_lod_extension.operators.populate import measure_groups
+from crowd_lod_extension.operators.source import read_source
+
+from .characters import character, new, rig, skin, tube
+
+
+def keyed(block, path, value, last):
+    """Let `path` of the block run from what it is at frame 1 to `value` at `last`."""
+    block.keyframe_insert(path, frame=1)
+    setattr(block, path, value)
+    block.keyframe_insert(path, frame=last)
+
+
+def by_shape_key(body):
+    body.shape_key_add(name="Basis")
+    key = body.shape_key_add(name="tall")
+    key.data.foreach_set("co", np.column_stack([np.zeros((len(key.data), 2)), np.linspace(0, 5, len(key.data))]).ravel())
+    keyed(key, "value", 1.0, 20)
+
+
+def by_strips(body):
+    armature = rig()
+    skin(body, armature)
+    data = armature.animation_data
+    action, data.action = data.action, None
+    strip = data.nla_tracks.new().strips.new("bend", 5, action)
+    strip.frame_start, strip.frame_end = 5, 14
+    data.nla_tracks.new().strips.new("unused", 40, action).mute = True
+
+
+def by_parent(body):
+    grandparent, body.parent = new("mover", None), new("between", None)
+    body.parent.parent = grandparent
+    keyed(grandparent, "location", (3, 0, 0), 30)
+
+
+def by_target(body):
+    armature, target = rig(), new("target", None)
+    armature.animation_data_clear()
+    skin(body, armature)
+    armature.pose.bones["upper"].constraints.new("DAMPED_TRACK").target = target
+    target.location = (0, 0, 3)
+    keyed(target, "location", (3, 0, 1), 12)
+
+
+@pytest.mark.parametrize(
+    "by, expected", [(by_shape_key, (1, 20)), (by_strips, (5, 14)), (by_parent, (1, 30)), (by_target, (1, 12))]
+)
+def test_what_moves_a_character_is_its_action_and_in_its_sphere(by, expected):
+    body = new("body", tube("body", 8, 8))
+    radius = {}
+    for moved in (False, True):
+        if moved:
+            by(body)
+        else:
+            character(body)
+        radius[moved] = measure_groups(bpy.context.scene)[0].radius
+    assert action_range([body]) == expected
+    assert radius[True] > radius[False] + 0.01
+
+
+def test_an_action_of_its_own_goes_before_what_it_follows():
+    body, armature = new("body", tube("body", 8, 8)), rig()
+    skin(body, armature)
+    armature.parent = new("turntable", None)
+    keyed(armature.parent, "location", (3, 0, 0), 250)
+    assert action_range([body]) == (1, 10)
+
+
+@pytest.fixture
+def body():
+    item, armature = new("body", tube("body", 8, 8)), rig()
+    bpy.context.scene.collection.objects.link(armature)  # or it would be gone after saving
+    skin(item, armature)
+    item.data.uv_layers.new(name="second")
+    item.modifiers.new("Subdivision", "SUBSURF").levels = 0
+    character(item)
+    bone = armature.pose.bones["upper"].constraints.new("COPY_ROTATION")
+    bone.target, bone.influence = new("target", None), 0.0
+    bpy.context.scene.collection.objects.link(bone.target)
+    return item
+
+
+def digest(item):
+    source = read_source(item)
+    try:
+        return _object_digest(item, source)
+    finally:
+        bpy.data.meshes.remove(source.mesh)
+
+
+def edit_rest(body):
+    bpy.context.view_layer.objects.active = body.parent
+    bpy.ops.object.mode_set(mode="EDIT")
+    body.parent.data.edit_bones["upper"].head.x += 0.1
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def interpolate(body):
+    action = body.parent.animation_data.action
+    for curve in action.layers[0].strips[0].channelbags[0].fcurves:
+        curve.keyframe_points[0].interpolation = "CONSTANT"
+
+
+CHANGES = {
+    "interpolation": interpolate,
+    "deform": lambda body: setattr(body.parent.data.bones["upper"], "use_deform", False),
+    "rest pose": edit_rest,
+    "pose": lambda body: setattr(body.parent.pose.bones["lower"], "location", (0.1, 0, 0)),
+    "preserve volume": lambda body: setattr(body.modifiers["Armature"], "use_deform_preserve_volume", True),
+    "influence": lambda body: setattr(body.parent.pose.bones["upper"].constraints[0], "influence", 0.5),
+    "target": lambda body: setattr(bpy.data.objects["target"], "location", (1, 0, 0)),
+    "rendered levels": lambda body: setattr(body.modifiers["Subdivision"], "render_levels", 3),
+    "active UV map": lambda body: setattr(body.data.uv_layers["second"], "active_render", True),
+    "shadow": lambda body: setattr(body, "visible_shadow", False),
+    "strips": by_strips,
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_whatever_lods_take_is_noticed(body, change):
+    before = digest(body)
+    CHANGES[change](body)
+    assert digest(body) != before
+
+
+def test_the_frame_what_panels_show_and_saving_change_nothing(body, tmp_path):
+    constraint = body.parent.pose.bones["upper"].constraints[0]
+    keyed(constraint, "influence", 1.0, 10)
+    keyed(body, "location", (1, 0, 0), 10)
+    bpy.context.scene.frame_set(1)
+    before = digest(body)
+    bpy.context.scene.frame_set(7)
+    body.modifiers["Armature"].show_expanded = False
+    assert digest(body) == before
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
+    assert digest(bpy.data.objects["body"]) == before
