@@ -209,6 +209,19 @@ def test_two_scenes_have_builds_of_their_own(built):
     assert len(visible()) and io.time_of(built) == 5
 
 
+def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(built):
+    own, known = built.crowd_lod.build, points(built.crowd_lod.build)
+    bpy.context.window.scene = built
+    for press in (lambda other: list(builder.build(other)), lambda other: builder.remove_build(other.crowd_lod)):
+        bpy.ops.scene.new(type="LINK_COPY")
+        other = bpy.context.scene
+        assert other != built and other.crowd_lod.build == own
+        press(other)
+        assert other.crowd_lod.build != own and own.name not in other.collection.children
+        assert built.crowd_lod.build == own and points(own) == known
+        bpy.context.window.scene = built
+
+
 def shown_in(layer):
     """How many instances the view layer shows, and how many posed meshes by themselves."""
     layer.update()
