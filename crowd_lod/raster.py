@@ -2,7 +2,8 @@
 
 import numpy as np
 
-MOST_PAIRS = 2_000_000  # of triangle and pixel, at a time
+MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the processor's cache
+EDGE = 1e-9  # pixels by which a centre may miss an edge that it lies on, by rounding
 
 
 def cover(corners: np.ndarray, shape: tuple[int, int]):
@@ -35,11 +36,31 @@ def cover(corners: np.ndarray, shape: tuple[int, int]):
 
 
 def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(rows, columns) bool: the pixels that the triangles cover. corners, shape: see `cover`."""
-    covered = np.zeros(shape, bool)
-    for pixel, _, _ in cover(corners, shape):
-        covered.ravel()[pixel] = True
-    return covered
+    """(rows, columns) bool: the pixels that the triangles cover, from where each begins in a row to where it ends; centres on
+    edges are covered. corners, shape: see `cover`."""
+    rows, columns = shape
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    x, y = corners[u[:, 0] * v[:, 1] != u[:, 1] * v[:, 0]].transpose(2, 1, 0)
+    low, high = np.ceil(y.min(axis=0) - 0.5).clip(0, rows), (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows)
+    count = (high - low).clip(0).astype(np.intp)
+    # each triangle in each of its rows
+    triangle = np.repeat(np.arange(len(count)), count)
+    row = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low.astype(np.intp), count)
+    begin, end = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for p, q in ((0, 1), (1, 2), (2, 0)):
+        (x_p, y_p), (x_q, y_q) = ((x[k].take(triangle), y[k].take(triangle)) for k in (p, q))
+        some = np.flatnonzero(((y_p - row - 0.5) * (y_q - row - 0.5) <= 0) & (y_p != y_q))
+        part = (row[some] + 0.5 - y_p[some]) / (y_q[some] - y_p[some])
+        at = x_p[some] + part * (x_q[some] - x_p[some])
+        begin[some], end[some] = np.minimum(begin[some], at), np.maximum(end[some], at)
+    first = np.ceil(begin - 0.5 - EDGE).clip(0, columns).astype(np.intp)
+    last = (np.floor(end - 0.5 + EDGE) + 1).clip(0, columns).astype(np.intp)
+    spans = np.flatnonzero(first < last)
+    # how many begin less how many have ended
+    change = np.zeros((rows, columns + 1), np.int32)
+    for step, ends in ((1, first), (-1, last)):
+        np.add.at(change.ravel(), row[spans] * (columns + 1) + ends[spans], step)
+    return np.cumsum(change, axis=1, dtype=np.int32)[:, :-1] > 0
 
 
 def nearest(corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -21,6 +21,18 @@ def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
     assert (raster.mask(corners, shape) == expected).all() and 0.2 < expected.mean() < 1
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_mask_has_no_holes_where_centres_lie_on_edges(seed):
+    """Corners on whole and half pixels, slivers, and triangles seen edge on: the pixels that `cover` finds one by one."""
+    random = np.random.default_rng(seed)
+    corners = random.integers(-20, 100, (40, 3, 2)) / 2
+    corners[::4, 2] = corners[::4, 1] + 0.3 * (corners[::4, 0] - corners[::4, 1])
+    one_by_one = np.zeros((30, 40), bool)
+    for pixel, _, _ in raster.cover(corners, one_by_one.shape):
+        one_by_one.ravel()[pixel] = True
+    assert (raster.mask(corners, one_by_one.shape) == one_by_one).all() and one_by_one.any()
+
+
 def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
     random = np.random.default_rng(2)
     corners, depth = random.uniform(0, 40, (50, 3, 2)), random.uniform(1, 9, (50, 3))
