@@ -13,6 +13,8 @@ SLACK = 1e-8
 COLUMNS = 2048
 # Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
 HUGE, TINY = 1e100, 1e-100
+# Times the largest coordinate: farther off no plane meets a box, whatever is rounded.
+BEYOND = 2.0**20
 # Which of a camera's planes are the sides, that a fixed margin moves.
 SIDES = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])
 
@@ -45,7 +47,9 @@ class Test:
         self.radius = 1.0 if margin is None else 0.0
         about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
         self.slack = SLACK * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
-        self.slack += 1e-12 * np.abs(offsets).max(initial=0.0) + TINY
+        away = np.abs(offsets)
+        # of a plane so far beyond all boxes that none comes near, as a far one may be, roundings decide nothing
+        self.slack += 1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + TINY
         if not about < HUGE:
             self.slack = np.nan  # nothing is decided
         k = self.count = len(normals)

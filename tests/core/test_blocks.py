@@ -123,7 +123,8 @@ def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
     since, found = trajectory.blocks(trajectory.at(9) and 9)
     inside = replace(straight(), kind="ORTHO", origin=np.array([0, -200, 0]), far=900.0)
     inside = replace(inside, window=replace(inside.window, left=-60, right=60, bottom=-60, top=60))
-    for camera, seen in ((inside, 2000), (replace(inside, origin=np.array([0, -2000, 0])), 0)):
+    endless = replace(inside, far=1e30)  # its far plane's roundings are larger than the crowd
+    for camera, seen in ((inside, 2000), (endless, 2000), (replace(inside, origin=np.array([0, -2000, 0])), 0)):
         look = blocks.Look(camera, *trajectory.moved(9, since))
         levels, places = in_order(found, *blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]])))
         assert len(places) == 0 and (levels == 0).sum() == seen
