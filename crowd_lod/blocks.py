@@ -184,8 +184,8 @@ def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, he
             crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
             low[axis, crosses], high[axis, crosses] = np.minimum(low[axis, crosses], least), np.maximum(high[axis, crosses], most)
             if heights is not None:
-                bottom, top = heights.area.z + float(heights.heights.min()), heights.area.z + float(heights.heights.max())
-                low[2, crosses], high[2, crosses] = np.minimum(low[2, crosses], bottom), np.maximum(high[2, crosses], top)
+                low[2, crosses] = np.minimum(low[2, crosses], heights.span[0])
+                high[2, crosses] = np.maximum(high[2, crosses], heights.span[1])
         low[axis], high[axis] = np.minimum(low[axis], most), np.maximum(high[axis], least)
 
 

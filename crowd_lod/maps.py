@@ -126,6 +126,11 @@ class HeightMap:
                 "the bottom: paint a height there."
             )
 
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """The least and the greatest world z of the ground."""
+        return self.area.z + float(self.heights.min()), self.area.z + float(self.heights.max())
+
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """World z (n,) float64 of the ground at the world positions x, y (n,)."""
         z = np.empty(len(x))

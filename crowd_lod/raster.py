@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .nearest import ranges
+
 MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the processor's cache
 EDGE = 1e-9  # pixels by which a centre may miss an edge that it lies on, by rounding
 
@@ -24,7 +26,7 @@ def cover(corners: np.ndarray, shape: tuple[int, int]):
     for part in np.split(chosen, np.flatnonzero(np.diff(np.cumsum(pairs) // MOST_PAIRS)) + 1):
         count = size[part].prod(axis=1)
         triangle = np.repeat(part, count)
-        place = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count)
+        place = ranges(np.zeros_like(count), count)
         row, column = np.divmod(place, size[triangle, 0])
         row, column = row + low[triangle, 1], column + low[triangle, 0]
         x, y = column + 0.5 - corners[triangle, 0, 0], row + 0.5 - corners[triangle, 0, 1]
@@ -44,8 +46,7 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     low, high = np.ceil(y.min(axis=0) - 0.5).clip(0, rows), (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows)
     count = (high - low).clip(0).astype(np.intp)
     # each triangle in each of its rows
-    triangle = np.repeat(np.arange(len(count)), count)
-    row = np.arange(len(triangle)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(low.astype(np.intp), count)
+    triangle, row = np.repeat(np.arange(len(count)), count), ranges(low.astype(np.intp), count)
     begin, end = np.full(len(row), np.inf), np.full(len(row), -np.inf)
     for p, q in ((0, 1), (1, 2), (2, 0)):
         (x_p, y_p), (x_q, y_q) = ((x[k].take(triangle), y[k].take(triangle)) for k in (p, q))

@@ -92,11 +92,9 @@ def _evaluated(scene: bpy.types.Scene) -> Iterator[Callable[[int], bpy.types.Dep
     if scene.render.use_motion_blur or not scene.crowd_lod.shadows:
         yield lambda number: None
         return
-    stage, built = scene.copy(), scene.crowd_lod.build
+    stage = scene.copy()
     try:
-        stage.crowd_lod.build = None
-        if built is not None and built.name in stage.collection.children:
-            stage.collection.children.unlink(built)
+        io.let_go(stage, "build")
         layer = stage.view_layers[0]
 
         def depsgraph_at(number: int) -> bpy.types.Depsgraph:

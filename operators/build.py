@@ -89,7 +89,9 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     """Put the poses and, where there are none yet, point objects into the build of `scene`: its collection."""
     settings = scene.crowd_lod
     upgrade()
-    top = _own(scene)
+    if io.shared(scene, "build"):
+        io.let_go(scene, "build")
+    top = settings.build
     if top is None:
         top = settings.build = bpy.data.collections.new("Crowd LOD Build")
         top[OWNED] = True
@@ -107,17 +109,6 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
-
-
-def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    """The scene's build. A linked copy of a scene begins with that of the other, which stays the other's: it is let go."""
-    top = scene.crowd_lod.build
-    if top is None or all(other == scene or other.crowd_lod.build != top for other in bpy.data.scenes):
-        return top
-    scene.crowd_lod.build = None
-    if top.name in scene.collection.children:
-        scene.collection.children.unlink(top)
-    return None
 
 
 def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
@@ -260,7 +251,9 @@ def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:
 
 def remove_build(settings) -> None:
     """Remove the build: points, poses, and the node groups that nothing else uses."""
-    top, settings.build = _own(settings.id_data), None
+    if io.shared(settings.id_data, "build"):
+        io.let_go(settings.id_data, "build")
+    top, settings.build = settings.build, None
     if top is not None:
         remove_owned(top)
     for kind in (baked.NAME, instances.NAME):  # the one holds the other

@@ -202,6 +202,12 @@ def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0].removeprefix("Error: ")
 
 
+def _frames(args, settings) -> list[int]:
+    """The frames that the command names, or else the scene."""
+    text, step = (getattr(settings if getattr(args, name) is None else args, name) for name in ("frames", "step"))
+    return parse_frames(text, step)
+
+
 def _preview(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
@@ -222,9 +228,7 @@ def _preview(args, command: list[str]) -> dict:
             f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."
         )
     wanted = Preview(
-        frames=parse_frames(
-            settings.frames if args.frames is None else args.frames, settings.step if args.step is None else args.step
-        ),
+        frames=_frames(args, settings),
         folder=folder,
         width=args.width or settings.width,
         engine=engine,
@@ -251,9 +255,7 @@ def _verify(args, command: list[str]) -> dict:
     settings = scene.crowd_lod
     stem = Path(args.scene or bpy.data.filepath or "scene").stem
     wanted = Verify(
-        frames=parse_frames(
-            settings.frames if args.frames is None else args.frames, settings.step if args.step is None else args.step
-        ),
+        frames=_frames(args, settings),
         folder=(args.out or Path(f"{stem}_verify")).absolute(),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),

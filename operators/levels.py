@@ -73,10 +73,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     characters = characters_of(scene)
     ratios = chain.ratios_of(settings)
     groups = yield from standing(measuring_groups(scene), 0.0)
-    earlier = settings.levels
-    copied = [other for other in bpy.data.scenes if other != scene and other.crowd_lod.levels == earlier]
-    others = earlier if copied else None  # a copy of the scene begins with the LODs of the other, which stay that one's
-    earlier = None if copied else earlier
+    copied = io.shared(scene, "levels")  # a linked copy begins with the LODs of the other scene, which stay that one's
+    earlier = None if copied else settings.levels
     before = set(bpy.data.user_map())
     done = False
     try:
@@ -141,8 +139,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 if item.get(OWNED):
                     item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")
                     item.color = (*TINTS[k], 1.0)
-    if others is not None and others.name in scene.collection.children:
-        scene.collection.children.unlink(others)
+    if copied:
+        io.let_go(scene, "levels")
     scene.collection.children.link(top)
     top.hide_render = True  # in a view layer that the user adds later, too
     for view_layer in scene.view_layers:

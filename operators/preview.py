@@ -170,9 +170,7 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
     stage.timeline_markers.clear()  # they would take the camera back in the picture from above
-    built, stage.crowd_lod.build = stage.crowd_lod.build, None
-    if built is not None and built.name in stage.collection.children:
-        stage.collection.children.unlink(built)
+    io.let_go(stage, "build")
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
     render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100

@@ -247,6 +247,20 @@ def scratch():
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
 
 
+def shared(scene: bpy.types.Scene, name: str) -> bool:
+    """Whether another scene, of which this may be a linked copy, has the same collection in its setting `name`."""
+    top = getattr(scene.crowd_lod, name)
+    return top is not None and any(other != scene and getattr(other.crowd_lod, name) == top for other in bpy.data.scenes)
+
+
+def let_go(scene: bpy.types.Scene, name: str) -> None:
+    """Take the collection in the setting `name` out of the scene, a copy of another, where it stays."""
+    top = getattr(scene.crowd_lod, name)
+    setattr(scene.crowd_lod, name, None)
+    if top is not None and top.name in scene.collection.children:
+        scene.collection.children.unlink(top)
+
+
 # What Mesa's software OpenGL says of itself at every start; it draws well all the same.
 NOISE = b"EGL Error (0x3009)"
 

@@ -279,17 +279,15 @@ def _mend(mesh: bpy.types.Mesh) -> None:
     points, triangles = io.read_triangles(mesh)[:2]
     target = _sewn(points, triangles)
     joined = np.flatnonzero(target != np.arange(len(points)))
-    if len(joined):
-        body = bmesh.new()
-        body.from_mesh(mesh)
+    if not len(joined):
+        return drop_loose(mesh)
+    with _edited(mesh) as body:
         body.verts.ensure_lookup_table()
         if NORMALS not in mesh.attributes:
             for edge in body.edges:
                 edge.smooth = edge.smooth and not edge.is_boundary
         bmesh.ops.weld_verts(body, targetmap={body.verts[int(v)]: body.verts[int(target[v])] for v in joined})
-        body.to_mesh(mesh)
-        body.free()
-    drop_loose(mesh)
+        _delete_loose(body)
 
 
 def _drop_flat_parts(mesh: bpy.types.Mesh) -> None:
@@ -299,13 +297,10 @@ def _drop_flat_parts(mesh: bpy.types.Mesh) -> None:
     shown = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
     if shown.all() or not shown.any():
         return
-    body = bmesh.new()
-    body.from_mesh(mesh)
-    body.faces.ensure_lookup_table()
-    bmesh.ops.delete(body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES")
-    body.to_mesh(mesh)
-    body.free()
-    drop_loose(mesh)
+    with _edited(mesh) as body:
+        body.faces.ensure_lookup_table()
+        bmesh.ops.delete(body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES")
+        _delete_loose(body)
 
 
 def drop_loose(mesh: bpy.types.Mesh) -> None:
@@ -314,12 +309,25 @@ def drop_loose(mesh: bpy.types.Mesh) -> None:
     mesh.loops.foreach_get("vertex_index", corners)
     if len(np.unique(corners)) == len(mesh.vertices):
         return
-    body = bmesh.new()
-    body.from_mesh(mesh)
+    with _edited(mesh) as body:
+        _delete_loose(body)
+
+
+def _delete_loose(body: bmesh.types.BMesh) -> None:
     bmesh.ops.delete(body, geom=[e for e in body.edges if not e.link_faces], context="EDGES")
     bmesh.ops.delete(body, geom=[v for v in body.verts if not v.link_faces], context="VERTS")
-    body.to_mesh(mesh)
-    body.free()
+
+
+@contextmanager
+def _edited(mesh: bpy.types.Mesh):
+    """The mesh to be edited, and then put back."""
+    body = bmesh.new()
+    try:
+        body.from_mesh(mesh)
+        yield body
+        body.to_mesh(mesh)
+    finally:
+        body.free()
 
 
 def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
