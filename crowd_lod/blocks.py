@@ -11,14 +11,14 @@ The order is renewed less often than the boxes, which only grow as neighbours pa
 """
 
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from . import curve
 from .agents import Crowd, Group
-from .looks import COLUMNS, Look, Test
+from .looks import COLUMNS, HUGE, SLACK, Look, Test
 from .machine import StateMachine
 from .maps import Area, HeightMap
 
@@ -242,6 +242,35 @@ def decide(
     if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
         return decided, _alone(blocks, crowd, tests[0], limits, decided, count)
     return decided, np.arange(count)
+
+
+def near(
+    blocks: Blocks,
+    moved: tuple[np.ndarray, np.ndarray],
+    grown: float,
+    about: float,
+    touches: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """(m,) int32: agents that `touches` may keep, and some others; some come more than once.
+
+    touches: which (b,) bool of spheres at points (b, 3) with the radius (b,) it keeps; whoever keeps a sphere keeps one that
+    holds it. It is asked of spheres about whole blocks. moved: (least, most) displacement (3,) from the boxes; grown: by how
+    much the agents' spheres are larger, metres; about: the largest coordinate that `touches` reckons with, whose roundings are
+    to decide nothing.
+    """
+    least, most = moved
+    about = about + np.abs(moved).max() + grown
+    if not about < HUGE:
+        return blocks.order
+    shift, wider = (least + most)[:, None] / 2, (most - least)[:, None] / 2
+    some = np.arange(blocks.tiers[0][1].shape[1])
+    for tier, (_, boxes, _) in enumerate(blocks.tiers):
+        if tier:
+            some = (some[:, None] * FAN + np.arange(FAN)).ravel()
+        box = boxes.take(some, axis=1)
+        radius = np.sqrt(((box[3:6] + wider) ** 2).sum(axis=0)) + box[7] + (grown + SLACK * about)
+        some = some[touches((box[:3] + shift).T, radius)]
+    return blocks.rows.take(some, axis=0).ravel()
 
 
 def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:

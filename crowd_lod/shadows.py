@@ -3,16 +3,19 @@
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import product
 
 import numpy as np
 
 from .agents import Crowd
 from .behaviour import Trajectory
+from .blocks import near
 from .camera import Camera, planes
 from .culling import BLOCK, ROUNDING, TINY
 from .frame import Frame, most_moved
-from .lean import LeftOut
+from .lean import BLOCKS, LeftOut
+from .looks import BEYOND
 from .sorting import sort
 
 
@@ -216,13 +219,10 @@ def surround(
     centre = np.array([group.centre for group in trajectory.groups])
     radius = np.array([group.radius for group in trajectory.groups])
     grown = radius + most_moved(trajectory, [time for time, _ in shutter])
-    moments = [(frame.crowd, cameras, radius), *((trajectory.at(time), eyes, grown) for time, eyes in shutter)]
-    culled = np.flatnonzero(~frame.visible)
+    moments = [(frame.time, frame.crowd, cameras, radius), *((time, trajectory.at(time), eyes, grown) for time, eyes in shutter)]
+    unseen = ~frame.visible
     reflects, shades = (np.zeros(len(frame.crowd), bool) for _ in range(2))
-    for crowd, eyes, size in moments if around.lights or around.mirrors else ():
-        points, r = _spheres(crowd, culled, centre, size)
-        found = np.isfinite(points).all(axis=1)
-        points, r, culled = points[found], r[found], culled[found]
+    for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
         views = [view(eye) for eye in eyes]
         mirrors = [mirrored(eye, mirror) for eye in eyes for mirror in around.mirrors]
         mirrors = [volume for volume in mirrors if volume is not None]
@@ -230,12 +230,16 @@ def surround(
         if around.box is not None:
             box = _joined(around.box, crowd, centre, size)
             lit = [bounded(volume, box) for volume in lit]
-        for begin in range(0, len(culled), BLOCK):
-            block = slice(begin, begin + BLOCK)
-            for volume in mirrors:
-                reflects[culled[block]] |= within(volume, points[block], r[block])
-            for volume, light in product(lit, around.lights):
-                shades[culled[block]] |= shaded(volume, light, points[block], r[block])
+        asked = [(reflects, volume, None) for volume in mirrors]
+        asked += [(shades, volume, light) for volume, light in product(lit, around.lights)]
+        for kept, volume, light in asked:
+            touches = partial(within, volume) if light is None else partial(shaded, volume, light)
+            agents = _candidates(frame, trajectory, time, float((size - radius).max()), volume, light, touches)
+            agents = agents[unseen[agents] & ~kept[agents]]
+            for begin in range(0, len(agents), BLOCK):
+                some = agents[begin : begin + BLOCK]
+                points, r = _spheres(crowd, some, centre, size)
+                kept[some] = touches(points, r) & np.isfinite(points).all(axis=1)
     count = len(frame.buckets.counts)
     levels = np.full(len(frame.crowd), min(around.level, count - 1), np.uint8)
     return replace(
@@ -245,6 +249,21 @@ def surround(
         left_out=(*frame.left_out, *around.left_out),
         milliseconds=frame.milliseconds | {"surroundings": 1000 * (clock.perf_counter() - begun)},
     )
+
+
+def _candidates(frame: Frame, trajectory: Trajectory, time: float, grown: float, volume: Volume, light: Light | None, touches):
+    """Agents (m,) that `touches` may keep at `time`, with spheres larger by `grown`: those of the blocks that it keeps as a
+    whole (blocks.near), or all."""
+    made = trajectory.blocks(frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
+    if made is None:
+        return np.arange(len(frame.crowd))
+    since, blocks = made
+    about = max(blocks.extent, volume.pad, *np.abs(volume.origin))
+    if light is not None:
+        about = max(about, light.size, *(() if light.origin is None else np.abs(light.origin)))
+    away = np.abs(volume.offsets)  # planes so far off that nothing comes near do not count
+    about = (1 + volume.turn) * (about + away[away < BEYOND * about].max(initial=0.0))
+    return near(blocks, trajectory.moved(time, since), grown, about, touches)
 
 
 def _spheres(crowd: Crowd, agents: np.ndarray, centre: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

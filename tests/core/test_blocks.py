@@ -15,6 +15,7 @@ from crowd_lod_extension.crowd_lod.exact import scatter
 from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import Bias, LevelPolicy, assign, limits
 from crowd_lod_extension.crowd_lod.maps import HeightMap
+from crowd_lod_extension.crowd_lod.shadows import Light, Mirror, Surroundings, surround
 
 from .crowds import crowd_at, walker
 from .test_culling import straight
@@ -86,6 +87,50 @@ def test_random_shots_are_those_of_testing_every_agent(lens):
         bias = Bias(random.random((3, 3)), AREA) if random.random() < 0.2 else None
         for time in (9,) if shutter else (-3, 9, 16.5, 5.25):
             compare(trajectory, camera, policy, time, shutter, bias)
+
+
+def random_surroundings(random, camera):
+    """Suns, lamps, spots, mirrors, and a ground, near the crowd and far off."""
+    lights, mirrors = [], []
+    for _ in range(random.integers(1, 4)):
+        way, origin = random.normal(size=3), (0, 50, 0) + random.normal(size=3) * 10.0 ** random.uniform(0, 4)
+        lamp = {"size": 10.0 ** random.uniform(-2, 1), "angle": random.choice([np.pi, random.uniform(0.01, 3)])}
+        lamp["reach"] = random.choice([np.inf, 10.0 ** random.uniform(0, 3)])
+        sun = {"angle": random.choice([0, random.uniform(0, 0.2)])}
+        lights.append(Light(origin, way / np.linalg.norm(way), **lamp))
+        lights.append(Light(None, np.append(way[:2], -abs(way[2])) / np.linalg.norm(way), **sun))
+    for _ in range(random.integers(0, 3)):
+        (a, b, normal), away = np.linalg.qr(random.normal(size=(3, 3)))[0], 10.0 ** random.uniform(0, 2)
+        middle = camera.origin + away * camera.Z
+        mirrors.append(Mirror(normal, middle + np.array([-a - b, a - b, a + b, b - a]) * away * random.uniform(0.1, 2)))
+    box = np.array([(-60, -60, -1), (60, 160, 0.0)]) if random.random() < 0.7 else None
+    return Surroundings(tuple(random.permutation(lights)), tuple(mirrors), box)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_shadows_and_reflections_of_random_shots_are_those_of_testing_every_agent(lens):
+    random = np.random.default_rng(list(LENSES).index(lens))
+    found = np.zeros(2, int)
+    for _ in range(12):
+        groups = tuple(random.choice([walker(), replace(walker(), radius=6.0)]) for _ in range(random.integers(1, 4)))
+        heights = HeightMap(random.random((4, 5)).astype(np.float32), AREA) if random.random() < 0.3 else None
+        trajectory = shot(random_table(random), ground(), groups, int(random.choice([15, 700, 2000])), heights=heights)
+        camera = random_camera(random, lens)
+        camera = replace(camera, origin=np.array([0, 50, 1]) - camera.Z * 10.0 ** random.uniform(0, 3))
+        camera = lens_blur(camera, 0.05, 10.0) if random.random() < 0.3 else camera
+        moving = [replace(camera, origin=camera.origin + camera.X * part) for part in (0, 0.1)]
+        shutter = [(time, opened(moving)) for time in (8.5, 9.0)] if random.random() < 0.3 else ()
+        around = random_surroundings(random, camera)
+        for time in (9,) if shutter else (9, 16.5):
+            made = [
+                surround(plan(each, camera, POLICY, time, shutter), each, camera, shutter, around)
+                for each in (trajectory, trajectory.full)
+            ]
+            for name in ("shadow", "mirrored"):
+                one, other = (getattr(frame, name) for frame in made)
+                assert one.order.tobytes() == other.order.tobytes() and (one.offsets == other.offsets).all()
+            found += len(one.order) > 0, len(made[0].shadow.order) > 0
+    assert found.all()
 
 
 def in_order(found, decided, places):
