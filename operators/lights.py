@@ -1,7 +1,5 @@
 """Blender's lights, mirrors and what shadows may fall on -> the core's (crowd_lod/shadows.py)."""
 
-from collections.abc import Iterator
-
 import bpy
 import numpy as np
 
@@ -10,13 +8,9 @@ from ..crowd_lod.lean import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WORKBENCH
 from ..crowd_lod.shadows import Light, Mirror, Surroundings
 from . import scene as io
 from .cameras import shutter_times
-from .levels import OWNED
+from .scenery import Placed, matrix_of, scenery_of
 
-SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
 MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
-
-# A thing in a render: the object, and the collection instances it is in, outermost first.
-Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
 
 
 def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None, time: float) -> Surroundings:
@@ -30,99 +24,22 @@ def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | N
         return Surroundings(left_out=(NOT_WANTED,))
     if engine == "BLENDER_WORKBENCH":
         return Surroundings(left_out=(WORKBENCH,))
-    # the build's own objects still hold what an earlier frame showed
-    things = [placed for placed in rendered(scene) if not placed[0].get(OWNED)]
-    glowing = {material for material in bpy.data.materials if _glows(material)}
-    lamps = [placed for placed in things if _casts(placed[0], glowing)]
-    panes = [placed for placed in things if _within(settings.mirrors, placed[0]) and placed[0].type == "MESH"]
     times = shutter_times(scene, time)
+    shown = scenery_of(scene, depsgraph)
+    lamps, panes = shown.lamps(), [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"]
     if times or depsgraph is None:
         lights, mirrors = _through(lamps, panes, times or [time], engine)
         box = None
     else:
         lights, mirrors = _read(lamps, panes, depsgraph, engine)
-        box = _box(scene, things, depsgraph)
+        box = None if _foggy(scene.world) else shown.box(depsgraph)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
     return Surroundings(tuple(lights), tuple(mirrors), box, settings.unseen_level, left_out)
 
 
-def rendered(scene: bpy.types.Scene) -> Iterator[Placed]:
-    """Every object that a render of `scene` shows, those in instanced collections for each instance, once each."""
-    found = {}
-    for layer in scene.view_layers:
-        if layer.use:
-            found |= dict.fromkeys(_in_layer(layer.layer_collection))
-    for item in found:
-        yield from _with_instances(item, ())
-
-
-def _in_layer(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
-    if layer.collection.hide_render:
-        return
-    if not layer.exclude:
-        yield from (item for item in layer.collection.objects if not item.hide_render)
-    for child in layer.children:
-        yield from _in_layer(child)
-
-
-def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...]) -> Iterator[Placed]:
-    yield item, inside
-    if item.instance_type == "COLLECTION" and item.instance_collection is not None and item not in inside:
-        for part in item.instance_collection.all_objects:
-            if not part.hide_render:
-                yield from _with_instances(part, (*inside, item))
-
-
-def _matrix(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """The world matrix (4, 4) float64 as `depsgraph` has evaluated it."""
-    item, inside = placed
-    own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
-    if not inside:
-        return own
-    matrix = np.eye(4)
-    for instancer in inside:
-        matrix = matrix @ np.array(instancer.evaluated_get(depsgraph).matrix_world, np.float64)
-        matrix[:3, 3] -= matrix[:3, :3] @ np.array(instancer.instance_collection.instance_offset)
-    return matrix @ own
-
-
-def _within(collection: bpy.types.Collection | None, item: bpy.types.Object) -> bool:
-    return collection is not None and collection.all_objects.get(item.name) == item
-
-
-def _casts(item: bpy.types.Object, glowing: set[bpy.types.Material]) -> bool:
-    """Whether `item` is a lamp that is on and casts shadows, or a mesh with a material that glows."""
-    if item.type == "LIGHT":
-        lamp = item.data
-        return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(lamp.node_tree if lamp.use_nodes else None)
-    return item.type in SOLID and any(slot.material in glowing for slot in item.material_slots)
-
-
-def _dark(tree: bpy.types.NodeTree | None) -> bool:
-    """Whether the nodes of a lamp all emit with the strength 0."""
-    emissions = [node for node in tree.nodes if node.type == "EMISSION"] if tree is not None else []
-    return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
-
-
-def _glows(material: bpy.types.Material) -> bool:
-    """Whether a node of the material emits light."""
-    for node in material.node_tree.nodes if material.node_tree is not None else ():
-        if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
-            return True
-        if node.type == "BSDF_PRINCIPLED" and _set(node.inputs["Emission Strength"]) and _set(node.inputs["Emission Color"]):
-            return True
-    return False
-
-
-def _set(socket: bpy.types.NodeSocket) -> bool:
-    """Whether a strength or a colour may differ from 0."""
-    value = socket.default_value
-    return socket.is_linked or (any(value[:3]) if hasattr(value, "__len__") else value != 0)
-
-
 def _read(lamps: list[Placed], panes: list[Placed], depsgraph, engine: str) -> tuple[list[Light], list[Mirror]]:
     """The lights and mirrors as `depsgraph` has evaluated them."""
-    lights = [_light(placed, _matrix(placed, depsgraph), depsgraph, engine) for placed in lamps]
+    lights = [_light(placed, matrix_of(placed, depsgraph), depsgraph, engine) for placed in lamps]
     return lights, [mirror for placed in panes for mirror in _mirrors(placed, depsgraph)]
 
 
@@ -154,7 +71,7 @@ def _light(placed: Placed, matrix: np.ndarray, depsgraph, engine: str) -> Light:
 
 def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
     """The flat sides of a mirror object; CrowdError if it is curved."""
-    points, polygons = io.world_polygons(placed[0].evaluated_get(depsgraph), _matrix(placed, depsgraph))
+    points, polygons = io.world_polygons(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph))
     sides: dict[tuple, list[np.ndarray]] = {}
     for polygon in polygons:
         corners = points[polygon]
@@ -218,27 +135,7 @@ def _corners(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
     return np.array(item.bound_box, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
-def _box(scene: bpy.types.Scene, things: list[Placed], depsgraph) -> np.ndarray | None:
-    """The box (2, 3) about all that shadows may fall on but the crowd; None if not all of it is in the objects' own
-    boxes: instances made by nodes or particles, and a world full of fog."""
-    world = scene.world
-    if (
-        world is not None
-        and world.node_tree is not None
-        and any(node.type == "OUTPUT_WORLD" and node.inputs["Volume"].is_linked for node in world.node_tree.nodes)
-    ):
-        return None
-    ends, matrices = [], []
-    for item, inside in things:
-        if item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers):
-            return None
-        if item.type in SOLID:
-            least, *_, most, _ = item.evaluated_get(depsgraph).bound_box
-            ends.append((tuple(least), tuple(most)))
-            matrices.append(_matrix((item, inside), depsgraph))
-    if not ends:
-        return np.array([np.full(3, np.inf), np.full(3, -np.inf)])
-    ends, matrices = np.array(ends, np.float64), np.array(matrices)
-    middle = np.einsum("nij,nj->ni", matrices[:, :3, :3], ends.mean(axis=1)) + matrices[:, :3, 3]
-    half = np.einsum("nij,nj->ni", np.abs(matrices[:, :3, :3]), (ends[:, 1] - ends[:, 0]) / 2)
-    return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
+def _foggy(world: bpy.types.World | None) -> bool:
+    """Whether the world is full of fog, on all of which shadows fall."""
+    outputs = world.node_tree.nodes if world is not None and world.node_tree is not None else ()
+    return any(node.type == "OUTPUT_WORLD" and node.inputs["Volume"].is_linked for node in outputs)

@@ -17,6 +17,7 @@ from . import (
     properties,
     render_setup,
     samples,
+    scenery,
     threads,
     viewport_render,
 )
@@ -24,7 +25,11 @@ from . import (
 MODULES = (properties, samples, machines, populate, levels, deviation, preview, viewport_render, render_setup, inspector, panels)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
-    "frame_change_post": [follow.follow],
+    "frame_change_post": [scenery.noticed, follow.follow],
+    "depsgraph_update_post": [scenery.noticed],
+    "load_pre": [scenery.forget],
+    "undo_pre": [scenery.forget],
+    "redo_pre": [scenery.forget],
     "load_post": [build.upgrade],
     "render_pre": [follow.rendering],
     "render_post": [follow.rendered],
@@ -54,6 +59,7 @@ def unregister():
         for function in functions:
             getattr(bpy.app.handlers, name).remove(function)
     populate.forget()
+    scenery.forget()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):
         bpy.utils.unregister_class(c)

@@ -1,0 +1,189 @@
+"""What a render of the scene shows besides the crowd: lamps, what glows, and the box about all that shadows may fall on.
+
+Kept from frame to frame for each view layer that is played: `noticed` is told of what the dependency graph changed, and
+takes it over, or forgets the rest where more than places and shapes have changed. Renders read all anew.
+"""
+
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from .levels import OWNED
+
+SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
+
+# A thing in a render: the object, and the collection instances it is in, outermost first.
+Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
+
+
+class Scenery:
+    """What a render of `scene` shows, for `depsgraph` if it is given.
+
+    things: all but Crowd LOD's own, which still holds what an earlier frame showed. bounded: whether the objects' own boxes
+    hold all of them; not what is instanced by nodes or particles.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
+        shown = list(_shown(scene))
+        self.things = [placed for placed in shown if not placed[0].hide_render and not placed[0].get(OWNED)]
+        self._hides = {item.session_uid: item.hide_render for item, _ in shown}
+        self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
+        self.solid = [placed for placed in self.things if placed[0].type in SOLID]
+        self.bounded = not any(_makes_instances(item) for item in {item for item, _ in self.things})
+        self._rows: dict[int, list[int]] = {}  # of each object, by session_uid, which of the solid it is, or instances
+        self._unwatched = set()  # of the solid, what is in other view layers alone: nothing of it is noticed in this one
+        for row, (item, inside) in enumerate(self.solid):
+            for each in (item, *inside):
+                self._rows.setdefault(each.session_uid, []).append(row)
+                if depsgraph is not None and not each.evaluated_get(depsgraph).is_evaluated:
+                    self._unwatched.add(row)
+        self._moved, self._glowing = set(range(len(self.solid))), None
+        self._ends, self._matrices = np.empty((len(self.solid), 2, 3)), np.empty((len(self.solid), 4, 4))
+
+    def lamps(self) -> list[Placed]:
+        """What casts shadows: lamps that are on, and what glows."""
+        if self._glowing is None or self._unwatched:
+            worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
+            glowing = {material for material in {each for own in worn for each in own} if material is not None and _glows(material)}
+            self._glowing = [placed for placed, own in zip(self.solid, worn, strict=True) if not glowing.isdisjoint(own)]
+        return [placed for placed in self.lights if _casts(placed[0].data)] + self._glowing
+
+    def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
+        """The things of which the object is in the `collection`."""
+        inside = set() if collection is None else set(collection.all_objects)
+        return [placed for placed in self.things if placed[0] in inside] if inside else []
+
+    def box(self, depsgraph: bpy.types.Depsgraph) -> np.ndarray | None:
+        """The box (2, 3), world metres, about the solid things as `depsgraph` has evaluated them; None if not `bounded`."""
+        if not self.bounded:
+            return None
+        if not self.solid:
+            return np.array([np.full(3, np.inf), np.full(3, -np.inf)])
+        for row in self._unwatched | self._moved:
+            placed = self.solid[row]
+            least, *_, most, _ = placed[0].evaluated_get(depsgraph).bound_box
+            self._ends[row], self._matrices[row] = (tuple(least), tuple(most)), matrix_of(placed, depsgraph)
+        self._moved = set()
+        turn, ends = self._matrices[:, :3, :3], self._ends
+        middle = np.einsum("nij,nj->ni", turn, ends.mean(axis=1)) + self._matrices[:, :3, 3]
+        half = np.einsum("nij,nj->ni", np.abs(turn), (ends[:, 1] - ends[:, 0]) / 2)
+        return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
+
+    def notice(self, update: bpy.types.DepsgraphUpdate) -> bool:
+        """Take over that there is this `update`; whether that is possible, because it changes places and shapes alone."""
+        item = update.id
+        if isinstance(item, bpy.types.Object) and not item.get(OWNED):
+            uid, hides = item.original.session_uid, item.original.hide_render
+            if self._hides.get(uid, hides) != hides:
+                return False
+            self._moved |= set(self._rows.get(uid, ()))
+        elif isinstance(item, bpy.types.Material | bpy.types.NodeTree):
+            self._glowing = None
+        return not isinstance(item, bpy.types.Scene)  # whatever is added, taken away, or made into something else changes it, too
+
+
+def _shown(scene: bpy.types.Scene) -> Iterator[Placed]:
+    """Every object that a render of `scene` shows, those in instanced collections for each instance, once each; also those that
+    are hidden themselves, not by their collections."""
+    found = {}
+    for layer in scene.view_layers:
+        if layer.use:
+            found |= dict.fromkeys(_in_layer(layer.layer_collection))
+    for item in found:
+        yield from _with_instances(item, ())
+
+
+def _in_layer(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
+    if layer.collection.hide_render:
+        return
+    if not layer.exclude:
+        yield from layer.collection.objects
+    for child in layer.children:
+        yield from _in_layer(child)
+
+
+def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...]) -> Iterator[Placed]:
+    yield item, inside
+    if not item.hide_render and item.instance_type == "COLLECTION" and item.instance_collection is not None and item not in inside:
+        for part in item.instance_collection.all_objects:
+            yield from _with_instances(part, (*inside, item))
+
+
+def matrix_of(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """The world matrix (4, 4) float64 as `depsgraph` has evaluated it."""
+    item, inside = placed
+    own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
+    if not inside:
+        return own
+    matrix = np.eye(4)
+    for instancer in inside:
+        matrix = matrix @ np.array(instancer.evaluated_get(depsgraph).matrix_world, np.float64)
+        matrix[:3, 3] -= matrix[:3, :3] @ np.array(instancer.instance_collection.instance_offset)
+    return matrix @ own
+
+
+def _makes_instances(item: bpy.types.Object) -> bool:
+    """Whether more than a collection may be instanced by `item`, out of its own box."""
+    return item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers)
+
+
+def _casts(lamp: bpy.types.Light) -> bool:
+    """Whether the lamp is on and casts shadows."""
+    return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(lamp.node_tree if lamp.use_nodes else None)
+
+
+def _dark(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether the nodes of a lamp all emit with the strength 0."""
+    emissions = [node for node in tree.nodes if node.type == "EMISSION"] if tree is not None else []
+    return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
+
+
+def _glows(material: bpy.types.Material) -> bool:
+    """Whether a node of the material emits light."""
+    for node in material.node_tree.nodes if material.node_tree is not None else ():
+        if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
+            return True
+        if node.type == "BSDF_PRINCIPLED" and _set(node.inputs["Emission Strength"]) and _set(node.inputs["Emission Color"]):
+            return True
+    return False
+
+
+def _set(socket: bpy.types.NodeSocket) -> bool:
+    """Whether a strength or a colour may differ from 0."""
+    value = socket.default_value
+    return socket.is_linked or (any(value[:3]) if hasattr(value, "__len__") else value != 0)
+
+
+# What was last seen in each view layer that is played, by scene and name: a cache, never the truth.
+_kept: dict[tuple[int, str], Scenery] = {}
+MOST_KEPT = 8
+
+
+def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Scenery:
+    """What a render of `scene` shows; that of the frame before where `depsgraph` tells of all that changes."""
+    handlers = bpy.app.handlers
+    told = noticed in handlers.frame_change_post and noticed in handlers.depsgraph_update_post
+    if depsgraph is None or depsgraph.mode != "VIEWPORT" or not told:
+        return Scenery(scene, depsgraph)
+    key = scene.session_uid, depsgraph.view_layer_eval.name
+    if key not in _kept:
+        while len(_kept) >= MOST_KEPT:
+            _kept.pop(next(iter(_kept)))
+        _kept[key] = Scenery(scene, depsgraph)
+    return _kept[key]
+
+
+@bpy.app.handlers.persistent
+def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """frame_change_post, depsgraph_update_post: take over what has changed, or forget all."""
+    key = scene.session_uid, depsgraph.view_layer_eval.name
+    known = _kept.get(key)
+    if known is not None and depsgraph.mode == "VIEWPORT" and not all(map(known.notice, depsgraph.updates)):
+        _kept.pop(key, None)
+
+
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre, undo_pre, redo_pre: what is kept names objects that will be gone."""
+    _kept.clear()

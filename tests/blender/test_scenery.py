@@ -1,0 +1,188 @@
+"""What is kept of the scene from frame to frame is what reading it anew finds, whatever was changed meanwhile."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators import scenery
+
+
+@pytest.fixture
+def stage():
+    """A set of props: plain ones, one animated with its child, one that glows, an instanced collection, lamps, a mirror."""
+    scene = bpy.context.scene
+    mesh = bpy.data.meshes.new("prop")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 2, 0), (0, 0, 3)], [], [(0, 1, 2), (0, 1, 3)])
+    mesh.materials.append(material("plain"))
+    bright = mesh.copy()
+    bright.materials.clear()
+    bright.materials.append(material("bright", 2.0))
+    home = bpy.data.collections.new("set")
+    scene.collection.children.link(home)
+    props = {name: bpy.data.objects.new(name, mesh) for name in ("still", "walks", "child", "part")}
+    props["glows"] = bpy.data.objects.new("glows", bright)
+    props["lamp"] = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "SPOT"))
+    props["crane"] = bpy.data.objects.new("crane", None)
+    parts = bpy.data.collections.new("parts")
+    for name, item in props.items():
+        (parts if name == "part" else home).objects.link(item)
+    props["crane"].instance_type, props["crane"].instance_collection = "COLLECTION", parts
+    props["child"].parent = props["walks"]
+    for name, x in (("walks", 3), ("lamp", 5)):
+        for frame in (1, 50):
+            props[name].location.x = x * frame
+            props[name].keyframe_insert("location", frame=frame)
+    scene.frame_set(1)
+    return scene
+
+
+def material(name, strength=0.0):
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    made.node_tree.nodes["Principled BSDF"].inputs["Emission Strength"].default_value = strength
+    return made
+
+
+def found(shown, depsgraph):
+    """What is found, to be compared."""
+    box = shown.box(depsgraph)
+    named = [
+        sorted((item.name, tuple(each.name for each in inside)) for item, inside in some) for some in (shown.things, shown.lamps())
+    ]
+    return named, None if box is None else box.tolist()
+
+
+def compared(scene):
+    """Whether what was kept is still in use, after it was compared with what is found anew."""
+    depsgraph = bpy.context.view_layer.depsgraph
+    kept = list(scenery._kept.values())
+    shown = scenery.scenery_of(scene, depsgraph)
+    assert found(shown, depsgraph) == found(scenery.Scenery(scene, depsgraph), depsgraph)
+    return shown in kept
+
+
+def thing(name):
+    return bpy.data.objects[name]
+
+
+def node(name, kind="materials"):
+    return getattr(bpy.data, kind)[name].node_tree.nodes
+
+
+def linked(name):
+    item = bpy.data.objects.new("new", bpy.data.meshes["prop"])
+    item.location = 90, 0, 0
+    bpy.data.collections[name].objects.link(item)
+    return item
+
+
+def excluded(name):
+    bpy.context.view_layer.layer_collection.children[name].exclude = True
+
+
+def corner_moved():
+    mesh = bpy.data.meshes["prop"]
+    mesh.vertices[1].co.x = 40
+    mesh.update()
+
+
+def fog():
+    world = bpy.context.scene.world = bpy.data.worlds.new("fog")
+    world.use_nodes = True
+    scatter, output = world.node_tree.nodes.new("ShaderNodeVolumeScatter"), world.node_tree.nodes["World Output"]
+    world.node_tree.links.new(scatter.outputs[0], output.inputs["Volume"])
+
+
+EDITS = {
+    "moved": lambda: setattr(thing("still"), "location", (-70, 8, 1)),
+    "turned by what it hangs on": lambda: setattr(thing("walks"), "rotation_euler", (1, 2, 3)),
+    "scaled": lambda: setattr(thing("still"), "scale", (30, 1, 1)),
+    "another shape": corner_moved,
+    "another mesh": lambda: setattr(thing("still"), "data", bpy.data.meshes["prop.001"]),
+    "hidden": lambda: setattr(thing("walks"), "hide_render", True),
+    "hidden in the viewport": lambda: setattr(thing("walks"), "hide_viewport", True),
+    "hidden part": lambda: setattr(thing("part"), "hide_render", True),
+    "hidden collection": lambda: setattr(bpy.data.collections["set"], "hide_render", True),
+    "excluded": lambda: excluded("set"),
+    "removed": lambda: bpy.data.objects.remove(bpy.data.collections["set"].objects[0]),
+    "unlinked": lambda: bpy.data.collections["set"].objects.unlink(bpy.data.collections["set"].objects[-1]),
+    "added": lambda: linked("set"),
+    "part added": lambda: linked("parts"),
+    "part moved": lambda: setattr(thing("part"), "location", (0, 0, 60)),
+    "instancer moved": lambda: setattr(thing("crane"), "location", (0, 60, 0)),
+    "instances moved": lambda: setattr(bpy.data.collections["parts"], "instance_offset", (0, 0, 80)),
+    "no instances": lambda: setattr(thing("crane"), "instance_type", "NONE"),
+    "instances of faces": lambda: setattr(thing("walks"), "instance_type", "FACES"),
+    "nodes": lambda: thing("still").modifiers.new("nodes", "NODES"),
+    "lit up": lambda: setattr(node("plain")["Principled BSDF"].inputs["Emission Strength"], "default_value", 1.0),
+    "lit up by a node": lambda: node("plain").new("ShaderNodeEmission"),
+    "put out": lambda: setattr(node("bright")["Principled BSDF"].inputs["Emission Strength"], "default_value", 0.0),
+    "another material": lambda: bpy.data.meshes["prop"].materials.append(bpy.data.materials["bright"]),
+    "material of the object": lambda: setattr(thing("still").material_slots[0], "link", "OBJECT"),
+    "lamp off": lambda: setattr(bpy.data.lights["lamp"], "energy", 0),
+    "lamp black": lambda: setattr(bpy.data.lights["lamp"], "color", (0, 0, 0)),
+    "no shadows": lambda: setattr(bpy.data.lights["lamp"], "use_shadow", False),
+    "another lamp": lambda: setattr(bpy.data.lights["lamp"], "type", "SUN"),
+    "parent": lambda: setattr(thing("still"), "parent", thing("walks")),
+    "constraint": lambda: setattr(thing("still").constraints.new("COPY_LOCATION"), "target", thing("walks")),
+    "delta": lambda: setattr(thing("still"), "delta_location", (0, 0, -50)),
+    "fog": fog,
+}
+
+
+@pytest.mark.parametrize("edit", EDITS)
+def test_what_is_kept_follows_every_edit(stage, edit):
+    compared(stage)
+    assert compared(stage)
+    EDITS[edit]()
+    bpy.context.view_layer.update()
+    compared(stage)
+    stage.frame_set(7)
+    compared(stage)
+    EDITS[edit]()  # once more, or the same again, with no look in between
+    stage.frame_set(8)
+    compared(stage)
+    stage.frame_set(20)
+    assert compared(stage)
+
+
+@pytest.mark.parametrize("name", ["still", "lamp", "part", "crane", "glows"])
+def test_what_is_hidden_in_some_frames(stage, name):
+    thing(name).hide_render = True
+    thing(name).keyframe_insert("hide_render", frame=1)
+    thing(name).hide_render = False
+    thing(name).keyframe_insert("hide_render", frame=5)
+    shown = []
+    for frame in (1, 2, 5, 6, 4, 3, 7):
+        stage.frame_set(frame)
+        compared(stage)
+        shown.append(thing(name) in {item for item, _ in scenery.scenery_of(stage, bpy.context.view_layer.depsgraph).things})
+    assert shown == [False, False, True, True, False, False, True]
+
+
+def test_what_is_in_another_view_layer_alone(stage):
+    other = stage.view_layers.new("other")
+    far = linked("parts")
+    bpy.context.view_layer.layer_collection.children["set"].exclude = True
+    assert bpy.context.view_layer != other
+    stage.frame_set(2)
+    compared(stage)
+    for item, x in ((thing("still"), -300), (far, 500)):
+        item.location.x = x
+        other.update()
+        stage.frame_set(stage.frame_current + 1)
+        compared(stage)
+    node("plain")["Principled BSDF"].inputs["Emission Strength"].default_value = 1.0
+    stage.frame_set(9)
+    compared(stage)
+    other.use = False
+    stage.frame_set(10)
+    compared(stage)
+
+
+def test_frames_of_what_is_animated_alone_are_not_read_anew(stage):
+    boxes = []
+    for frame in range(2, 12):
+        stage.frame_set(frame)
+        assert compared(stage) or frame == 2
+        boxes.append(scenery.scenery_of(stage, bpy.context.view_layer.depsgraph).box(bpy.context.view_layer.depsgraph))
+    assert (np.diff([box[1, 0] for box in boxes]) > 0).all()
