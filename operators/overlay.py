@@ -310,7 +310,7 @@ def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
 
 def _read_shutters() -> float | None:
     """Read the shutters asked for; while an animation plays later, for its next frame would ask again."""
-    if any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows):
+    if io.playing():
         return LOOK_AGAIN
     for scene in bpy.data.scenes:
         key = _asked.pop(scene.session_uid, None)

@@ -4,6 +4,7 @@ import ctypes
 import os
 import sys
 import tempfile
+import time as clock
 from contextlib import contextmanager, redirect_stdout
 
 import bpy
@@ -15,9 +16,10 @@ from ..crowd_lod.errors import CrowdError
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 
 
-# The values last read of each image: a cache, never the truth.
-_values: dict[int, np.ndarray] = {}
+# The values last read of each image, and when: a cache, never the truth.
+_values: dict[int, tuple[np.ndarray, float]] = {}
 MOST_IMAGES = 8
+LOOK_AGAIN = 1.0  # seconds, while an animation is played, until a painted pixel counts: to compare all takes longer than a frame
 
 
 def read_values(image: bpy.types.Image) -> np.ndarray:
@@ -27,16 +29,25 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
         raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
-    values = np.empty((height, width, image.channels), np.float32)
-    image.pixels.foreach_get(values.ravel())
-    before = _values.pop(image.session_uid, None)
-    if before is not None and np.array_equal(before, values):
-        values = before
-    values.flags.writeable = False
+    shape, now = (height, width, image.channels), clock.monotonic()
+    before, looked = _values.pop(image.session_uid, (None, -np.inf))
+    if before is not None and before.shape == shape and now < looked + LOOK_AGAIN and playing():
+        values, now = before, looked
+    else:
+        values = np.empty(shape, np.float32)
+        image.pixels.foreach_get(values.ravel())
+        if before is not None and np.array_equal(before, values):
+            values = before
+        values.flags.writeable = False
     while len(_values) >= MOST_IMAGES:
         _values.pop(next(iter(_values)))
-    _values[image.session_uid] = values
+    _values[image.session_uid] = values, now
     return values
+
+
+def playing() -> bool:
+    """Whether an animation is played in a window."""
+    return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
 
 
 def forget() -> None:

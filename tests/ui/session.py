@@ -157,11 +157,32 @@ def build():
     found["redone"] = points()
     figures = yield from after(lambda: scene().frame_set(90))
     found["frame 90"] = {"points": points(), **figures}
+    found["painted"] = yield from painted()
     before = robot.snapshot()
     found["removed"] = yield from robot.press("crowd_lod.remove_build")
     found["points removed"] = points()
     found["changed"] = robot.changes(before)
     return found
+
+
+def painted():
+    """Paint the map while the animation is played: whether it counts at once, and in the end; whether the painting is undone so."""
+    from crowd_lod_extension.operators.populate import trajectory_of
+
+    image, world = settings().map_image, trajectory_of(scene()).world
+    pixels = image.pixels[:]
+    with robot.over():
+        bpy.ops.screen.animation_play()
+    yield 1.5
+    image.pixels[:] = pixels[4:] + pixels[:4]
+    soon = []
+    yield from robot.until(lambda: soon.append(trajectory_of(scene()).world is world) or not soon[-1])
+    with robot.over():
+        bpy.ops.screen.animation_cancel(restore_frame=True)
+    image.pixels[:] = pixels
+    scene().frame_set(90)
+    labels = trajectory_of(scene()).world.labels
+    return {"looks": len(soon), "other": not soon[-1], "again": labels.tobytes() == world.labels.tobytes()}
 
 
 def points():
