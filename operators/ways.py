@@ -9,7 +9,8 @@ import numpy as np
 
 from ..crowd_lod.meshes import decimating
 from . import scene as io
-from .source import Source, drop_loose, evaluated_mesh, read_weights, staged
+from .repair import drop_loose
+from .source import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, deviation
 from .transfer import barycentric, charts_of, dress, weights_of
 
