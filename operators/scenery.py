@@ -164,7 +164,7 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
     """What a render of `scene` shows; that of the frame before where `depsgraph` tells of all that changes."""
     handlers = bpy.app.handlers
     told = noticed in handlers.frame_change_post and noticed in handlers.depsgraph_update_post
-    if depsgraph is None or depsgraph.mode != "VIEWPORT" or not told:
+    if depsgraph is None or depsgraph.mode != "VIEWPORT" or depsgraph.scene != scene or not told:
         return Scenery(scene, depsgraph)
     key = scene.session_uid, depsgraph.view_layer_eval.name
     if key not in _kept:

@@ -179,6 +179,18 @@ def test_what_is_in_another_view_layer_alone(stage):
     compared(stage)
 
 
+def test_another_scenes_frames(stage):
+    """As a bake evaluates its frames: in a copy of the scene."""
+    copy = stage.copy()
+    layer = copy.view_layers[0]
+    boxes = []
+    for frame in (1, 10):
+        copy.frame_set(frame)
+        boxes.append(scenery.scenery_of(stage, layer.depsgraph).box(layer.depsgraph))
+        assert (boxes[-1] == scenery.Scenery(stage, layer.depsgraph).box(layer.depsgraph)).all()
+    assert boxes[1][1, 0] > boxes[0][1, 0]
+
+
 def test_frames_of_what_is_animated_alone_are_not_read_anew(stage):
     boxes = []
     for frame in range(2, 12):

@@ -167,9 +167,8 @@ def build():
 
 def painted():
     """Paint the map while the animation is played: whether it counts at once, and in the end; whether the painting is undone so."""
-    from crowd_lod_extension.operators.populate import trajectory_of
-
-    image, world = settings().map_image, trajectory_of(scene()).world
+    trajectory_of, image = overlay().trajectory_of, settings().map_image
+    world = trajectory_of(scene()).world
     pixels = image.pixels[:]
     with robot.over():
         bpy.ops.screen.animation_play()
