@@ -34,8 +34,9 @@ class Points:
         library = Library(
             np.full(groups, POSES), np.zeros((groups, 1)), np.full(groups, np.inf), np.zeros(groups), np.zeros(groups, bool)
         )
-        for level, each in enumerate(self.objects):
-            columns = follow.columns_of(self.trajectory, found.crowd, held, found.buckets[level], library, False)
+        buckets, libraries = [found.buckets[level] for level in range(len(self.objects))], [library] * len(self.objects)
+        made = follow.columns_by_bucket(self.trajectory, found.crowd, held, buckets, libraries, False)
+        for each, columns in zip(self.objects, made, strict=True):
             io.write_points(each.data, columns)
         self.scene.view_layers[0].update()
 

@@ -178,7 +178,7 @@ def pose_of(phase: np.ndarray, rate: np.ndarray | None, group: np.ndarray, count
     if rates.shape[1] > 1:
         first = first + nearest_rate(np.zeros(len(phase)) if rate is None else rate, rates[group]) * of
     nearest = np.rint(np.multiply(phase, of, dtype=np.float64))
-    nearest[nearest >= of] = 0  # sooner than %
+    nearest *= nearest < of  # sooner than %
     nearest += first
     return nearest.astype(np.int32)
 

@@ -104,37 +104,48 @@ def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd
 def columns_of(
     trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library, tilt: bool
 ) -> dict[str, np.ndarray]:
-    """The point attributes of `agents` (m,) as they stand in `crowd`, by name; see scene.write_points.
+    """The point attributes of `agents` (m,) as they stand in `crowd`, by name: see `columns_by_bucket`."""
+    return columns_by_bucket(trajectory, crowd, held, [agents], [library], tilt)[0]
+
+
+def columns_by_bucket(
+    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], libraries: Sequence[Library], tilt: bool
+) -> list[dict[str, np.ndarray]]:
+    """Of each of the `buckets` the point attributes of its agents (m,) as they stand in `crowd`, by name; see scene.write_points.
 
     position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
-    group; what `held` says of the poses of the `library`; looks, a number in [0, 1) of the agent's own for materials to vary
-    by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
+    group; what `held` says of the poses of the bucket's library; looks, a number in [0, 1) of the agent's own for materials to
+    vary by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
     the blur would draw it all across the picture.
     """
-    ids, agents = agents.astype(np.int32, copy=False), agents.astype(np.intp)  # once, not for each column
+    ids = np.concatenate(buckets).astype(np.int32, copy=False)  # all are looked up together: few lookups, and not of few
+    agents = ids.astype(np.intp)
+
+    def of(column: np.ndarray) -> np.ndarray:
+        return column.take(agents, mode="clip")  # several times as fast as column[agents]
+
     place = np.empty((len(agents), 3), np.float32)
     stays = _jumped(trajectory, crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
         if name == "z" and FLAT in trajectory.left_out:
             place[:, axis] = crowd.z[0]
             continue
-        there = getattr(crowd, name)[agents]
-        place[:, axis] = there if stays is None else np.where(stays, getattr(held.crowd, name)[agents], there)
-    heading, phase, group = crowd.heading[agents], crowd.phase[agents], crowd.group[agents]
-    at_frame = phase if crowd is held.crowd else held.crowd.phase[agents]
-    columns = {
-        "position": place,
-        "heading": heading,
-        "phase": phase,
-        "group": group.astype(np.int32),
-        **held.poses(agents, at_frame, group, library, trajectory.groups),
-        "looks": trajectory.looks[agents],
-        "id": ids,
-    }
+        there = of(getattr(crowd, name))
+        place[:, axis] = there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
+    heading, phase, group = of(crowd.heading), of(crowd.phase), of(crowd.group)
+    at_frame = phase if crowd is held.crowd else of(held.crowd.phase)
+    columns = {"position": place, "heading": heading, "phase": phase, "group": group.astype(np.int32)}
+    columns |= {"looks": of(trajectory.looks), "id": ids}
     if tilt and trajectory.heights is not None:
-        pitch, roll = trajectory.heights.tilt(crowd.x[agents], crowd.y[agents], heading)
+        pitch, roll = trajectory.heights.tilt(of(crowd.x), of(crowd.y), heading)
         columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
-    return columns
+    found, at = [], 0
+    for bucket, library in zip(buckets, libraries, strict=True):
+        own = slice(at, at + len(bucket))
+        poses = held.poses(agents[own], at_frame[own], group[own], library, trajectory.groups)
+        found.append({name: values[own] for name, values in columns.items()} | poses)
+        at += len(bucket)
+    return found
 
 
 def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray) -> np.ndarray | None:
@@ -151,10 +162,12 @@ def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held:
     """Write the agents of the frame's buckets, as they stand in `crowd`, to the point objects of the build `top`. An
     older build, or a user, may have none for the unseen."""
     points = points_of(top)
-    for name, agents in members(frame).items():
-        if name in points and (len(agents) or not _empty(points[name].data)):
-            library = library_of(points[name], len(trajectory.groups))
-            io.write_points(points[name].data, columns_of(trajectory, crowd, held, agents, library, tilt))
+    shown = {name: agents for name, agents in members(frame).items() if name in points}
+    shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
+    libraries = [library_of(points[name], len(trajectory.groups)) for name in shown]
+    made = columns_by_bucket(trajectory, crowd, held, list(shown.values()), libraries, tilt) if shown else []
+    for name, columns in zip(shown, made, strict=True):
+        io.write_points(points[name].data, columns)
 
 
 def _empty(mesh: bpy.types.Mesh) -> bool:
