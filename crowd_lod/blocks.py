@@ -291,8 +291,8 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Dec
         group = 0 if groups is None else groups[part]
         spheres = np.empty((5, len(agents)))
         spheres[0], spheres[1] = crowd.x.take(agents, mode="clip"), crowd.y.take(agents, mode="clip")
-        spheres[2] = (crowd.z[agents] if blocks.floor is None else blocks.floor) + centre[group]
-        spheres[3], spheres[4] = radius[group], 1.0
+        spheres[2] = (crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor) + centre.take(group)
+        spheres[3], spheres[4] = radius.take(group), 1.0
         outside, inside, distance = tests[0].alone(spheres)
         for test in tests[1:]:
             out, within, other = test.alone(spheres)

@@ -174,7 +174,7 @@ def pose_of(phase: np.ndarray, rate: np.ndarray | None, group: np.ndarray, count
     if len(counts) == 1:  # one for all
         group, first, of = slice(1), 0, counts[0]
     else:
-        first, of = first_poses(counts, rates)[group], counts.astype(np.int64)[group]
+        first, of = first_poses(counts, rates).take(group), counts.astype(np.int64).take(group)  # sooner than by [group]
     if rates.shape[1] > 1:
         first = first + nearest_rate(np.zeros(len(phase)) if rate is None else rate, rates[group]) * of
     nearest = np.rint(np.multiply(phase, of, dtype=np.float64))
