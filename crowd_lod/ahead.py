@@ -14,9 +14,10 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from .agents import Crowd
+from .lean import NOTHING
 from .machine import StateMachine
 from .maps import LabelMap
-from .within import BLOCK, Tables, mended, play
+from .within import BLOCK, Tables, mended, play, within
 
 # The most steps that are known ahead.
 MOST = 4095
@@ -92,24 +93,33 @@ def opened(
     """What is known of the crowd's next steps, with some `turns`, where there were none left; None if too many agents make long
     steps. way: makes a step of the `tables` for agents of whom nothing is known."""
     for count, part in *((count, FEW) for count in TOGETHER), (1, MANY):
-        agents = np.flatnonzero(ahead.steps < count)
-        if len(agents) <= part * len(crowd):
+        ends = ahead.steps < count
+        if np.count_nonzero(ends) <= part * len(crowd):
             break
     else:
         return None
-    until, made, most = ahead.steps.copy(), [], 2 * part * len(crowd)
+    agents, until, made, most, rounds = np.flatnonzero(ends), ahead.steps.copy(), [], 2 * part * len(crowd), 0
     some, case, when = crowd.of(agents), ahead.case[agents], ahead.steps[agents].astype(int)
     at = np.zeros(len(agents), int)
-    while len(agents) and len(made) < ROUNDS and sum(len(each[0]) for each in made) <= most:
+    while len(agents) and rounds < ROUNDS and most >= 0:
         some = _on(some, case, when - at, tables) if (when > at).any() else some
-        other = way(some)
-        there = look(other, machine, world, tables)
-        made.append((when, agents, some, other, there.case))
+        moved, rest = within(some, machine, world, tables, NOTHING)
+        moved = mended(moved, some, rest, way)
+        turns = moved.heading.view(np.int32) != some.heading.view(np.int32)
+        turns[rest] = True
+        for name, by in (("x", tables.x), ("y", tables.y)):  # the map's border may have stopped them, or a zero lost its sign
+            old, new = getattr(some, name), getattr(moved, name)
+            straight = old + by.take(case) if name in tables.changing else old
+            turns |= straight.view(np.int64) != new.view(np.int64)
+        (turns,) = turns.nonzero()  # the others do what they did, into a cell of the same label
+        there = look(moved, machine, world, tables)
+        made.append((when[turns], agents[turns], some.of(turns), moved.of(turns), there.case[turns]))
+        most, rounds = most - len(agents), rounds + 1
         at, when = when + 1, when + 1 + there.steps
         until[agents] = when
         again = np.flatnonzero(when < count)
-        agents, some, case, at, when = agents[again], other.of(again), there.case[again], at[again], when[again]
-    if len(agents):  # up to the first long step that is left; those made that come later are forgotten
+        agents, some, case, at, when = agents[again], moved.of(again), there.case[again], at[again], when[again]
+    if len(agents):  # up to the first end of what is known; those made that come later are forgotten
         count = int(when.min())
         for late, who, *_ in reversed(made):
             until[who[late >= count]] = late[late >= count]

@@ -325,19 +325,21 @@ class Trajectory:
             return self._play(crowd, seconds)
         tables, (known, ahead) = self._tables(seconds), self._ahead
 
-        def way(some: Crowd, tables: Tables) -> Crowd:
-            return step(some, self.machine, self.world, self._cycles, tables.seconds, self.left_out, tables)
+        about = self.machine, self.world, self._cycles
+
+        def long(some: Crowd, seconds: float) -> Crowd:
+            return advance(some, *about, seconds, leave=self.left_out)[0]
 
         if known is not crowd:
             ahead = look(crowd, self.machine, self.world, tables) if frames == 1 and self.leave else None
         if ahead is not None and not ahead.turns:
             whole = self._tables(self.seconds_per_frame)
-            ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(way, tables=whole))
+            ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(long, seconds=whole.seconds))
             self._ahead = crowd, ahead
         if ahead is None:
-            moved = way(crowd, tables)
+            moved = step(crowd, *about, seconds, self.left_out, tables)
         else:
-            moved, ahead = onward(crowd, ahead, tables, partial(way, tables=tables))
+            moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
         if frames == 1:
             self._ahead = moved, ahead
         return moved

@@ -19,12 +19,15 @@ from .maps import LabelMap
 
 # Agents a block: its columns stay in the processor's cache.
 BLOCK = 16_384
+# Cases of which a table has an entry for each group; of more a step looks up what each group plays.
+MOST_CASES = 65_536
 # The signs of the velocity along x and y for each value of Crowd.mirror.
 MIRRORED = np.array([(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
 
 
 class Tables:
-    """What one step of `seconds` does in each case: each table is (cases,), in the order mirror, state, label."""
+    """What one step of `seconds` does in each case: each table is (cases,), in the order mirror, state, label, and group where
+    groups differ in what they do."""
 
     def __init__(self, machine: StateMachine, cycles: np.ndarray, seconds: float):
         self.seconds, velocity = seconds, machine.velocity[None]
@@ -41,21 +44,29 @@ class Tables:
         self.plays = plays[:, : self.groups].ravel()
         if (self.plays == self.plays[0]).all():
             self.groups, self.plays = 1, self.plays[:1]
-        self.number = np.min_scalar_type(len(speed))
         states = np.arange(len(machine.states))[:, None]
         changes = (machine.next_state != states) | (machine.next_choice >= 0)
         # who changes state is in no cell afterwards, so that one comparison finds all who go the long way
         self.x[np.broadcast_to(changes, (len(velocity), *changes.shape)).ravel()] = np.nan
         changing = {"x": self.x.any(), "y": self.y.any(), "phase": self.plays.any(), "wait": machine.timed}
         self.changing = [name for name, changes in changing.items() if changes]  # columns that a step within a cell changes
-        self.labels, self.size = len(machine.labels), machine.next_state.size
+        self.labels, self.size, self.mirrors = len(machine.labels), machine.next_state.size, len(velocity) > 1
+        self.each = self.groups if len(speed) * self.groups <= MOST_CASES else 1
+        if self.each > 1:
+            for name in ("x", "y", "turns", "stands", "heading"):
+                setattr(self, name, np.repeat(getattr(self, name), self.each))
+            self.groups = 1
+        self.number = np.min_scalar_type(len(self.x))
 
     def cases(self, crowd: Crowd, block: slice, label: np.ndarray) -> np.ndarray:
         """The cases (b,) intp of the agents `block`, label (b,) or one for all."""
         case = np.multiply(crowd.state[block], self.labels, dtype=self.number)
-        if len(self.x) > self.size:
+        if self.mirrors:
             case += np.multiply(crowd.mirror[block], self.size, dtype=self.number)
         case += label
+        if self.each > 1:
+            case *= self.each
+            case += crowd.group[block]
         return case.astype(np.intp)
 
 

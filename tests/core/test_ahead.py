@@ -72,7 +72,7 @@ def test_through_cells_of_one_label_goes_on_who_skips_none(axis, cells):
     machine, way = walking(), np.eye(2)[axis]
     machine = replace(machine, velocity=np.sign(machine.velocity[..., :1]) * way * world.cell[axis] * cells * 24)
     known = check(populate(300, 1, 3, machine, world), machine, world, 1 / 24, 30)
-    assert known > 0.5 if cells < 1 else known == 0
+    assert known > 0.5 if cells < 1 else known < 0.5 if cells < 2 else known == 0  # steps of 1.2 cells may lead into the next
 
 
 def test_far_from_the_origin_and_at_nan_nothing_is_known_that_does_not_hold():
