@@ -7,7 +7,7 @@ Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a came
 same (peers.py, loop.c, the GPU), each taken in turn in the same run. Test 2: the plan from perspective A, which sees nearly
 all, and B, which sees nearly none, with LOD meshes of 2,500, 1,000 and 118 vertices; then the same drawn (drawn.py), with
 and without LODs, with and without culling. The whole frame: from behaviour to points in Blender, beside geometry nodes
-(walkers.py). Growth: time and memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
+(walkers.py). Behaviour where much happens. Growth: time and memory an agent from 100 K to 10 M agents. Medians, with the quartiles as the spread.
 """
 
 import argparse
@@ -33,6 +33,7 @@ from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
 from crowd_lod_extension.operators.compute import Planner
 from crowd_lod_extension.operators.report import machine_name
+from crowd_lod_extension.sample_scenes import plaza_map
 from matplotlib.image import imsave
 
 SIZES = (2500, 1000, 118)  # the chapter's last number is lost; 118 is its co-author's later characters'
@@ -223,6 +224,29 @@ def whole(agents: int, repeats: int, seed: int) -> dict:
     return row
 
 
+def busy(agents: int, frames: int, seed: int) -> dict:
+    """A row of behaviour where much happens, on the plaza's map: eight ways to turn at walls, timers, chance, three characters.
+    The C loop reads the same table, but has neither timers nor chance. Means: some frames work ahead, for others."""
+    machine = load_preset("plaza")
+    world, groups = plaza_map.plan(machine), (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9))
+    trajectory = Trajectory(populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24)
+    loop_step = loop.library() and loop.Step(trajectory.start, machine, world, groups, 1 / 24)
+    trajectory.at(16)
+    took = {"behaviour": [], "c_step": []}
+    for number in range(17, 17 + frames):
+        took["behaviour"].append(taken(trajectory.at, number)[0])
+        if loop_step:
+            took["c_step"].append(taken(loop_step)[0])
+    row = {"agents": agents}
+    for name, values in took.items():
+        if values:
+            row[f"{name}_mean"] = round(float(np.mean(values)), 4)
+            row[name], row[f"{name} q1"], row[f"{name} q3"] = quartiles(values)
+    if loop_step:
+        row["behaviour_mean / c_step_mean"] = round(row["behaviour_mean"] / row["c_step_mean"], 4)
+    return row
+
+
 def table(rows: list[dict], columns: dict[str, str]) -> str:
     """The rows as text, `columns` by heading."""
     cells = [list(columns), *([_text(row.get(key, "")) for key in columns.values()] for row in rows)]
@@ -281,7 +305,10 @@ def main(arguments: list[str] | None = None) -> None:
     three = [whole(n, runs, args.seed) for n in ((10_000, 100_000) if args.quick else (10_000, 100_000, 1_000_000))]
     print(f"\nThe whole frame, behaviour to points in Blender: milliseconds, and of the processor's time; medians of {runs} runs")
     print(table(three, {name.replace("_", " "): name for name in three[0] if not name.endswith(("q1", "q3"))}), flush=True)
-    results = {"machine": machine, "test_1": one, "test_2": two, "whole_frame": three}
+    plaza = [busy(n, 2 * runs, args.seed) for n in ((10_000, 1_000_000) if args.quick else (10_000, 100_000, 1_000_000))]
+    print(f"\nBehaviour on the plaza's map: milliseconds, and of {2 * runs} frames the means")
+    print(table(plaza, {name.replace("_", " "): name for name in plaza[0] if not name.endswith(("q1", "q3"))}), flush=True)
+    results = {"machine": machine, "test_1": one, "test_2": two, "whole_frame": three, "plaza": plaza}
     if not args.quick:
         results["growth"] = [growth(n, 9, args.seed) for n in (100_000, 1_000_000, 10_000_000)]
         print(f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}")
