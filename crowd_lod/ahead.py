@@ -1,11 +1,12 @@
 """Steps that need no look at the map: agents that walk straight on, known some steps ahead.
 
-Until an agent comes to the border of its cell, or its timer ends, each step adds the same way to its place, and the same part
-of a cycle to its phase. For how many steps that is sure, is worked out once. While they last they are taken for all agents
-at once by a few additions, the same as those of behaviour.advance.
+Until an agent comes to another label, to a corner of cells, or to the end of its timer, each step adds the same way to its
+place, and the same part of a cycle to its phase. For how many steps that is sure, is worked out once. While they last they are
+taken for all agents at once by a few additions, the same as those of behaviour.advance.
 
-Who has none left goes the long way. As no agent looks at another, the long steps of several frames to come, each agent's at its
-own time, are made together, and kept until their frames: the calls that such a step takes cost more than its agents.
+Whose steps end is looked at: who only comes into the next cell of its label goes on, all others go the long way. As no agent
+looks at another, the long steps of several frames to come, each agent's at its own time, are made together, and kept until
+their frames: the calls that such a step takes cost more than its agents.
 """
 
 from collections.abc import Callable
@@ -23,6 +24,8 @@ from .within import BLOCK, Tables, mended, play, within
 MOST = 4095
 # Steps whose long ones are made together: the most of which no more than this part of the crowd makes one.
 TOGETHER, FEW = (16, 4), 1 / 16
+# Borders along x that agents who walk aslant are followed across, at most.
+CROSSED = 4
 # Long steps of an agent that are made together, at most.
 ROUNDS = 6
 # Where more than this part of a crowd makes a long step at a time, it is stepped faster as a whole.
@@ -67,24 +70,52 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
     through = np.abs(tables.x) < 0.99 * width, (np.abs(tables.y) < 0.99 * depth) & (tables.x == 0)
     heading = tables.heading.view(np.int32)  # 0.0 and -0.0 are two
     slack = SLACK * np.spacing(np.abs((area.x_min, area.x_max, area.y_min, area.y_max)).max())
+    slanting = (np.abs(tables.x) < 0.99 * width) & (np.abs(tables.y) < 0.99 * depth) & (tables.x != 0) & (tables.y != 0)
     for at in range(0, len(crowd), BLOCK):
         block = slice(at, at + BLOCK)
         cells = [np.floor((old[block] - low) / size) for old, _, low, size, _ in sides]
         at_cell = (cells[1] * columns + cells[0]).astype(np.intp)
         of = tables.cases(crowd, block, world.labels.ravel().take(at_cell, mode="clip"))
-        least = np.full(len(of), float(MOST))
+        least, bad, rooms = np.full(len(of), float(MOST)), np.zeros(len(of), bool), []
         for (old, way, low, size, count), cell, runs, on in zip(sides, cells, world.runs, through, strict=True):
             place, by = old[block], way.take(of)
-            room = np.abs(low + (cell + (by > 0)) * size - place) - slack
-            room += size * on.take(of) * runs.take((by > 0) * runs.shape[1] + at_cell, mode="clip")
+            rooms.append(np.abs(low + (cell + (by > 0)) * size - place) - slack)
+            room = rooms[-1] + size * on.take(of) * runs.take((by > 0) * runs.shape[1] + at_cell, mode="clip")
             np.minimum(least, room / np.abs(by), where=by != 0, out=least)
-            least[~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))] = 0  # -0.0 + 0.0 is another
+            bad |= ~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))  # -0.0 + 0.0 is another
+        some = slanting.take(of).nonzero()[0]
+        if len(some):
+            ways = np.array([tables.x, tables.y])[:, of[some]]
+            known = _across(np.array(rooms)[:, some], ways, at_cell[some], world, slack)
+            least[some] = np.maximum(least[some], known)
+        least[bad] = 0
         if machine.timed:
             least = np.minimum(least, crowd.wait[block] / tables.seconds * (1 - TICK) - 2)
         turned = heading.take(of) != crowd.heading[block].view(np.int32)
         least[tables.turns.take(of) & turned] = 0
         case[block], steps[block] = of, np.where(least >= 1, least, 0)
     return Ahead(case, steps, tables.seconds)
+
+
+def _across(rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: LabelMap, slack: float) -> np.ndarray:
+    """For how many steps (m,) agents that walk aslant surely stay among cells of their own label, and never go through a corner.
+
+    rooms: (2, m), metres to the borders ahead along x and y; ways: (2, m), those of a step; at_cell: (m,), of the flat map. Both
+    borders are crossed in one step only where an agent comes to them less than a step apart.
+    """
+    (width, depth), pace = world.cell, np.abs(ways)
+    square = world.squares.reshape(-1).take((2 * (ways[1] > 0) + (ways[0] > 0)) * world.labels.size + at_cell, mode="clip") - 1.0
+    until = (rooms + square * np.array([[width], [depth]])) / pace
+    known, (across, up) = np.minimum(until[0], until[1]), rooms / pace
+    apart, beside = np.array([[width], [depth]]) / pace
+    near = 1.01 + 2 * slack * (1 / pace).sum(axis=0)
+    for _ in range(CROSSED):
+        since = (up - across) / apart
+        since -= np.floor(since)
+        meet = np.minimum(since, 1 - since) * apart < near
+        known = np.where(meet, np.minimum(known, up - near), known)
+        up = up + beside
+    return np.minimum(np.minimum(known, up), MOST)
 
 
 def opened(

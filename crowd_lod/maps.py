@@ -32,6 +32,10 @@ class Area:
         return self.x_max - self.x_min, self.y_max - self.y_min
 
 
+# Cells along a side of the squares of one label that a map knows about, at most.
+MOST_SQUARE = 8
+
+
 @dataclass(frozen=True)
 class LabelMap:
     """Labels over an area.
@@ -65,6 +69,24 @@ class LabelMap:
         ways = self.labels[:, ::-1], self.labels, self.labels[::-1], self.labels
         left, right, down, up = (_run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True))
         return np.array([(left.T[:, ::-1], right.T), (down[::-1], up)]).reshape(2, 2, -1)
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        """(2, 2, rows * columns) uint8: how many cells, MOST_SQUARE at most, lie along the sides of the largest square of a cell's own
+        label with that cell at one corner: at [up, right] the corner that is lowest or highest along y, and along x."""
+        rows, columns = self.labels.shape
+        found = np.ones((2, 2, rows, columns), np.uint8)
+        alike, across = np.ones((rows, columns), bool), self.labels[:, 1:] == self.labels[:, :-1]
+        along = self.labels[1:] == self.labels[:-1]
+        two = across[1:] & across[:-1] & along[:, 1:]  # by their lowest corner, the squares of two
+        for size in range(2, min(MOST_SQUARE, rows, columns) + 1):
+            # alike: by its lowest corner, whether a square of that size is
+            four = alike[1:, 1:] & alike[1:, :-1] & alike[:-1, 1:] & alike[:-1, :-1]
+            alike = four & two[: len(four), : four.shape[1]]
+            for up, right in np.ndindex(2, 2):
+                row, column = (1 - up) * (size - 1), (1 - right) * (size - 1)
+                found[up, right, row : row + len(alike), column : column + alike.shape[1]][alike] = size
+        return found.reshape(2, 2, -1)
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Labels (n,) uint8 under the world positions x, y (n,); outside the area the nearest cell counts."""

@@ -75,6 +75,20 @@ def test_through_cells_of_one_label_goes_on_who_skips_none(axis, cells):
     assert known > 0.5 if cells < 1 else known < 0.5 if cells < 2 else known == 0  # steps of 1.2 cells may lead into the next
 
 
+@pytest.mark.parametrize("turn", [1, 2, 3, 6])
+@pytest.mark.parametrize("cells", [0.03, 0.1, 0.9])
+def test_aslant_among_cells_of_one_label(turn, cells):
+    """In sixteenths of a turn; some start on corners and borders, from where both are crossed at once."""
+    world = LabelMap(np.kron(ground([(2, 4)]).labels, np.ones((6, 6), int)).astype(np.uint8), AREA)
+    machine, way = walking(), np.array([np.cos(turn * np.pi / 8), np.sin(turn * np.pi / 8)])
+    velocity = np.sign(machine.velocity[..., :1]) * way / np.abs(way).max() * world.cell * cells * 24
+    machine, crowd = replace(machine, velocity=velocity), populate(300, turn, 3, machine, world)
+    for place, low, size in ((crowd.x, AREA.x_min, world.cell[0]), (crowd.y, AREA.y_min, world.cell[1])):
+        place[:100] = low + np.round((place[:100] - low) / size * 4) / 4 * size
+    known = check(crowd, machine, world, 1 / 24, 60)
+    assert known > 0.8 or cells > 0.5
+
+
 def test_far_from_the_origin_and_at_nan_nothing_is_known_that_does_not_hold():
     area = dataclasses.replace(AREA, x_min=1e7 - 40, x_max=1e7 + 40)
     machine, world = walking(), LabelMap(ground([(3, 4)]).labels, area)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from crowd_lod_extension.crowd_lod.maps import MOST_SQUARE, Area, HeightMap, LabelMap, edge_map, labels_from_colours
 
 COLOURS = np.array([[128, 128, 128], [255, 0, 0]], np.uint8)
 
@@ -118,3 +118,17 @@ def test_positions_put_into_a_cell_are_found_in_it(low):
     found = world.cells(x, y)
     assert (found[0] == column).all() and (found[1] == row).all()
     assert abs(x - low - (column + 0.5) * world.cell[0]).max() <= world.cell[0] / 2 + 4 * np.spacing(abs(low) + 22)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (6, 2), (13, 17)])
+def test_squares_of_one_label_are_those_of_trying_each(shape):
+    labels = np.kron(np.random.default_rng(3).integers(3, size=shape), np.ones((3, 4), int)).astype(np.uint8)
+    rows, columns = labels.shape
+    squares = LabelMap(labels, Area(0, 0, 10, 10)).squares.reshape(2, 2, rows, columns)
+    for up, right, row, column in np.ndindex(squares.shape):
+        sizes = []
+        for size in range(1, MOST_SQUARE + 1):
+            low, left = row - (1 - up) * (size - 1), column - (1 - right) * (size - 1)
+            inside = low >= 0 and left >= 0 and low + size <= rows and left + size <= columns
+            sizes.append(inside and (labels[low : low + size, left : left + size] == labels[row, column]).all())
+        assert squares[up, right, row, column] == sum(sizes)
