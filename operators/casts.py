@@ -13,7 +13,7 @@ import numpy as np
 
 from .joints import Character, baking
 from .looks import Looks
-from .movers import actions_of, armatures_of, curves_of
+from .movers import armatures_of, curves_of, players_of
 
 LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, which have no cheap mark of change
 
@@ -134,11 +134,12 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
             points = np.empty(3 * sizes[0], np.float32)
             item.data.vertices.foreach_get("co", points)
             digest.update(points)
-        for action in actions_of([*items, *armatures_of(items)]):
+        for player in players_of([*items, *armatures_of(items)]):
+            action = player.action, player.action_slot_handle
             if action not in told:
                 told.add(action)
-                digest.update(repr((action.session_uid, tuple(action.frame_range))).encode())
-                for curve in curves_of(action):
+                digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
+                for curve in curves_of(player):
                     keys = np.empty(2 * len(curve.keyframe_points), np.float32)
                     curve.keyframe_points.foreach_get("co", keys)
                     digest.update(keys)
