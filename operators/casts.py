@@ -14,6 +14,7 @@ import numpy as np
 from .joints import Character, baking
 from .looks import Looks
 from .movers import armatures_of, curves_of, players_of
+from .populate import GROUP
 
 LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, which have no cheap mark of change
 
@@ -92,7 +93,8 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
         return
     number, of = len(casting.characters), len(levels.children[0].children)
     groups = scene.crowd_lod.groups
-    name = groups[number].name if number < len(groups) else levels.children[0].children[number].name
+    home = levels.children[0].children[number]
+    name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         casting.baking = casting.baking or baking(name, partial(_homes, scene.session_uid, number))
         casting.progress = (number + next(casting.baking)) / of
@@ -125,7 +127,7 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
     digest, looks, told = hashlib.sha256(), Looks(), set()
     for home in (home for level in levels.children for home in level.children):
         items = [item for item in home.all_objects if item.type == "MESH"]
-        digest.update(repr((home.session_uid, tuple(home.instance_offset))).encode())
+        digest.update(repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode())
         for item in items:
             materials = [looks.of(slot.material) for slot in item.material_slots]
             modifiers = [(m.type, m.show_viewport) for m in item.modifiers]

@@ -11,7 +11,7 @@ from ..crowd_lod.errors import CrowdError
 from . import scene as io
 from .movers import action_range
 from .operator import Stepwise
-from .populate import characters_of, groups_of, store_groups
+from .populate import characters_of, groups_of, home_of, store_groups
 from .surface import Surface, deviation, has_area
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
@@ -128,11 +128,9 @@ def _roughly(one: Surface, other: Surface) -> float:
     return float(max(other.distances(some[0]).max(), one.distances(some[1]).max()))
 
 
-def meshes_of(levels: bpy.types.Collection, g: int) -> list[list[bpy.types.Object]]:
-    """The mesh objects of each LOD of the group `g` in the collection that Make LOD Meshes has made."""
-    if any(g >= len(level.children) for level in levels.children):
-        raise CrowdError(f"Character group {g} has no LOD meshes in {levels.name}: press Make LOD Meshes again.")
-    return [[o for o in level.children[g].all_objects if o.type in SOLID] for level in levels.children]
+def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
+    """The mesh objects of each LOD of the group `name`, the g-th, in the collection that Make LOD Meshes has made."""
+    return [[o for o in home_of(level, g, name).all_objects if o.type in SOLID] for level in levels.children]
 
 
 def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
@@ -145,9 +143,11 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
     measured = []
     for g, (name, objects, _) in enumerate(characters):
         if name not in known:
-            raise CrowdError(f"The character {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again.")
+            raise CrowdError(
+                f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
+            )
         span = g / len(characters), (g + 1) / len(characters)
-        measured.append((yield from measure(known[name], objects, meshes_of(settings.levels, g), span)))
+        measured.append((yield from measure(known[name], objects, meshes_of(settings.levels, g, name), span)))
     store_groups(settings, tuple(measured))
 
 
