@@ -7,7 +7,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import deviation, populate
+from crowd_lod_extension.operators import deviation, populate, surface
 from crowd_lod_extension.operators.levels import make_levels
 from mathutils import Matrix, Vector
 
@@ -201,6 +201,20 @@ def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(scene):
             populate.frame_of(scene, depsgraph)
     settings.choice = "BY_RATIO"
     assert populate.policy_of(settings).thresholds == (0.2, 0.5)
+
+
+@pytest.mark.parametrize("height", [1e-5, 1e-4, 1e-3, 1e-2, 0.1])
+def test_thin_triangles_are_as_near_as_others(height):
+    """As n-gons and long strips are cut to: Blender's tree alone errs by up to the triangles' length."""
+    random, apart = np.random.default_rng(0), 0.2
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    flat = np.array([[(0, 0, k * apart), (1, 0, k * apart), (x, height, k * apart)] for k, x in enumerate(random.random(20))])
+    one = surface.Surface((flat @ turn).reshape(-1, 3), np.arange(60).reshape(-1, 3))
+    triangle, off = np.repeat(np.arange(20), 60), random.choice([0, 0.25 * apart], 1200)
+    points = np.einsum("kc,kcd->kd", random.dirichlet((1, 1, 1), 1200), flat[triangle]) + off[:, None] * (0, 0, 1)
+    _, found, distance = one.nearest(points @ turn)
+    assert found.tolist() == triangle.tolist()
+    np.testing.assert_allclose(distance, off, atol=1.1 * surface.NEAR * np.ptp(one.points, axis=0).max())
 
 
 def test_a_face_without_area_is_no_surface():
