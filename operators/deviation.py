@@ -16,8 +16,8 @@ from .surface import Surface, deviation, has_area
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 POSES = 12  # spread over the action, its ends included
-# Points on each surface at every pose; the worst pose of each LOD is then measured at surface.SAMPLES and all corners.
-POSE_SAMPLES = 2_000
+# Points on each surface at every pose; so many poses of each LOD, the worst, are then measured at surface.SAMPLES and all corners.
+POSE_SAMPLES, WORST = 2_000, 2
 
 
 class Posed:
@@ -89,8 +89,7 @@ def measure(
     """
     begin, end = progress
     frames = poses(objects)
-    # of each LOD: (Hausdorff distance, frame) of the worst pose
-    worst, diagonal = [(-1.0, frames[0])] * len(levels), 0.0
+    rough, diagonal = [[] for _ in levels], 0.0  # of each LOD (distance, frame) of its poses
     with Posed(objects, levels) as posed:
         for done, frame in enumerate(frames, start=1):
             character, others = posed.at(frame)
@@ -98,19 +97,21 @@ def measure(
                 diagonal = max(diagonal, float(np.linalg.norm(np.ptp(character.points, axis=0))))
                 for k, other in enumerate(others):
                     if other is not None:
-                        worst[k] = max(worst[k], (_roughly(character, other), frame), key=lambda found: found[0])
+                        rough[k].append((_roughly(character, other), frame))
                     yield begin + (end - begin) * 0.7 * (done - 1 + (k + 1) / len(others)) / len(frames)
         if not diagonal:
             raise CrowdError(f"The character {group.name} shows no face in any pose of its action: check its modifiers.")
         found = []
-        for k, (least, frame) in enumerate(worst):
-            if least < 0:
+        for k, each in enumerate(rough):
+            if not each:
                 raise CrowdError(f"LOD {k} of {group.name} has no face: raise its ratio and press Make LOD Meshes.")
-            character, others = posed.at(frame)
-            yield begin + (end - begin) * (0.7 + 0.3 * k / len(worst))
-            most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k])
-            found.append((max(most, least), rms, frame))
-            yield begin + (end - begin) * (0.7 + 0.3 * (k + 1) / len(worst))
+            measured = []
+            for j, (least, frame) in enumerate(sorted(each, key=lambda pose: -pose[0])[:WORST]):
+                character, others = posed.at(frame)
+                most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k])
+                measured.append((max(most, least), rms, frame))
+                yield begin + (end - begin) * (0.7 + 0.3 * (k + (j + 1) / WORST) / len(levels))
+            found.append(max(measured, key=lambda pose: pose[0]))
     deviations, rms, frames = zip(*found, strict=True)
     return replace(group, deviations=deviations, rms=rms, worst=frames, diagonal=diagonal)
 

@@ -109,6 +109,28 @@ def test_wrong_weights_show_in_motion_alone():
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
 
 
+def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
+    """A patch is 0.1 m off at frame 1; at frame 12 it is a little less, but one point, which the poses' few samples miss, more."""
+    x, y = np.meshgrid(np.arange(65), np.arange(65))
+    corner = (x[:-1, :-1] + 65 * y[:-1, :-1]).ravel()
+    quads = (corner[:, None] + (0, 1, 66, 65)).tolist()
+    meshes = []
+    for name in ("character", "lod"):
+        meshes.append(bpy.data.meshes.new(name))
+        meshes[-1].from_pydata(np.stack([x.ravel() / 64, y.ravel() / 64, 0 * x.ravel()], axis=1).tolist(), [], quads)
+    character, lod = (bpy.data.objects.new(mesh.name, mesh) for mesh in meshes)
+    character.shape_key_add(name="Basis")
+    patch, point = character.shape_key_add(name="patch"), character.shape_key_add(name="point")
+    for i in np.flatnonzero((x < 10).ravel() & (y < 10).ravel()):
+        patch.data[i].co.z = 0.1
+    point.data[65 * 40 + 41].co.z = 0.12
+    for key, keys in ((patch, ((1, 1.0), (6, 0.0), (12, 0.95))), (point, ((11, 0.0), (12, 1.0)))):
+        for frame, key.value in keys:
+            key.keyframe_insert("value", frame=frame)
+    found = finished(deviation.measure(GROUP, [character], [[lod]]))
+    assert found.worst == (12,) and found.deviations[0] == pytest.approx(0.12, rel=1e-3)
+
+
 def test_all_objects_of_a_character_count_together(scene):
     body, belt = sphere(16, 32), sphere(16, 32, radius=0.5)
     belt.location.x = 3
