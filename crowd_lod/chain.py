@@ -57,8 +57,22 @@ def choose(group: Group, tolerance: float, views: Sequence[View]) -> tuple[list[
 
 
 def _unused(j: int, edges: np.ndarray, views: Sequence[View]) -> str:
-    """Why no agent uses candidate j. edges: (views, candidates + 1) metres, where each candidate begins and the last ends."""
-    nearest, farthest = min(view.nearest for view in views), max(view.farthest for view in views)
-    if (edges[:, j] > farthest).all():
-        return f"would begin {edges[:, j].min():.3g} m away, and the farthest agent is {farthest:.3g} m away."
-    return f"would end {edges[:, j + 1].max():.3g} m away, and the nearest agent is {nearest:.3g} m away."
+    """Why no agent uses candidate j. edges: (views, candidates + 1) metres, where each candidate begins and the last ends.
+
+    The figures are of the view that comes closest to using it."""
+    begin, end = edges[:, j], edges[:, j + 1]
+    nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
+    coarse = begin > farthest
+    if np.isinf(begin).all() and coarse.all():
+        return "show more than the tolerance at any distance, for the camera is orthographic."
+    if np.isinf(begin).all() and not coarse.any():
+        return "are more than it takes at any distance, for the camera is orthographic."
+    if coarse.all():
+        i = (begin / farthest).argmin()
+        return f"would begin {begin[i]:.3g} m away, and the farthest agent is {farthest[i]:.3g} m away."
+    if not coarse.any():
+        i = (end / nearest).argmax()
+        return f"would end {end[i]:.3g} m away, and the nearest agent is {nearest[i]:.3g} m away."
+    return (
+        f"are too few for all agents in {coarse.sum()} of the {len(views)} frames looked at, and more than it takes in the others."
+    )

@@ -64,6 +64,22 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return np.cumsum(change, axis=1, dtype=np.int32)[:, :-1] > 0
 
 
+def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """(row (k,), column (k,)) of the pixels along the longest sides of the triangles that are less than a pixel high, of which
+    `mask` may miss parts: what is seen edge on. corners, shape: see `cover`; what lies outside is moved to the border."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    squares = np.einsum("mkd,mkd->mk", sides, sides)
+    doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    low = np.flatnonzero(doubled**2 < squares.max(axis=1, initial=0))
+    first = squares[low].argmax(axis=1)
+    begin, side = corners[low, first], sides[low, first]
+    count = np.ceil(np.abs(side).max(axis=1, initial=0)).astype(np.intp) + 1
+    part = ranges(np.zeros_like(count), count) / np.repeat((count - 1).clip(1), count)
+    at = np.repeat(begin, count, axis=0) + part[:, None] * np.repeat(side, count, axis=0)
+    column, row = np.floor(at).astype(np.intp).clip(0, (shape[1] - 1, shape[0] - 1)).T
+    return row, column
+
+
 def nearest(corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(pixel (k,), triangle (k,), weights (k, 3)) of what is seen: at each covered pixel, once, the triangle of the least
     depth. corners, shape: see `cover`; depth: (m, 3) of the corners."""

@@ -82,8 +82,15 @@ def error(one: tuple, other: tuple, centre: np.ndarray, distance: float, camera:
         finer = min(FINER, MOST_PIXELS / max(extent.max(), 1.0))
         columns, rows = (np.ceil(extent * finer) + 1).astype(int)
         masks = [
-            raster.mask(((at - low) * finer)[triangles], (rows, columns))
-            for at, (_, triangles) in zip(seen, (one, other), strict=True)
+            _mask(((at - low) * finer)[triangles], (rows, columns)) for at, (_, triangles) in zip(seen, (one, other), strict=True)
         ]
         worst = max(worst, shift(*masks) / finer)
     return worst
+
+
+def _mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """The silhouette of triangles, see raster.mask, with those that are seen edge on: a sheet that one shows so, and the other
+    slantwise, is no error of its width."""
+    mask = raster.mask(corners, shape)
+    mask[raster.edges(corners, shape)] = True
+    return mask

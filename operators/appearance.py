@@ -30,7 +30,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
         return points, (), ("Press Make LOD Meshes in the LOD panel to see the characters.",)
     if not casting.ready:
         return points, (), (f"The characters are being read for the overlay: {casting.progress:.0%}.",)
-    fits = len(casting.characters) == len(settings.groups)
+    fits = [character.name for character in casting.characters] == [group.name for group in settings.groups]
     if fits and all(len(character.meshes) >= levels for character in casting.characters):
         return style, casting.characters, casting.told
     misfit = "The LOD meshes do not fit the settings: press Make LOD Meshes to see the characters."

@@ -11,7 +11,7 @@ from ..crowd_lod.poses import Library
 from . import scene as io
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
-from .populate import policy_of
+from .populate import home_of, policy_of
 from .poses import Posed, make_poses
 
 # Custom properties. Of a point object: its LOD, its bucket, and what a Library holds.
@@ -64,6 +64,8 @@ def check_levels(scene: bpy.types.Scene) -> int:
             f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do not fit the settings "
             f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
         )
+    for g, group in enumerate(settings.groups):
+        home_of(levels[0], g, group.name)
     return count
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from .joints import Character, baking
 from .looks import Looks
-from .movers import actions_of, armatures_of, curves_of
+from .movers import armatures_of, curves_of, players_of
+from .populate import GROUP
 
 LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, which have no cheap mark of change
 
@@ -92,7 +93,8 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
         return
     number, of = len(casting.characters), len(levels.children[0].children)
     groups = scene.crowd_lod.groups
-    name = groups[number].name if number < len(groups) else levels.children[0].children[number].name
+    home = levels.children[0].children[number]
+    name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         casting.baking = casting.baking or baking(name, partial(_homes, scene.session_uid, number))
         casting.progress = (number + next(casting.baking)) / of
@@ -125,7 +127,7 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
     digest, looks, told = hashlib.sha256(), Looks(), set()
     for home in (home for level in levels.children for home in level.children):
         items = [item for item in home.all_objects if item.type == "MESH"]
-        digest.update(repr((home.session_uid, tuple(home.instance_offset))).encode())
+        digest.update(repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode())
         for item in items:
             materials = [looks.of(slot.material) for slot in item.material_slots]
             modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
@@ -134,11 +136,12 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
             points = np.empty(3 * sizes[0], np.float32)
             item.data.vertices.foreach_get("co", points)
             digest.update(points)
-        for action in actions_of([*items, *armatures_of(items)]):
+        for player in players_of([*items, *armatures_of(items)]):
+            action = player.action, player.action_slot_handle
             if action not in told:
                 told.add(action)
-                digest.update(repr((action.session_uid, tuple(action.frame_range))).encode())
-                for curve in curves_of(action):
+                digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
+                for curve in curves_of(player):
                     keys = np.empty(2 * len(curve.keyframe_points), np.float32)
                     curve.keyframe_points.foreach_get("co", keys)
                     digest.update(keys)

@@ -11,13 +11,13 @@ from ..crowd_lod.errors import CrowdError
 from . import scene as io
 from .movers import action_range
 from .operator import Stepwise
-from .populate import characters_of, groups_of, store_groups
+from .populate import characters_of, groups_of, home_of, store_groups
 from .surface import Surface, deviation, has_area
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 POSES = 12  # spread over the action, its ends included
-# Points on each surface at every pose; the worst pose of each LOD is then measured at surface.SAMPLES and all corners.
-POSE_SAMPLES = 2_000
+# Points on each surface at every pose; so many poses of each LOD, the worst, are then measured at surface.SAMPLES and all corners.
+POSE_SAMPLES, WORST = 2_000, 2
 
 
 class Posed:
@@ -89,8 +89,7 @@ def measure(
     """
     begin, end = progress
     frames = poses(objects)
-    # of each LOD: (Hausdorff distance, frame) of the worst pose
-    worst, diagonal = [(-1.0, frames[0])] * len(levels), 0.0
+    rough, diagonal = [[] for _ in levels], 0.0  # of each LOD (distance, frame) of its poses
     with Posed(objects, levels) as posed:
         for done, frame in enumerate(frames, start=1):
             character, others = posed.at(frame)
@@ -98,19 +97,21 @@ def measure(
                 diagonal = max(diagonal, float(np.linalg.norm(np.ptp(character.points, axis=0))))
                 for k, other in enumerate(others):
                     if other is not None:
-                        worst[k] = max(worst[k], (_roughly(character, other), frame), key=lambda found: found[0])
+                        rough[k].append((_roughly(character, other), frame))
                     yield begin + (end - begin) * 0.7 * (done - 1 + (k + 1) / len(others)) / len(frames)
         if not diagonal:
             raise CrowdError(f"The character {group.name} shows no face in any pose of its action: check its modifiers.")
         found = []
-        for k, (least, frame) in enumerate(worst):
-            if least < 0:
+        for k, each in enumerate(rough):
+            if not each:
                 raise CrowdError(f"LOD {k} of {group.name} has no face: raise its ratio and press Make LOD Meshes.")
-            character, others = posed.at(frame)
-            yield begin + (end - begin) * (0.7 + 0.3 * k / len(worst))
-            most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k])
-            found.append((max(most, least), rms, frame))
-            yield begin + (end - begin) * (0.7 + 0.3 * (k + 1) / len(worst))
+            measured = []
+            for j, (least, frame) in enumerate(sorted(each, key=lambda pose: -pose[0])[:WORST]):
+                character, others = posed.at(frame)
+                most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k])
+                measured.append((max(most, least), rms, frame))
+                yield begin + (end - begin) * (0.7 + 0.3 * (k + (j + 1) / WORST) / len(levels))
+            found.append(max(measured, key=lambda pose: pose[0]))
     deviations, rms, frames = zip(*found, strict=True)
     return replace(group, deviations=deviations, rms=rms, worst=frames, diagonal=diagonal)
 
@@ -128,11 +129,9 @@ def _roughly(one: Surface, other: Surface) -> float:
     return float(max(other.distances(some[0]).max(), one.distances(some[1]).max()))
 
 
-def meshes_of(levels: bpy.types.Collection, g: int) -> list[list[bpy.types.Object]]:
-    """The mesh objects of each LOD of the group `g` in the collection that Make LOD Meshes has made."""
-    if any(g >= len(level.children) for level in levels.children):
-        raise CrowdError(f"Character group {g} has no LOD meshes in {levels.name}: press Make LOD Meshes again.")
-    return [[o for o in level.children[g].all_objects if o.type in SOLID] for level in levels.children]
+def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
+    """The mesh objects of each LOD of the group `name`, the g-th, in the collection that Make LOD Meshes has made."""
+    return [[o for o in home_of(level, g, name).all_objects if o.type in SOLID] for level in levels.children]
 
 
 def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
@@ -145,9 +144,11 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
     measured = []
     for g, (name, objects, _) in enumerate(characters):
         if name not in known:
-            raise CrowdError(f"The character {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again.")
+            raise CrowdError(
+                f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
+            )
         span = g / len(characters), (g + 1) / len(characters)
-        measured.append((yield from measure(known[name], objects, meshes_of(settings.levels, g), span)))
+        measured.append((yield from measure(known[name], objects, meshes_of(settings.levels, g, name), span)))
     store_groups(settings, tuple(measured))
 
 

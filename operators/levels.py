@@ -15,7 +15,7 @@ from . import source as sources
 from .deviation import measure, poses
 from .movers import armatures_of, stance
 from .operator import Stepwise
-from .populate import characters_of, measuring_groups, store_groups
+from .populate import GROUP, characters_of, measuring_groups, store_groups
 from .skin import skin_of
 from .source import OWNED
 
@@ -135,6 +135,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for g, ((name, _, _), chosen) in enumerate(zip(characters, homes, strict=True)):
         for k, home in enumerate(chosen):
             home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")
+            home[GROUP] = name
             for item in home.objects:
                 if item.get(OWNED):
                     item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")

@@ -30,7 +30,7 @@ def tables(
     characters, settings = characters_of(scene), scene.crowd_lod
     start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
-        every = meshes_of(settings.levels, g)[: len(group.triangles)]
+        every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
         meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]  # the last may be repeated
         rows = [_row(group, k, each, camera, begins[g]) for k, each in enumerate(meshes)]
         rows[-1]["to_lod"] = len(every) - 1

@@ -1,6 +1,7 @@
 """What moves a character: its armatures, parents and targets, their actions and how they stand."""
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 
 import bpy
 import numpy as np
@@ -29,7 +30,7 @@ def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
 
 
 def movers_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """`objects` and all that they follow: parents, and what modifiers and constraints name, of bones, too."""
+    """`objects` and all that they follow: parents, and what modifiers, constraints and drivers name, of bones, too."""
     found = dict.fromkeys(objects)
     left = list(found)
     while left:
@@ -37,6 +38,7 @@ def movers_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
         structs = [*item.modifiers, *item.constraints]
         if item.type == "ARMATURE":
             structs += [constraint for bone in item.pose.bones for constraint in bone.constraints]
+        structs += [variable for data in _animated([item]) for driver in data.drivers for variable in driver.driver.variables]
         for target in (item.parent, *(target for struct in structs for target in _targets(struct))):
             if target is not None and target not in found:
                 found[target] = None
@@ -45,7 +47,7 @@ def movers_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def _targets(struct) -> Iterator[bpy.types.Object]:
-    """The objects that a modifier or a constraint names."""
+    """The objects that a modifier, a constraint or a driver's variable names."""
     for holder in (struct, *getattr(struct, "targets", ())):
         for value in (getattr(holder, name) for name, kind in holder.bl_rna.properties.items() if kind.type == "POINTER"):
             if isinstance(value, bpy.types.Object):
@@ -64,30 +66,34 @@ def _animated(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData]:
 
 
 def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
-    """(first, last) frame of each action and NLA strip of `items`."""
+    """(first, last) frame of each action, as far as its slot is theirs, and NLA strip of `items`."""
     for data in _animated(items):
-        if data.action is not None:
+        if data.action is not None and data.action.use_frame_range:
             yield tuple(data.action.frame_range)
+        else:
+            ends = [curve.range() for curve in curves_of(data) if len(curve.keyframe_points) or len(curve.sampled_points)]
+            if ends:
+                yield min(first for first, _ in ends), max(last for _, last in ends)
         for track in _tracks(data):
             yield from ((strip.frame_start, strip.frame_end) for strip in track.strips if not strip.mute)
 
 
-def actions_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.Action]:
-    """The actions that animate `items`, of NLA strips, too."""
-    found = {}
-    for data in _animated(items):
-        for action in (data.action, *(strip.action for track in _tracks(data) for strip in track.strips)):
-            if action is not None:
-                found[action] = None
-    return list(found)
+def players_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
+    """What plays actions on `items`."""
+    return [player for data in _animated(items) for player in _players(data)]
 
 
-def curves_of(action: bpy.types.Action | None) -> list[bpy.types.FCurve]:
-    """All curves of the action, in whatever layer and slot."""
-    if action is None:
-        return []
-    strips = (strip for layer in action.layers for strip in layer.strips if strip.type == "KEYFRAME")
-    return [curve for strip in strips for bag in strip.channelbags for curve in bag.fcurves]
+def _players(data: bpy.types.AnimData) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
+    strips = (strip for track in _tracks(data) for strip in track.strips)
+    return [player for player in (data, *strips) if player.action is not None]
+
+
+def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
+    """The curves that it plays of its action: those of its slot, in whatever layer."""
+    layers = player.action.layers if player.action is not None else ()
+    strips = (strip for layer in layers for strip in layer.strips if strip.type == "KEYFRAME")
+    bags = (bag for strip in strips for bag in strip.channelbags if bag.slot_handle == player.action_slot_handle)
+    return [curve for bag in bags for curve in bag.fcurves]
 
 
 def _keys_of(curve: bpy.types.FCurve) -> list[bytes]:
@@ -100,14 +106,34 @@ def _keys_of(curve: bpy.types.FCurve) -> list[bytes]:
     return found
 
 
+def _driver(curve: bpy.types.FCurve) -> tuple:
+    """What the driver makes of what."""
+    variables = [(variable.name, variable.type, [_read(t) for t in variable.targets]) for variable in curve.driver.variables]
+    return curve.data_path, curve.array_index, curve.driver.type, curve.driver.expression, variables, _keys_of(curve)
+
+
+def _read(target: bpy.types.DriverTarget) -> tuple:
+    """What the driver's variable reads, with its value if that is a custom property which nothing animates."""
+    block, path, value = target.id, target.data_path.replace("'", '"'), None
+    if block is not None and path.endswith('"]'):
+        data = block.animation_data
+        curves = [*data.drivers, *(curve for player in _players(data) for curve in curves_of(player))] if data is not None else ()
+        if path not in {curve.data_path for curve in curves}:
+            with suppress(ValueError):  # it is not there
+                value = repr(block.path_resolve(target.data_path))
+    place = target.bone_target, target.transform_type, target.transform_space, target.rotation_mode
+    return block and block.name_full, path, value, place
+
+
 def stance(item: bpy.types.Object) -> list[tuple]:
     """How `item` and all that it follows stand and move, as far as no frame of an action changes it: what prints alike moves
     alike."""
     found = []
     for mover in movers_of([item]):
         data = _animated([mover])
-        curves = [curve for action in actions_of([mover]) for curve in curves_of(action)]
-        moved = {curve.data_path for curve in (*curves, *(driver for each in data for driver in each.drivers))}
+        curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
+        drivers = [driver for each in data for driver in each.drivers]
+        moved = {curve.data_path for curve in (*curves, *drivers)}
         strips = [
             (strip.name, strip.action and strip.action.name_full, strip.frame_start, strip.frame_end, strip.scale, strip.repeat,
              strip.blend_type, strip.influence, strip.mute)
@@ -119,6 +145,8 @@ def stance(item: bpy.types.Object) -> list[tuple]:
             [] if any(path.startswith(PLACE) for path in moved) else [tuple(row) for row in mover.matrix_basis],
             [_settings(struct, moved) for struct in (*mover.modifiers, *mover.constraints)],
             [(curve.data_path, curve.array_index, curve.extrapolation, _keys_of(curve)) for curve in curves],
+            [_driver(driver) for driver in drivers],
+            list(_spans([mover])),
             strips,
         ]
         if mover.type == "ARMATURE":

@@ -31,6 +31,7 @@ TICK = 0.25  # seconds of measuring at a time
 # Trajectories by the digest of all they depend on: a cache, never the truth.
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
+GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
 OF_LEVELS = ("vertices", "triangles", "deviations", "rms", "worst", "diagonal")  # what is known of a group's LOD meshes
 # Of each scene what was asked last: (numbers and texts, the images' values, the trajectory).
 _latest: dict[int, tuple] = {}
@@ -224,6 +225,14 @@ def count_of(settings) -> int:
     if settings.choice == "BY_RATIO":
         return settings.level_count
     return len(settings.levels.children) if settings.levels is not None else 1
+
+
+def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collection:
+    """The collection of the character group `name`, the g-th, in the collection `level` of all groups' LODs of one level."""
+    home = level.children[g] if g < len(level.children) else None
+    if home is None or home.get(GROUP, name) != name:
+        raise CrowdError(f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again.")
+    return home
 
 
 def policy_of(settings) -> LevelPolicy:

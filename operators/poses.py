@@ -26,7 +26,7 @@ from .cameras import cameras_at
 from .deviation import SOLID
 from .levels import OWNED
 from .movers import action_range
-from .populate import characters_of, groups_of, machine_of, policy_of
+from .populate import characters_of, groups_of, home_of, machine_of, policy_of
 
 MOST_CAMERAS = 9  # times of the shot whose cameras say how large a LOD is seen
 MEASURING = 0.3  # part of the time
@@ -78,10 +78,10 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
     motions, names = [], {}
     done = False
     try:
+        chains = [[home_of(level, g, name) for level in levels[:count]] for g, (name, _, _) in enumerate(characters)]
         for g, (_, objects, _) in enumerate(characters):
             share = MEASURING / len(characters)
-            motions.append((yield from _motion(objects, levels[0].children[g], bool(tolerance), g * share, share)))
-        chains = [[level.children[g] for level in levels[:count]] for g in range(len(characters))]
+            motions.append((yield from _motion(objects, chains[g][0], bool(tolerance), g * share, share)))
         vertices = np.array([[_vertices(home) for home in chain] for chain in chains])
         mixed = np.array([all(_mixes(item) for home in chain for item in home.objects) for chain in chains])
         pixels = _pixels(scene, np.array([motion.path for motion in motions]))

@@ -251,7 +251,7 @@ def _moving_keys(item: bpy.types.Object) -> list[str]:
     if moved and moved.nla_tracks:
         paths = [f'"{key.name}"' for key in keys.key_blocks]
     else:
-        paths = [curve.data_path for curve in (*moved.drivers, *curves_of(moved.action))] if moved else []
+        paths = [curve.data_path for curve in (*moved.drivers, *curves_of(moved))] if moved else []
     return [
         key.name
         for key in keys.key_blocks[1:]

@@ -6,15 +6,20 @@ from functools import cached_property
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
+from ..crowd_lod.nearest import ranges
+
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
 SAMPLES = 20_000  # points over each surface, besides its vertices, that a distance between two is measured at
+LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32
+NEAR = 5e-5  # of the surface's size: what it may err by
 FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
 
 
 class Surface:
     """A surface of triangles that can be asked for nearest points. points: (n, 3) metres; triangles: (m, 3) indices.
 
-    Blender's tree keeps float32: it is built about the middle of the points.
+    Blender's tree keeps float32: it is built about the middle of the points, with lines along thin triangles, to which it
+    knows the way.
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray):
@@ -22,14 +27,36 @@ class Surface:
         self.middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
 
     @cached_property
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """(ends (l, 2, 3), the triangle (l,) of each) of lines along the longest sides of the triangles that are too thin for the
+        tree, so dense that all of the triangle is NEAR."""
+        a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
+        squares = np.stack([np.einsum("md,md->m", side, side) for side in (b - a, c - b, a - c)])
+        longest = squares.max(axis=0, initial=0)
+        doubled = squares[0] * squares[2] - np.einsum("md,md->m", b - a, a - c) ** 2  # the area, squared
+        near = NEAR * float(np.ptp(self.points, axis=0).max())
+        thin = np.flatnonzero(LOST * longest**2.5 > near * doubled)
+        height = np.sqrt(doubled[thin].clip(0) / longest[thin])
+        count = np.ceil(height / near).astype(np.intp).clip(1)
+        triangle, number = np.repeat(thin, count), ranges(np.zeros_like(count), count)
+        up = (number / np.repeat(count, count))[:, None]
+        first = squares[:, triangle].argmax(axis=0)
+        a, b, c = (self.points[self.triangles[triangle, (first + k) % 3]] for k in range(3))
+        return np.stack([a + up * (c - a), b + up * (c - b)], axis=1), triangle
+
+    @cached_property
     def tree(self) -> BVHTree:
-        return BVHTree.FromPolygons((self.points - self.middle).tolist(), self.triangles.tolist())
+        ends = self.lines[0].reshape(-1, 3)
+        a, b = np.arange(len(ends)).reshape(-1, 2).T + len(self.points)
+        triangles = np.concatenate([self.triangles, np.stack([a, b, b], axis=1)])
+        return BVHTree.FromPolygons((np.concatenate([self.points, ends]) - self.middle).tolist(), triangles.tolist())
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(at (k, 3) metres, triangle (k,) intp, distance (k,) metres) of the surface's points nearest to points (k, 3)."""
         hits = list(self._hits(points))
         at = np.array([hit[0] for hit in hits], np.float64).reshape(-1, 3) + self.middle
-        return at, np.array([hit[2] for hit in hits], np.intp), np.array([hit[3] for hit in hits], np.float64)
+        triangle = np.concatenate([np.arange(len(self.triangles)), self.lines[1]])[[hit[2] for hit in hits]]
+        return at, triangle, np.array([hit[3] for hit in hits], np.float64)
 
     def distances(self, points: np.ndarray) -> np.ndarray:
         """(k,) metres, of points (k, 3) to the surface: sooner than by `nearest`."""

@@ -7,7 +7,7 @@ from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import deviation, populate
+from crowd_lod_extension.operators import deviation, populate, surface
 from crowd_lod_extension.operators.levels import make_levels
 from mathutils import Matrix, Vector
 
@@ -109,6 +109,28 @@ def test_wrong_weights_show_in_motion_alone():
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
 
 
+def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
+    """A patch is 0.1 m off at frame 1; at frame 12 it is a little less, but one point, which the poses' few samples miss, more."""
+    x, y = np.meshgrid(np.arange(65), np.arange(65))
+    corner = (x[:-1, :-1] + 65 * y[:-1, :-1]).ravel()
+    quads = (corner[:, None] + (0, 1, 66, 65)).tolist()
+    meshes = []
+    for name in ("character", "lod"):
+        meshes.append(bpy.data.meshes.new(name))
+        meshes[-1].from_pydata(np.stack([x.ravel() / 64, y.ravel() / 64, 0 * x.ravel()], axis=1).tolist(), [], quads)
+    character, lod = (bpy.data.objects.new(mesh.name, mesh) for mesh in meshes)
+    character.shape_key_add(name="Basis")
+    patch, point = character.shape_key_add(name="patch"), character.shape_key_add(name="point")
+    for i in np.flatnonzero((x < 10).ravel() & (y < 10).ravel()):
+        patch.data[i].co.z = 0.1
+    point.data[65 * 40 + 41].co.z = 0.12
+    for key, keys in ((patch, ((1, 1.0), (6, 0.0), (12, 0.95))), (point, ((11, 0.0), (12, 1.0)))):
+        for frame, key.value in keys:
+            key.keyframe_insert("value", frame=frame)
+    found = finished(deviation.measure(GROUP, [character], [[lod]]))
+    assert found.worst == (12,) and found.deviations[0] == pytest.approx(0.12, rel=1e-3)
+
+
 def test_all_objects_of_a_character_count_together(scene):
     body, belt = sphere(16, 32), sphere(16, 32, radius=0.5)
     belt.location.x = 3
@@ -201,6 +223,20 @@ def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(scene):
             populate.frame_of(scene, depsgraph)
     settings.choice = "BY_RATIO"
     assert populate.policy_of(settings).thresholds == (0.2, 0.5)
+
+
+@pytest.mark.parametrize("height", [1e-5, 1e-4, 1e-3, 1e-2, 0.1])
+def test_thin_triangles_are_as_near_as_others(height):
+    """As n-gons and long strips are cut to: Blender's tree alone errs by up to the triangles' length."""
+    random, apart = np.random.default_rng(0), 0.2
+    turn = np.linalg.qr(random.normal(size=(3, 3)))[0]
+    flat = np.array([[(0, 0, k * apart), (1, 0, k * apart), (x, height, k * apart)] for k, x in enumerate(random.random(20))])
+    one = surface.Surface((flat @ turn).reshape(-1, 3), np.arange(60).reshape(-1, 3))
+    triangle, off = np.repeat(np.arange(20), 60), random.choice([0, 0.25 * apart], 1200)
+    points = np.einsum("kc,kcd->kd", random.dirichlet((1, 1, 1), 1200), flat[triangle]) + off[:, None] * (0, 0, 1)
+    _, found, distance = one.nearest(points @ turn)
+    assert found.tolist() == triangle.tolist()
+    np.testing.assert_allclose(distance, off, atol=1.1 * surface.NEAR * np.ptp(one.points, axis=0).max())
 
 
 def test_a_face_without_area_is_no_surface():

@@ -91,6 +91,33 @@ def test_two_groups_of_one_name_are_named(scene):
         characters_of(scene)
 
 
+@pytest.mark.parametrize("change", ["deleted", "renamed"])
+def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
+    for name in ("a", "b"):
+        character(new(name, tube(name, 8, 8, height=1 + (name == "b"))), name=name)
+    scene.camera = new("camera", bpy.data.cameras.new("camera"))
+    scene.collection.objects.link(scene.camera)
+    run(scene)
+    bpy.ops.crowd_lod.populate()
+    before = [(group.name, tuple(group.deviations)) for group in scene.crowd_lod.groups]
+    if change == "deleted":
+        bpy.data.collections.remove(bpy.data.collections["a"])
+    else:
+        bpy.data.collections["a"].name = "c"  # it comes last now
+    with pytest.raises(RuntimeError, match="character group [bc] has no LOD meshes in Crowd LOD( 0)?: press Make LOD Meshes"):
+        bpy.ops.crowd_lod.measure_levels()
+    assert [(group.name, tuple(group.deviations)) for group in scene.crowd_lod.groups] == before
+    for _ in ("as it was", "populated"):
+        with pytest.raises(RuntimeError, match="press Make LOD Meshes"):
+            bpy.ops.crowd_lod.build()
+        bpy.ops.crowd_lod.populate()
+    assert not run(scene).made
+    assert bpy.ops.crowd_lod.measure_levels() == bpy.ops.crowd_lod.build() == {"FINISHED"}
+    known = dict(before)
+    for group in scene.crowd_lod.groups:
+        assert tuple(group.deviations) == pytest.approx(known["a" if group.name == "c" else group.name])
+
+
 def test_collections_that_the_user_put_among_the_lods_stay(scene):
     character(new("body", tube("body", 8, 8)))
     run(scene)

@@ -74,6 +74,23 @@ def test_an_action_of_its_own_goes_before_what_it_follows():
     assert action_range([body]) == (1, 10)
 
 
+def test_of_an_action_shared_by_slots_a_character_plays_its_own():
+    """As a file of one action for many characters has it, since Blender 4.4."""
+    body, other = new("body", tube("body", 8, 8)), new("other", None)
+    skin(body, rig())
+    data = body.parent.animation_data
+    strip = data.nla_tracks.new().strips.new("again", 20, data.action)
+    own = digest(body)
+    action = other.animation_data_create().action = data.action
+    other.animation_data.action_slot = action.slots.new("OBJECT", "other")
+    keyed(other, "location", (3, 0, 0), 400)
+    assert action_range([body]) == (1, 29) and action_range([other]) == (1, 400)
+    assert digest(body) == own
+    action.use_frame_range, action.frame_end = True, 6
+    strip.mute = True
+    assert action_range([body])[1] == 6 and digest(body) != own
+
+
 @pytest.fixture
 def body():
     item, armature = new("body", tube("body", 8, 8)), rig()
@@ -86,6 +103,20 @@ def body():
     bone.target, bone.influence = new("target", None), 0.0
     bpy.context.scene.collection.objects.link(bone.target)
     return item
+
+
+def driven(body):
+    """A constraint follows a custom property of the rig, as a Rigify rig's IK and FK do, and a bone an empty."""
+    pose, empty = body.parent.pose.bones, new("handle", None)
+    bpy.context.scene.collection.objects.link(empty)
+    body.parent["ik"] = 0.0
+    for curve, block, path in (
+        (pose["upper"].constraints[0].driver_add("influence"), body.parent, '["ik"]'),
+        (pose["lower"].driver_add("location", 0), empty, "location.x"),
+    ):
+        curve.driver.type, variable = "AVERAGE", curve.driver.variables.new()
+        variable.targets[0].id, variable.targets[0].data_path = block, path
+    return empty, curve.driver
 
 
 def digest(item):
@@ -129,6 +160,23 @@ def test_whatever_lods_take_is_noticed(body, change):
     before = digest(body)
     CHANGES[change](body)
     assert digest(body) != before
+
+
+def test_what_drivers_read_is_noticed_unless_it_is_animated(body):
+    empty, driver = driven(body)
+    found = [digest(body)]
+    for change in (
+        lambda: body.parent.__setitem__("ik", 1.0),
+        lambda: setattr(empty, "location", (0.5, 0, 0)),
+        lambda: (setattr(driver, "type", "SCRIPTED"), setattr(driver, "expression", "2 * var")),
+        lambda: keyed(empty, "location", (1, 0, 0), 30),
+        lambda: [body.parent.keyframe_insert('["ik"]', frame=frame) for frame in (1, 10)],
+    ):
+        change()
+        found.append(digest(body))
+    assert len(set(found)) == 6
+    body.parent["ik"], body.parent["unread"], empty.location = 0.3, 1, (0, 0, 0)
+    assert digest(body) == found[-1]
 
 
 def test_the_frame_what_panels_show_and_saving_change_nothing(body, tmp_path):

@@ -42,6 +42,24 @@ def test_a_zoom_and_the_tolerance_change_what_pays():
     assert choose(LODS, 3.0, [View(flat, 2.0, 12.0)])[0] == [0, 5]
 
 
+def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
+    group = replace(LODS, triangles=(1000, 500, 190, 40), deviations=(0, 0.1, 0.3, 1.5))  # from 6, 16 and 76 m on
+    one, other = View(straight(), 2.0, 4.0), View(straight(), 300.0, 400.0)
+    few, many = "are too few for all agents in 1 of the 2 frames looked at", "and more than it takes in the others."
+    assert choose(group, 1.0, [one, other]) == ([0, 3], [f"500 triangles {few}, {many}", f"190 triangles {few}, {many}"])
+    tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))  # from 51 m on
+    _, dropped = choose(group, 1.0, [one, View(tele, 2.0, 40.0)])
+    assert dropped[0] == "500 triangles would begin 51 m away, and the farthest agent is 40 m away."
+    flat = View(straight(kind="ORTHO"), 2.0, 12.0)  # 1, 3 and 15 pixels
+    assert choose(group, 3.0, [flat]) == (
+        [0, 2],
+        [
+            "500 triangles are more than it takes at any distance, for the camera is orthographic.",
+            "40 triangles show more than the tolerance at any distance, for the camera is orthographic.",
+        ],
+    )
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(seed):
     random = np.random.default_rng(seed)

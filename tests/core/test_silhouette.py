@@ -1,5 +1,7 @@
 """The rasteriser and the silhouette error, against areas, brute force and known outlines."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod import raster, silhouette
@@ -86,3 +88,12 @@ def test_directions_go_all_around_and_some_look_down():
     assert (found[:8, 2] == 0).all() and (found[8:, 2] > 0.4).all()
     angles = np.sort(np.degrees(np.arctan2(found[:8, 1], found[:8, 0])) % 360)
     assert np.allclose(np.diff(angles), 45)
+
+
+def test_a_sheet_seen_edge_on_is_off_by_no_more_than_it_deviates():
+    """As wings, hair cards and cloth: one lies in the direction of a view, the other is tilted by 1 cm a metre."""
+    camera = replace(straight(), pixels=(2000, 2000))
+    flat = np.array([(0, -1, -0.1), (0, 1, -0.1), (0, 1, 0.1), (0, -1, 0.1)], float)
+    tilted, quad = flat + flat[:, [1]] * (0.01, 0, 0), np.array([(0, 1, 2), (0, 2, 3)])
+    found = silhouette.error((flat, quad), (tilted, quad), np.zeros(3), 5.0, camera)
+    assert 0 < found <= 0.01 * camera.pixels_per_unit / 4.0 + 1.5 / silhouette.FINER
