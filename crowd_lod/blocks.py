@@ -246,12 +246,13 @@ def decide(
 
 def near(
     blocks: Blocks,
+    leaves: np.ndarray,
     moved: tuple[np.ndarray, np.ndarray],
     grown: float,
     about: float,
     touches: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """(m,) int32: agents that `touches` may keep, and some others; some come more than once.
+    """(m,) intp: which of the smallest blocks, of those in `leaves` (b,) bool, may hold agents that `touches` keeps.
 
     touches: which (b,) bool of spheres at points (b, 3) with the radius (b,) it keeps; whoever keeps a sphere keeps one that
     holds it. It is asked of spheres about whole blocks. moved: (least, most) displacement (3,) from the boxes; grown: by how
@@ -261,16 +262,17 @@ def near(
     least, most = moved
     about = about + np.abs(moved).max() + grown
     if not about < HUGE:
-        return blocks.order
+        return leaves.nonzero()[0]
     shift, wider = (least + most)[:, None] / 2, (most - least)[:, None] / 2
     some = np.arange(blocks.tiers[0][1].shape[1])
-    for tier, (_, boxes, _) in enumerate(blocks.tiers):
+    for tier, (size, boxes, _) in enumerate(blocks.tiers):
         if tier:
             some = (some[:, None] * FAN + np.arange(FAN)).ravel()
+        some = some[leaves.reshape(-1, size // LEAF).any(axis=1)[some]]
         box = boxes.take(some, axis=1)
         radius = np.sqrt(((box[3:6] + wider) ** 2).sum(axis=0)) + box[7] + (grown + SLACK * about)
         some = some[touches((box[:3] + shift).T, radius)]
-    return blocks.rows.take(some, axis=0).ravel()
+    return some
 
 
 def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:

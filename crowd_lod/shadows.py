@@ -10,13 +10,15 @@ import numpy as np
 
 from .agents import Crowd
 from .behaviour import Trajectory
-from .blocks import near
+from .blocks import Blocks, near
 from .camera import Camera, planes
-from .culling import BLOCK, ROUNDING, TINY
+from .culling import ROUNDING, TINY
 from .frame import Frame, most_moved
 from .lean import BLOCKS, LeftOut
 from .looks import BEYOND
 from .sorting import sort
+
+PART = 4096  # agents tested at a time, which a processor's cache holds with their distances from all planes
 
 
 @dataclass(frozen=True)
@@ -160,41 +162,51 @@ def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray)
         across = np.sqrt(np.maximum(distance**2 - depth**2, 0))
         kept &= across * np.cos(light.angle) - depth * np.sin(light.angle) <= grow + ROUNDING * distance
     ends = None if np.isinf(light.reach) else (distance - radius - light.reach, distance - grow)
-    return kept & _swept(volume, points, radius, way, grow, ends)
+    if not kept.all():
+        points, radius, way, grow = (each[kept] for each in (points, radius, way, grow))
+        ends = ends and (ends[0][kept], ends[1][kept])
+    kept[kept] = _swept(volume, points, radius, way, grow, ends)
+    return kept
 
 
 def _swept(volume: Volume, points, radius, way, grow, ends=None) -> np.ndarray:
     """(n,) bool: whether a sphere at points + t way, radius + t grow, touches all planes for some t >= 0. way: (3,) or
-    (n, 3); grow: a number or (n,); ends: one more condition, ends[0] + t ends[1] <= 0."""
+    (n, 3), and grow then (n,), else a number; ends: one more condition, ends[0] + t ends[1] <= 0."""
     v = points - volume.origin
     size, speed = np.linalg.norm(v, axis=1), np.linalg.norm(way, axis=-1)
     reach, growth = radius + volume.pad, grow
     if volume.turn:
         reach = reach + volume.turn * (size + reach)
         growth = growth + volume.turn * (speed + growth)
-    low, high = np.zeros(len(v)), np.full(len(v), np.inf)
     reach = reach + ROUNDING * (4 * size + np.linalg.norm(volume.origin) + reach) + TINY
     growth = growth + ROUNDING * (4 * speed + growth)
-    conditions = [
-        (v @ normal - (offset + ROUNDING * abs(offset)) - reach, way @ normal - growth)
-        for normal, offset in zip(volume.normals, volume.offsets, strict=True)
-    ]
-    if ends is not None:
-        conditions.append((ends[0] - ROUNDING * size, ends[1] - ROUNDING * speed))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        for at, rate in conditions:
-            if np.ndim(rate):
-                turn = -at / rate
-                low = np.where(rate < 0, np.maximum(low, turn), low)
-                high = np.where(rate > 0, np.minimum(high, turn), high)
-                high[(rate == 0) & (at > 0)] = -1
-            elif rate < 0:
-                low = np.maximum(low, at / -rate)
-            elif rate > 0:
-                high = np.minimum(high, at / -rate)
-            else:
-                high[at > 0] = -1
+    offsets = volume.offsets + ROUNDING * np.abs(volume.offsets)
+    if np.ndim(growth):  # all planes at once: (k, n)
+        at, rate = _along(volume.normals, v) - offsets[:, None] - reach, _along(volume.normals, way) - growth
+        if ends is not None:
+            at = np.concatenate([at, (ends[0] - ROUNDING * size)[None]])
+            rate = np.concatenate([rate, (ends[1] - ROUNDING * speed)[None]])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = -at / rate
+        low = np.where(rate < 0, turn, 0.0).max(axis=0, initial=0.0)
+        high = np.where(rate > 0, turn, np.inf).min(axis=0, initial=np.inf)
+        return (low <= high * (1 + ROUNDING)) & ~((rate == 0) & (at > 0)).any(axis=0)
+    low, high = np.zeros(len(v)), np.full(len(v), np.inf)
+    for normal, offset in zip(volume.normals, offsets, strict=True):
+        at, rate = v @ normal - offset - reach, way @ normal - growth
+        if rate < 0:
+            low = np.maximum(low, at / -rate)
+        elif rate > 0:
+            high = np.minimum(high, at / -rate)
+        else:
+            high[at > 0] = -1
     return low <= high * (1 + ROUNDING)
+
+
+def _along(normals: np.ndarray, ways: np.ndarray) -> np.ndarray:
+    """(k, n): how far the ways (n, 3) go along the normals (k, 3)."""
+    x, y, z = ways.T
+    return normals[:, :1] * x + normals[:, 1:2] * y + normals[:, 2:] * z
 
 
 def bounded(volume: Volume, box: np.ndarray) -> Volume:
@@ -221,7 +233,8 @@ def surround(
     grown = radius + most_moved(trajectory, [time for time, _ in shutter])
     moments = [(frame.time, frame.crowd, cameras, radius), *((time, trajectory.at(time), eyes, grown) for time, eyes in shutter)]
     unseen = ~frame.visible
-    reflects, shades = (np.zeros(len(frame.crowd), bool) for _ in range(2))
+    made = trajectory.blocks(frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
+    reflects, shades = (_Sought(unseen.copy(), made and np.ones(len(made[1].rows), bool)) for _ in range(2))
     for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
         views = [view(eye) for eye in eyes]
         mirrors = [mirrored(eye, mirror) for eye in eyes for mirror in around.mirrors]
@@ -230,16 +243,25 @@ def surround(
         if around.box is not None:
             box = _joined(around.box, crowd, centre, size)
             lit = [bounded(volume, box) for volume in lit]
+        moved, grown = made and trajectory.moved(time, made[0]), float((size - radius).max())
         asked = [(reflects, volume, None) for volume in mirrors]
         asked += [(shades, volume, light) for volume, light in product(lit, around.lights)]
-        for kept, volume, light in asked:
+        for sought, volume, light in asked:
             touches = partial(within, volume) if light is None else partial(shaded, volume, light)
-            agents = _candidates(frame, trajectory, time, float((size - radius).max()), volume, light, touches)
-            agents = agents[unseen[agents] & ~kept[agents]]
-            for begin in range(0, len(agents), BLOCK):
-                some = agents[begin : begin + BLOCK]
-                points, r = _spheres(crowd, some, centre, size)
-                kept[some] = touches(points, r) & np.isfinite(points).all(axis=1)
+            leaves = made and near(made[1], sought.leaves, moved, grown, _about(made[1], volume, light), touches)
+            agents = np.flatnonzero(sought.agents) if made is None else made[1].rows.take(leaves, axis=0)
+            left = sought.agents[agents]
+            agents = agents[left]
+            found = np.empty(len(agents), bool)
+            for begin in range(0, len(agents), PART):
+                some = slice(begin, begin + PART)
+                points, r = _spheres(crowd, agents[some], centre, size)
+                found[some] = touches(points, r) & np.isfinite(points).all(axis=1)
+            sought.agents[agents[found]] = False
+            if made is not None:
+                left[left] = ~found
+                sought.leaves[leaves] = left.any(axis=1)
+    reflects, shades = unseen & ~reflects.agents, unseen & ~shades.agents
     count = len(frame.buckets.counts)
     levels = np.full(len(frame.crowd), min(around.level, count - 1), np.uint8)
     return replace(
@@ -251,19 +273,21 @@ def surround(
     )
 
 
-def _candidates(frame: Frame, trajectory: Trajectory, time: float, grown: float, volume: Volume, light: Light | None, touches):
-    """Agents (m,) that `touches` may keep at `time`, with spheres larger by `grown`: those of the blocks that it keeps as a
-    whole (blocks.near), or all."""
-    made = trajectory.blocks(frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
-    if made is None:
-        return np.arange(len(frame.crowd))
-    since, blocks = made
+@dataclass(frozen=True)
+class _Sought:
+    """Who is not found yet. agents: (n,) bool. leaves: (b,) bool, the smallest blocks that may hold some of them, or None."""
+
+    agents: np.ndarray
+    leaves: np.ndarray | None
+
+
+def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
+    """The largest coordinate that `within` or `shaded` reckons with of spheres in the blocks, metres."""
     about = max(blocks.extent, volume.pad, *np.abs(volume.origin))
     if light is not None:
         about = max(about, light.size, *(() if light.origin is None else np.abs(light.origin)))
     away = np.abs(volume.offsets)  # planes so far off that nothing comes near do not count
-    about = (1 + volume.turn) * (about + away[away < BEYOND * about].max(initial=0.0))
-    return near(blocks, trajectory.moved(time, since), grown, about, touches)
+    return (1 + volume.turn) * (about + away[away < BEYOND * about].max(initial=0.0))
 
 
 def _spheres(crowd: Crowd, agents: np.ndarray, centre: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

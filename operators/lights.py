@@ -26,7 +26,7 @@ def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | N
         return Surroundings(left_out=(WORKBENCH,))
     times = shutter_times(scene, time)
     shown = scenery_of(scene, depsgraph)
-    lamps, panes = shown.lamps(), [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"]
+    lamps, panes = shown.lamps(depsgraph), [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"]
     if times or depsgraph is None:
         lights, mirrors = _through(lamps, panes, times or [time], engine)
         box = None

@@ -26,7 +26,7 @@ MODULES = (properties, samples, machines, populate, levels, deviation, preview, 
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, follow.follow],
-    "depsgraph_update_post": [scenery.noticed],
+    "depsgraph_update_post": [scenery.edited],
     "load_pre": [scenery.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
@@ -56,8 +56,10 @@ def unregister():
     overlay.unregister()
     threads.unregister()
     for name, functions in HANDLERS.items():
+        handlers = getattr(bpy.app.handlers, name)
         for function in functions:
-            getattr(bpy.app.handlers, name).remove(function)
+            if function in handlers:  # a script may have cleared them
+                handlers.remove(function)
     populate.forget()
     scenery.forget()
     del bpy.types.Scene.crowd_lod

@@ -1,7 +1,8 @@
 """What a render of the scene shows besides the crowd: lamps, what glows, and the box about all that shadows may fall on.
 
 Kept from frame to frame for each view layer that is played: `noticed` is told of what the dependency graph changed, and
-takes it over, or forgets the rest where more than places and shapes have changed. Renders read all anew.
+takes it over, or forgets the rest where more than places and shapes have changed. Renders read all anew, and so does who
+has frame handlers besides ours.
 """
 
 from collections.abc import Iterator
@@ -18,16 +19,17 @@ Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
 
 
 class Scenery:
-    """What a render of `scene` shows, for `depsgraph` if it is given.
+    """What a render of `scene` shows, as `depsgraph` has evaluated it, if it is given: what is animated has its values of the
+    frame there, and only in the viewport's frames in the file's own data, too.
 
     things: all but Crowd LOD's own, which still holds what an earlier frame showed. bounded: whether the objects' own boxes
     hold all of them; not what is instanced by nodes or particles.
     """
 
     def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
-        shown = list(_shown(scene))
-        self.things = [placed for placed in shown if not placed[0].hide_render and not placed[0].get(OWNED)]
-        self._hides = {item.session_uid: item.hide_render for item, _ in shown}
+        shown = list(_shown(scene, depsgraph))
+        self._hides = {item.session_uid: _evaluated(item, depsgraph).hide_render for item in {item for item, _ in shown}}
+        self.things = [placed for placed in shown if not self._hides[placed[0].session_uid] and not placed[0].get(OWNED)]
         self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
         self.solid = [placed for placed in self.things if placed[0].type in SOLID]
         self.bounded = not any(_makes_instances(item) for item in {item for item, _ in self.things})
@@ -41,17 +43,19 @@ class Scenery:
         self._moved, self._glowing = set(range(len(self.solid))), None
         self._ends, self._matrices = np.empty((len(self.solid), 2, 3)), np.empty((len(self.solid), 4, 4))
 
-    def lamps(self) -> list[Placed]:
-        """What casts shadows: lamps that are on, and what glows."""
+    def lamps(self, depsgraph: bpy.types.Depsgraph | None) -> list[Placed]:
+        """What casts shadows: lamps that are on, and what glows, as `depsgraph` has evaluated them."""
         if self._glowing is None or self._unwatched:
             worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
-            glowing = {material for material in {each for own in worn for each in own} if material is not None and _glows(material)}
+            materials = {each for own in worn for each in own} - {None}
+            glowing = {material for material in materials if _emits(_evaluated(material, depsgraph).node_tree)}
             self._glowing = [placed for placed, own in zip(self.solid, worn, strict=True) if not glowing.isdisjoint(own)]
-        return [placed for placed in self.lights if _casts(placed[0].data)] + self._glowing
+        return [placed for placed in self.lights if _casts(_evaluated(placed[0], depsgraph).data)] + self._glowing
 
     def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
         """The things of which the object is in the `collection`."""
-        inside = set() if collection is None else set(collection.all_objects)
+        homes = () if collection is None else (collection, *collection.children_recursive)
+        inside = {item for home in homes for item in home.objects}
         return [placed for placed in self.things if placed[0] in inside] if inside else []
 
     def box(self, depsgraph: bpy.types.Depsgraph) -> np.ndarray | None:
@@ -74,7 +78,7 @@ class Scenery:
         """Take over that there is this `update`; whether that is possible, because it changes places and shapes alone."""
         item = update.id
         if isinstance(item, bpy.types.Object) and not item.get(OWNED):
-            uid, hides = item.original.session_uid, item.original.hide_render
+            uid, hides = item.original.session_uid, item.hide_render
             if self._hides.get(uid, hides) != hides:
                 return False
             self._moved |= set(self._rows.get(uid, ()))
@@ -83,7 +87,11 @@ class Scenery:
         return not isinstance(item, bpy.types.Scene)  # whatever is added, taken away, or made into something else changes it, too
 
 
-def _shown(scene: bpy.types.Scene) -> Iterator[Placed]:
+def _evaluated(block: bpy.types.ID, depsgraph: bpy.types.Depsgraph | None) -> bpy.types.ID:
+    return block if depsgraph is None else block.evaluated_get(depsgraph)
+
+
+def _shown(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Iterator[Placed]:
     """Every object that a render of `scene` shows, those in instanced collections for each instance, once each; also those that
     are hidden themselves, not by their collections."""
     found = {}
@@ -91,7 +99,7 @@ def _shown(scene: bpy.types.Scene) -> Iterator[Placed]:
         if layer.use:
             found |= dict.fromkeys(_in_layer(layer.layer_collection))
     for item in found:
-        yield from _with_instances(item, ())
+        yield from _with_instances(item, (), depsgraph)
 
 
 def _in_layer(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
@@ -103,11 +111,21 @@ def _in_layer(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Object]:
         yield from _in_layer(child)
 
 
-def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...]) -> Iterator[Placed]:
+def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...], depsgraph) -> Iterator[Placed]:
     yield item, inside
-    if not item.hide_render and item.instance_type == "COLLECTION" and item.instance_collection is not None and item not in inside:
-        for part in item.instance_collection.all_objects:
-            yield from _with_instances(part, (*inside, item))
+    if item.instance_type != "COLLECTION" or item.instance_collection is None or item in inside:
+        return
+    if not _evaluated(item, depsgraph).hide_render:
+        for part in dict.fromkeys(_in_collection(item.instance_collection)):
+            yield from _with_instances(part, (*inside, item), depsgraph)
+
+
+def _in_collection(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
+    """What an instance of the `collection` shows. Not all_objects: Blender keeps those, and after an undo some are gone."""
+    if not collection.hide_render:
+        yield from collection.objects
+        for child in collection.children:
+            yield from _in_collection(child)
 
 
 def matrix_of(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
@@ -139,12 +157,14 @@ def _dark(tree: bpy.types.NodeTree | None) -> bool:
     return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
 
 
-def _glows(material: bpy.types.Material) -> bool:
-    """Whether a node of the material emits light."""
-    for node in material.node_tree.nodes if material.node_tree is not None else ():
+def _emits(tree: bpy.types.NodeTree | None) -> bool:
+    """Whether a node of a material, or in a group of its nodes, emits light."""
+    for node in tree.nodes if tree is not None else ():
         if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
             return True
         if node.type == "BSDF_PRINCIPLED" and _set(node.inputs["Emission Strength"]) and _set(node.inputs["Emission Color"]):
+            return True
+        if node.type == "GROUP" and _emits(node.node_tree):
             return True
     return False
 
@@ -162,10 +182,11 @@ MOST_KEPT = 8
 
 def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Scenery:
     """What a render of `scene` shows; that of the frame before where `depsgraph` tells of all that changes."""
-    handlers = bpy.app.handlers
-    told = noticed in handlers.frame_change_post and noticed in handlers.depsgraph_update_post
-    if depsgraph is None or depsgraph.mode != "VIEWPORT" or depsgraph.scene != scene or not told:
+    if depsgraph is None or depsgraph.mode != "VIEWPORT" or depsgraph.scene != scene:
         return Scenery(scene, depsgraph)
+    if not _alone(noticed, "frame_change_post") or edited not in bpy.app.handlers.depsgraph_update_post:
+        forget()
+    noticed(scene, depsgraph)  # what was changed since its last update, too
     key = scene.session_uid, depsgraph.view_layer_eval.name
     if key not in _kept:
         while len(_kept) >= MOST_KEPT:
@@ -174,13 +195,29 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
     return _kept[key]
 
 
+def _alone(own, event: str) -> bool:
+    """Whether `own` is a handler of the `event`, and all others are ours: what those of others change then, Blender evaluates
+    without telling anyone."""
+    handlers = getattr(bpy.app.handlers, event)
+    return own in handlers and all(getattr(each, "__module__", "").startswith(__package__) for each in handlers)
+
+
 @bpy.app.handlers.persistent
 def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """frame_change_post, depsgraph_update_post: take over what has changed, or forget all."""
+    """frame_change_post: take over what has changed, or forget all."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
     known = _kept.get(key)
     if known is not None and depsgraph.mode == "VIEWPORT" and not all(map(known.notice, depsgraph.updates)):
         _kept.pop(key, None)
+
+
+@bpy.app.handlers.persistent
+def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """depsgraph_update_post."""
+    if _alone(edited, "depsgraph_update_post"):
+        noticed(scene, depsgraph)
+    else:
+        forget()
 
 
 @bpy.app.handlers.persistent

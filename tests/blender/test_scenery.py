@@ -1,6 +1,7 @@
 """What is kept of the scene from frame to frame is what reading it anew finds, whatever was changed meanwhile."""
 
 import bpy
+import crowd_lod_extension
 import numpy as np
 import pytest
 from crowd_lod_extension.operators import scenery
@@ -45,9 +46,8 @@ def material(name, strength=0.0):
 def found(shown, depsgraph):
     """What is found, to be compared."""
     box = shown.box(depsgraph)
-    named = [
-        sorted((item.name, tuple(each.name for each in inside)) for item, inside in some) for some in (shown.things, shown.lamps())
-    ]
+    kinds = shown.things, shown.lamps(depsgraph)
+    named = [sorted((item.name, tuple(each.name for each in inside)) for item, inside in some) for some in kinds]
     return named, None if box is None else box.tolist()
 
 
@@ -85,6 +85,12 @@ def corner_moved():
     mesh.update()
 
 
+def grouped(name):
+    group = bpy.data.node_groups.new("group", "ShaderNodeTree")
+    group.nodes.new("ShaderNodeEmission")
+    node(name).new("ShaderNodeGroup").node_tree = group
+
+
 def fog():
     world = bpy.context.scene.world = bpy.data.worlds.new("fog")
     world.use_nodes = True
@@ -115,6 +121,7 @@ EDITS = {
     "nodes": lambda: thing("still").modifiers.new("nodes", "NODES"),
     "lit up": lambda: setattr(node("plain")["Principled BSDF"].inputs["Emission Strength"], "default_value", 1.0),
     "lit up by a node": lambda: node("plain").new("ShaderNodeEmission"),
+    "lit up by a group of nodes": lambda: grouped("plain"),
     "put out": lambda: setattr(node("bright")["Principled BSDF"].inputs["Emission Strength"], "default_value", 0.0),
     "another material": lambda: bpy.data.meshes["prop"].materials.append(bpy.data.materials["bright"]),
     "material of the object": lambda: setattr(thing("still").material_slots[0], "link", "OBJECT"),
@@ -198,3 +205,108 @@ def test_frames_of_what_is_animated_alone_are_not_read_anew(stage):
         assert compared(stage) or frame == 2
         boxes.append(scenery.scenery_of(stage, bpy.context.view_layer.depsgraph).box(bpy.context.view_layer.depsgraph))
     assert (np.diff([box[1, 0] for box in boxes]) > 0).all()
+
+
+@pytest.fixture
+def handled():
+    """Adds a function to the front or the end of a list of handlers."""
+    added = []
+
+    def add(event, at, function):
+        handlers = getattr(bpy.app.handlers, event)
+        handlers.insert(0 if at == "front" else len(handlers), function)
+        added.append((handlers, function))
+
+    yield add
+    for handlers, function in added:
+        handlers.remove(function)
+
+
+HANDLED = ["moved", "turned by what it hangs on", "another shape", "hidden", "removed", "added", "lit up", "another mesh"]
+
+
+@pytest.mark.parametrize("event", ["frame_change_post", "depsgraph_update_post"])
+@pytest.mark.parametrize("at", ["front", "end"])
+def test_what_other_handlers_change(stage, handled, event, at):
+    """Blender evaluates it anew without asking any handler."""
+    changes = {4 + 2 * k: EDITS[name] for k, name in enumerate(HANDLED)}
+    handled(event, at, lambda scene, depsgraph: changes.pop(scene.frame_current, lambda: None)())
+    for frame in range(2, 22):
+        stage.frame_set(frame)
+        compared(stage)
+        thing("lamp").data.energy += 1
+        bpy.context.view_layer.update()
+        compared(stage)
+    assert not changes
+
+
+@pytest.mark.parametrize("event", ["frame_change_post", "depsgraph_update_post"])
+def test_handlers_that_a_script_clears(stage, event):
+    handlers = getattr(bpy.app.handlers, event)
+    ours = list(handlers)
+    compared(stage)
+    handlers.clear()
+    try:
+        EDITS["moved"]()
+        stage.frame_set(2)
+        bpy.context.view_layer.update()
+        compared(stage)
+        crowd_lod_extension.unregister()
+        crowd_lod_extension.register()
+        assert list(handlers) == ours
+    finally:
+        handlers[:] = ours
+
+
+def test_what_is_gone_before_the_next_update(stage):
+    compared(stage)
+    for name in ("still", "lamp", "part", "crane"):
+        bpy.data.objects.remove(thing(name))
+        compared(stage)
+
+
+def test_a_group_of_nodes_that_emits_makes_a_material_glow(stage):
+    assert [item.name for item, _ in scenery.Scenery(stage, None).lamps(None)] == ["lamp", "glows"]
+    grouped("plain")
+    assert {item.name for item, _ in scenery.Scenery(stage, None).lamps(None)} >= {"still", "walks", "part"}
+
+
+def test_parts_of_collections_that_are_hidden_in_renders_are_not_shown(stage):
+    inner = bpy.data.collections.new("inner")
+    bpy.data.collections["parts"].children.link(inner)
+    linked("inner").name = "inmost"
+    shown = {item.name for item, inside in scenery.Scenery(stage, None).things if inside}
+    assert shown == {"part", "inmost"}
+    inner.hide_render = True
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    assert {item.name for item, inside in scenery.Scenery(stage, depsgraph).things if inside} == {"part"}
+
+
+def test_renders_find_what_is_on_and_shown_at_their_own_frames(stage, handled, tmp_path):
+    """The file's own data have the values of the frame that the interface shows."""
+    strength = node("plain")["Principled BSDF"].inputs["Emission Strength"]
+    second = bpy.data.objects.new("second", bpy.data.lights.new("second", "POINT"))
+    stage.collection.objects.link(second)
+    keyed = (second, "hide_render", True, False), (thing("lamp").data, "energy", 0, 9), (strength, "default_value", 0, 1)
+    for frame, column in ((1, 2), (2, 2), (3, 3), (4, 3)):
+        for owner, name, *values in keyed:
+            setattr(owner, name, values[column - 2])
+            owner.keyframe_insert(name, frame=frame)
+    found = {}
+
+    def look(scene, depsgraph):
+        lamps = scenery.scenery_of(scene, depsgraph).lamps(depsgraph)
+        found.setdefault((depsgraph.mode, scene.frame_current), {item.name for item, _ in lamps})
+
+    handled("frame_change_post", "end", look)
+    stage.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    stage.collection.objects.link(stage.camera)
+    stage.render.engine, stage.cycles.samples, stage.cycles.use_denoising = "CYCLES", 1, False
+    stage.render.resolution_x = stage.render.resolution_y = 8
+    stage.render.filepath, stage.frame_start, stage.frame_end = str(tmp_path / "f"), 1, 4
+    for own in (1, 4):
+        found.clear()
+        stage.frame_set(own)
+        bpy.ops.render.render(animation=True)
+        dark, lit = {"glows"}, {"glows", "lamp", "second", "still", "walks", "child", "part"}
+        assert [found["RENDER", frame] for frame in (1, 2, 3, 4)] == [dark, dark, lit, lit]
