@@ -56,9 +56,9 @@ def missing_library() -> str | None:
     return None
 
 
-def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str, seams=None, skin: Skin | None = None) -> LodMesh:
+def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str, seams=None, skin=None, effort=1.0) -> LodMesh:
     """The mesh with about `ratio` of its triangles, all at once: see `decimating`."""
-    return finished(decimating(points, triangles, ratio, name, seams, skin))
+    return finished(decimating(points, triangles, ratio, name, seams, skin, effort))
 
 
 def decimating(
@@ -68,14 +68,15 @@ def decimating(
     name: str,
     seams: np.ndarray | None = None,
     skin: Skin | None = None,
+    effort: float = 1.0,
 ) -> Iterator[None]:
     """Make the mesh with about `ratio` of its triangles; yields between its steps and returns the LodMesh.
 
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. Points without a triangle
-    are dropped, open borders at the same points become one. No loose part is lost while there are triangles for all, two
-    each: then those that lie nearest to others go first.
+    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of EFFORT it may
+    ask, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
+    loose part is lost while there are triangles for all, two each: then those that lie nearest to others go first.
     """
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
@@ -110,7 +111,7 @@ def decimating(
     whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
     yield
-    new_points, new_triangles, landed, follows = yield from _best(unit[solid], whole, held, target, skin)
+    new_points, new_triangles, landed, follows = yield from _best(unit[solid], whole, held, target, skin, effort)
     if skin:
         source = solid[follows]
     else:
@@ -120,7 +121,7 @@ def decimating(
     return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
 
 
-def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[None]:
+def _best(points, triangles, seams, target: int, skin: Skin | None, effort: float) -> Iterator[None]:
     """Collapse, then fit while EFFORT lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
@@ -151,7 +152,8 @@ def _best(points, triangles, seams, target: int, skin: Skin | None) -> Iterator[
     keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
     inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
     fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], hold)
-    left = max(EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles) - COLLAPSED * (1 + len(bent)) * (len(some) - target)
+    left = max(effort * EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles)
+    left -= COLLAPSED * (1 + len(bent)) * (len(some) - target)
     left -= BEGUN * fit.samples + ENDED * (fit.samples + OVERHEAD)
     for k in range(POSED_ROUNDS if bent else ROUNDS[1]):
         before = left

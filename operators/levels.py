@@ -37,7 +37,7 @@ TINTS = (
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
 COLUMNS = ("vertices", "triangles", "deviations", "rms", "worst")  # of Group, a value a LOD
-VERSION = 10  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 11  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)
@@ -239,6 +239,10 @@ class _Ladder:
         if not any(source.mesh for source in self.sources):
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
         self.digest = sources.text_digest(digests, self.ratios, self.way, VERSION)
+        shown = [source for source in self.sources if source.mesh]
+        triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
+        for source, own in zip(shown, triangles, strict=True):
+            source.share = own / sum(triangles)
 
     def recall(self, earlier: bpy.types.Collection | None, group: Group) -> None:
         finest = earlier.children[0].children if earlier is not None and earlier.children else ()

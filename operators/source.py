@@ -43,7 +43,7 @@ class Source:
     """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
     vertices; None if that has no faces. groups: the names of the mesh's vertex groups, which modifiers may have made other
     than the object's. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh. notes: sentences on what
-    LODs leave out. skin: how its points move, see skin.skin_of."""
+    LODs leave out. skin: how its points move, see skin.skin_of. share: its part of the character's triangles."""
 
     item: bpy.types.Object
     mesh: bpy.types.Mesh | None
@@ -52,6 +52,7 @@ class Source:
     notes: list[str] = field(default_factory=list)
     charts: object = None  # transfer.Charts, when first asked for
     skin: Skin | None = None
+    share: float = 1.0
 
     @cached_property
     def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

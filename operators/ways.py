@@ -88,7 +88,8 @@ def chosen(near: float, off: float, precisely: float, precisely_off: float) -> t
 def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
     """By quadric edge collapse, and what it loses carried over; yields between its steps and returns the Made."""
     start = clock.perf_counter()
-    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, charts_of(source).seams, source.posed[0])
+    about = charts_of(source).seams, source.posed[0], source.share
+    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, *about)
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()

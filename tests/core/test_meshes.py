@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod import meshes
 from crowd_lod_extension.crowd_lod.collapse import quadrics_of
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.meshes import decimate
@@ -257,3 +258,12 @@ def test_edges_of_many_faces_and_doubled_faces_are_taken():
     lod = decimate(random.normal(size=(40, 3)), np.concatenate([triangles, triangles]), 0.4, "soup")
     assert 0 < len(lod.triangles) <= 300 and np.isfinite(lod.points).all()
     assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
+
+
+def test_a_mesh_that_is_a_small_part_of_a_character_asks_as_small_a_part_of_the_effort(monkeypatch):
+    points, triangles = sphere()
+    part = decimate(points, triangles, 0.2, "part", effort=0.1)
+    whole = decimate(points, triangles, 0.2, "whole")
+    monkeypatch.setattr(meshes, "EFFORT", meshes.EFFORT // 10)
+    small = decimate(points, triangles, 0.2, "small")
+    assert part.points.tobytes() == small.points.tobytes() != whole.points.tobytes()
