@@ -33,6 +33,11 @@ class Scenery:
         self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
         self.solid = [placed for placed in self.things if placed[0].type in SOLID]
         self.bounded = not any(_makes_instances(item) for item in {item for item, _ in self.things})
+        # what `depsgraph` does not hold has the values of the file's own data, which other scenes and layers may change
+        own = {item for item, _ in shown if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated}
+        self._elsewhere = [(item, item.hide_render) for item in own]
+        homes = {each.instance_collection for _, inside in self.things for each in inside}
+        self._offsets = {home.session_uid: tuple(home.instance_offset) for home in homes}
         self._rows: dict[int, list[int]] = {}  # of each object, by session_uid, which of the solid it is, or instances
         self._unwatched = set()  # of the solid, what is in other view layers alone: nothing of it is noticed in this one
         for row, (item, inside) in enumerate(self.solid):
@@ -74,17 +79,26 @@ class Scenery:
         half = np.einsum("nij,nj->ni", np.abs(turn), (ends[:, 1] - ends[:, 0]) / 2)
         return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
 
+    def holds(self) -> bool:
+        """Whether what is noticed nowhere is shown as before; ReferenceError if it is gone."""
+        return all(item.hide_render == hides for item, hides in self._elsewhere)
+
     def notice(self, update: bpy.types.DepsgraphUpdate) -> bool:
         """Take over that there is this `update`; whether that is possible, because it changes places and shapes alone."""
         item = update.id
-        if isinstance(item, bpy.types.Object) and not item.get(OWNED):
-            uid, hides = item.original.session_uid, item.hide_render
-            if self._hides.get(uid, hides) != hides:
+        kind = item.id_type  # several times as quick as isinstance
+        if kind == "OBJECT":
+            uid = item.original.session_uid
+            if uid in self._hides and self._hides[uid] != item.hide_render:
                 return False
-            self._moved |= set(self._rows.get(uid, ()))
-        elif isinstance(item, bpy.types.Material | bpy.types.NodeTree):
+            self._moved.update(self._rows.get(uid, ()))
+        elif kind == "COLLECTION":
+            uid, offset = item.original.session_uid, tuple(item.original.instance_offset)
+            if self._offsets.get(uid, offset) != offset:
+                return False
+        elif kind in ("MATERIAL", "NODETREE"):
             self._glowing = None
-        return not isinstance(item, bpy.types.Scene)  # whatever is added, taken away, or made into something else changes it, too
+        return kind != "SCENE"  # whatever is added, taken away, or made into something else changes it, too
 
 
 def _evaluated(block: bpy.types.ID, depsgraph: bpy.types.Depsgraph | None) -> bpy.types.ID:
@@ -188,7 +202,7 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
         forget()
     noticed(scene, depsgraph)  # what was changed since its last update, too
     key = scene.session_uid, depsgraph.view_layer_eval.name
-    if key not in _kept:
+    if key not in _kept or not _kept[key].holds():
         while len(_kept) >= MOST_KEPT:
             _kept.pop(next(iter(_kept)))
         _kept[key] = Scenery(scene, depsgraph)

@@ -265,6 +265,19 @@ def test_what_is_gone_before_the_next_update(stage):
         compared(stage)
 
 
+def test_instances_of_a_collection_that_moves_its_origin(stage):
+    """Blender says that the collection has changed, and nothing of what instances it or is in it."""
+    outer = bpy.data.collections.new("outer")
+    outer.children.link(bpy.data.collections["parts"])
+    thing("crane").instance_collection = outer
+    for offset in (0, 30, 60):
+        outer.instance_offset.x = offset
+        bpy.context.view_layer.update()
+        compared(stage)
+        stage.frame_set(stage.frame_current + 1)
+        compared(stage)
+
+
 def test_a_group_of_nodes_that_emits_makes_a_material_glow(stage):
     assert [item.name for item, _ in scenery.Scenery(stage, None).lamps(None)] == ["lamp", "glows"]
     grouped("plain")
