@@ -80,8 +80,11 @@ class Scenery:
         return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
 
     def holds(self) -> bool:
-        """Whether what is noticed nowhere is shown as before; ReferenceError if it is gone."""
-        return all(item.hide_render == hides for item, hides in self._elsewhere)
+        """Whether what is noticed nowhere is there, and shown as before."""
+        try:
+            return all(item.hide_render == hides for item, hides in self._elsewhere)
+        except ReferenceError:
+            return False
 
     def notice(self, update: bpy.types.DepsgraphUpdate) -> bool:
         """Take over that there is this `update`; whether that is possible, because it changes places and shapes alone."""
