@@ -67,10 +67,10 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
     area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
     sides = (crowd.x, tables.x, area.x_min, width, columns), (crowd.y, tables.y, area.y_min, depth, rows)
     # by less than a cell a step, agents go on through cells of the same label, in one row or in one column of them
-    through = np.abs(tables.x) < 0.99 * width, (np.abs(tables.y) < 0.99 * depth) & (tables.x == 0)
+    across, up, aside = np.abs(tables.x) < 0.99 * width, np.abs(tables.y) < 0.99 * depth, tables.x != 0
+    through, slanting = (across, up & ~aside), across & up & aside & (tables.y != 0)
     heading = tables.heading.view(np.int32)  # 0.0 and -0.0 are two
     slack = SLACK * np.spacing(np.abs((area.x_min, area.x_max, area.y_min, area.y_max)).max())
-    slanting = (np.abs(tables.x) < 0.99 * width) & (np.abs(tables.y) < 0.99 * depth) & (tables.x != 0) & (tables.y != 0)
     for at in range(0, len(crowd), BLOCK):
         block = slice(at, at + BLOCK)
         cells = [np.floor((old[block] - low) / size) for old, _, low, size, _ in sides]

@@ -243,12 +243,12 @@ def surround(
         if around.box is not None:
             box = _joined(around.box, crowd, centre, size)
             lit = [bounded(volume, box) for volume in lit]
-        moved, grown = made and trajectory.moved(time, made[0]), float((size - radius).max())
+        moved, larger = made and trajectory.moved(time, made[0]), float((size - radius).max())
         asked = [(reflects, volume, None) for volume in mirrors]
         asked += [(shades, volume, light) for volume, light in product(lit, around.lights)]
         for sought, volume, light in asked:
             touches = partial(within, volume) if light is None else partial(shaded, volume, light)
-            leaves = made and near(made[1], sought.leaves, moved, grown, _about(made[1], volume, light), touches)
+            leaves = made and near(made[1], sought.leaves, moved, larger, _about(made[1], volume, light), touches)
             agents = np.flatnonzero(sought.agents) if made is None else made[1].rows.take(leaves, axis=0)
             left = sought.agents[agents]
             agents = agents[left]

@@ -91,9 +91,7 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     """Put the poses and, where there are none yet, point objects into the build of `scene`: its collection."""
     settings = scene.crowd_lod
     upgrade()
-    if io.shared(scene, "build"):
-        io.let_go(scene, "build")
-    top = settings.build
+    top = _own(scene)
     if top is None:
         top = settings.build = bpy.data.collections.new("Crowd LOD Build")
         top[OWNED] = True
@@ -111,6 +109,13 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
+
+
+def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The scene's build. A linked copy of a scene begins with that of the other, which stays the other's: it is let go."""
+    if io.shared(scene, "build"):
+        io.let_go(scene, "build")
+    return scene.crowd_lod.build
 
 
 def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
@@ -253,9 +258,7 @@ def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:
 
 def remove_build(settings) -> None:
     """Remove the build: points, poses, and the node groups that nothing else uses."""
-    if io.shared(settings.id_data, "build"):
-        io.let_go(settings.id_data, "build")
-    top, settings.build = settings.build, None
+    top, settings.build = _own(settings.id_data), None
     if top is not None:
         remove_owned(top)
     for kind in (baked.NAME, instances.NAME):  # the one holds the other

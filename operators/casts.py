@@ -15,8 +15,7 @@ from .joints import Character, baking
 from .looks import Looks
 from .movers import armatures_of, curves_of, players_of
 from .populate import GROUP
-
-LOOK_AGAIN = 1.0  # seconds between two looks at meshes, actions and materials, which have no cheap mark of change
+from .scene import LOOK_AGAIN
 
 
 @dataclass

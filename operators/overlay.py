@@ -22,10 +22,8 @@ from .cameras import read_cameras, read_shutter
 from .drawing import Batches, Cast, paint
 from .points import Style, drawing
 from .populate import bias_of, groups_of, policy_of, trajectory_of
+from .scene import LOOK_AGAIN
 from .viewpoint import viewpoint
-
-# Seconds between two looks at what has no cheap mark of change: the map's pixels, the state machine's text.
-LOOK_AGAIN = 1.0
 
 
 @dataclass

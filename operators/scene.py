@@ -19,7 +19,7 @@ EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT
 # The values last read of each image, and when: a cache, never the truth.
 _values: dict[int, tuple[np.ndarray, float]] = {}
 MOST_IMAGES = 8
-LOOK_AGAIN = 1.0  # seconds, while an animation is played, until a painted pixel counts: to compare all takes longer than a frame
+LOOK_AGAIN = 1.0  # seconds between two looks at what has no cheap mark of change, where a look at each frame would take too long
 
 
 def read_values(image: bpy.types.Image) -> np.ndarray:
