@@ -60,7 +60,12 @@ def _run(argv: list[str], program: str) -> int:
 
 
 def _parser(program: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=program, description="Plan and preview level of detail for crowds.")
+    checkout = "In a checkout ./crowd-lod also takes test, bench and package; --python 3.11 before the command takes Blender 4.5."
+    parser = argparse.ArgumentParser(
+        prog=program,
+        description="Plan and preview level of detail for crowds.",
+        epilog=checkout if program == "crowd-lod" else None,
+    )
     parser.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
@@ -71,18 +76,18 @@ def _parser(program: str) -> argparse.ArgumentParser:
         "render each frame by LOD and from above, with a table and a plan",
         "preview plaza --frames 1:120 --step 10 --out plaza_preview",
     )
-    _scene(command, program)
-    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
-    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
-    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures, frames.csv and plan.json")
+    _shot(command, program)
+    command.add_argument(
+        "--out", type=_path, metavar="DIR", help="the folder for pictures, tables and report (default: SCENE_preview)"
+    )
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
-    command.add_argument("--width", type=int, metavar="PIXELS", help="of the pictures (default: the scene's, 960)")
-    command.add_argument("--engine", choices=[name.lower() for name in ENGINES], help="(default: the scene's, workbench)")
+    command.add_argument("--width", type=int, metavar="PIXELS", help="width of the pictures (default: the scene's)")
+    command.add_argument("--engine", choices=[name.lower() for name in ENGINES], help="what draws them (default: the scene's)")
     command.add_argument(
         "--color",
         choices=("lod", "material", "state", "group", "reason"),
-        help="tint by LOD, or true materials; the last three with the engine overlay",
+        help="tint by LOD, or true materials; the last three with the engine overlay alone (default: the scene's)",
     )
     command.set_defaults(run=_preview)
 
@@ -110,12 +115,10 @@ def _parser(program: str) -> argparse.ArgumentParser:
         "render frames with and without culling and LODs, and compare them pixel by pixel",
         "verify plaza --frames 1,60 --out plaza_verify",
     )
-    _scene(command, program)
-    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
-    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
-    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures, verify.csv and verify.json")
-    command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="of the pictures (default: 320)")
-    command.add_argument("--samples", type=int, default=4, metavar="N", help="of each pixel (default: 4)")
+    _shot(command, program)
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures and tables (default: SCENE_verify)")
+    command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="width of the pictures (default: 320)")
+    command.add_argument("--samples", type=int, default=4, metavar="N", help="samples of each pixel (default: 4)")
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="once more with the sky and N bounces (default: 0)")
     command.set_defaults(run=_verify)
 
@@ -134,7 +137,7 @@ def _parser(program: str) -> argparse.ArgumentParser:
     _scene(command, program)
     command.add_argument("--out", type=_path, metavar="DIR", help="the folder for plots and tables (default: SCENE_error)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
-    command.add_argument("--repeats", type=int, default=7, metavar="N", help="runs a time is the median of (default: 7)")
+    command.add_argument("--repeats", type=int, default=7, metavar="N", help="runs of which a time is the median (default: 7)")
     command.set_defaults(run=_report_error)
     command = _command(
         reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
@@ -146,14 +149,16 @@ def _parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--out", type=_path, metavar="FILE", help="write the table to a Markdown file as well")
     command.set_defaults(run=_report_extremes)
     command = _command(reports, program, "cull", "judge the culling of random cameras, by lens", "report cull --pairs 1000000")
-    command.add_argument("--pairs", type=int, default=1_000_000, metavar="N", help="of camera and agent (default: 1 million)")
+    command.add_argument("--pairs", type=int, default=1_000_000, metavar="N", help="pairs of camera and agent (default: 1 million)")
     command.add_argument("--seed", type=int, default=0, metavar="N", help="other cameras and agents")
     command.set_defaults(run=_report_cull)
     return parser
 
 
 def _command(commands, program: str, name: str, about: str, example: str) -> argparse.ArgumentParser:
-    command = commands.add_parser(name, help=about, description=about.capitalize() + ".", epilog=f"example: {program} {example}")
+    command = commands.add_parser(
+        name, help=about, description=f"{about[0].upper()}{about[1:]}.", epilog=f"example: {program} {example}"
+    )
     command.add_argument("--quiet", action="store_true", help="no progress bar")
     command.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
     return command
@@ -167,13 +172,20 @@ def _path(text: str) -> Path:
 
 
 def _scene(command: argparse.ArgumentParser, program: str) -> None:
-    names = ", ".join(sample_scenes.NAMES)
+    names = " or ".join(sample_scenes.NAMES)
     command.add_argument(
         "scene",
         metavar="SCENE",
         nargs="?" if program.startswith("blender") else None,
-        help=f"a .blend file, or a sample's name: {names}",
+        help=f"a .blend file, or the name of a sample, {names}"
+        + ("; without it the file that is open" if program.startswith("blender") else ""),
     )
+
+
+def _shot(command: argparse.ArgumentParser, program: str) -> None:
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
 
 
 def open_scene(name: str | None) -> bpy.types.Scene:
@@ -202,6 +214,11 @@ def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0].removeprefix("Error: ")
 
 
+def _stem(args) -> str:
+    """What files that are made of the command's scene are called after."""
+    return Path(args.scene or bpy.data.filepath or "scene").stem
+
+
 def _frames(args, settings) -> list[int]:
     """The frames that the command names, or else the scene."""
     text, step = (getattr(settings if getattr(args, name) is None else args, name) for name in ("frames", "step"))
@@ -219,7 +236,7 @@ def _preview(args, command: list[str]) -> dict:
         if not 0 < args.tolerance < float("inf"):
             raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
         settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     folder = (args.out or Path(f"{stem}_preview")).absolute()
     engine = (args.engine or settings.engine).upper()
     colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
@@ -253,7 +270,7 @@ def _preview(args, command: list[str]) -> dict:
 def _verify(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     wanted = Verify(
         frames=_frames(args, settings),
         folder=(args.out or Path(f"{stem}_verify")).absolute(),
@@ -277,7 +294,7 @@ def _report_error(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     if args.seed is not None:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     folder = (args.out or Path(f"{stem}_error")).absolute()
     result = _finish(report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
     tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
@@ -299,7 +316,7 @@ def _report_cull(args, command: list[str]) -> dict:
 
 
 def _build(args, command: list[str]) -> dict:
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     path = _blend(args.out or Path(f"{stem}_built.blend"))
     if args.frames is not None and not args.bake:
         raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
