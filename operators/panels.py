@@ -58,7 +58,7 @@ class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
         elif len(context.scene.crowd_lod.groups):
             layout.prop(context.scene.crowd_lod, "overlay", text="Overlay and Figures", toggle=True, icon="OVERLAY")
         else:
-            _say(context, layout, "Choose the characters, then press Populate.", "INFO")
+            _say(context, layout, "Choose the characters and press Populate, or make a sample scene.", "INFO")
 
 
 def _figures(layout, frame):
