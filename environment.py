@@ -2,7 +2,7 @@
 
 The shell script crowd-lod starts this file with a Python that it found; on Windows, start it yourself:
 py -3.13 environment.py COMMAND. The environment is the folder .venv-3.13 (Blender 5.2's bpy module) or
-.venv-3.11 (Blender 4.5's), about 1 GB. It is made again when pyproject.toml changes, when the checkout moves,
+.venv-3.11 (Blender 4.5's), 1.2 GB. It is made again when pyproject.toml changes, when the checkout moves,
 and when an earlier try stopped half-way. Standard library only.
 """
 
@@ -62,7 +62,7 @@ def install() -> None:
         if not uv:
             raise Failure(f"has no venv module here; on Debian: apt-get install -y python{VERSION}-venv")
         create = [uv, "venv", "--clear", "--seed", "--python", sys.executable, FOLDER]
-    say(f"installing Blender {BLENDERS[VERSION]}'s Python module into {FOLDER} (about 1 GB, once) ...")
+    say(f"installing Blender {BLENDERS[VERSION]}'s Python module into {FOLDER} (1.2 GB, once) ...")
     start = time.monotonic()
     with locked(ROOT / f".venv-{VERSION}.lock"):
         if marked("installed"):  # by another crowd-lod, while this one waited for the lock

@@ -166,7 +166,8 @@ def blocks_of(
 
 
 def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """The next larger tier: every FAN blocks in one. boxes: (8, b) with the least and the greatest corner for centre and half width."""
+    """The next larger tier: every FAN blocks in one. boxes: (8, b) with the least and the greatest corner for
+    centre and half width."""
     parts = boxes.reshape(8, -1, FAN)
     least, most = parts.min(axis=2), parts.max(axis=2)
     return (

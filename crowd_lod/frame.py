@@ -151,8 +151,8 @@ def plan(
 
 
 def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
-    """(buckets, find_levels, what `tally` counts, how many are dropped, what was left out): every agent is tested. views: (time, the eyes'
-    cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
+    """(buckets, find_levels, what `tally` counts, how many are dropped, what was left out): every agent is tested. views:
+    (time, the eyes' cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
     leave, items = trajectory.leave, set()
     made = trajectory.blocks(views[0][0])  # for their order
     (_, cameras, radius), *shutter = views

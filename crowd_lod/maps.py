@@ -64,16 +64,17 @@ class LabelMap:
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """(2, 2, rows * columns) uint8: how many cells, 255 at most, of a cell's own label follow it without a gap, along x and y, to
-        lower and to higher places."""
+        """(2, 2, rows * columns) uint8: how many cells, 255 at most, of a cell's own label follow it without a gap,
+        along x and y, to lower and to higher places."""
         ways = self.labels[:, ::-1], self.labels, self.labels[::-1], self.labels
         left, right, down, up = (_run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True))
         return np.array([(left.T[:, ::-1], right.T), (down[::-1], up)]).reshape(2, 2, -1)
 
     @cached_property
     def squares(self) -> np.ndarray:
-        """(2, 2, rows * columns) uint8: how many cells, MOST_SQUARE at most, lie along the sides of the largest square of a cell's own
-        label with that cell at one corner: at [up, right] the corner that is lowest or highest along y, and along x."""
+        """(2, 2, rows * columns) uint8: how many cells, MOST_SQUARE at most, lie along the sides of the largest square
+        of a cell's own label with that cell at one corner: at [up, right] the corner that is lowest or highest along y, and
+        along x."""
         rows, columns = self.labels.shape
         found = np.ones((2, 2, rows, columns), np.uint8)
         alike, across = np.ones((rows, columns), bool), self.labels[:, 1:] == self.labels[:, :-1]

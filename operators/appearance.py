@@ -27,7 +27,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
     points = replace(style, mode="POINTS") if style.mode == "MESHES" else style
     casting = casts.casting_of(scene)
     if casting is None:
-        return points, (), ("Press Make LOD Meshes in the LOD panel to see the characters.",)
+        return points, (), ("Press Make LOD Meshes in the Levels of Detail panel to see the characters.",)
     if not casting.ready:
         return points, (), (f"The characters are being read for the overlay: {casting.progress:.0%}.",)
     fits = [character.name for character in casting.characters] == [group.name for group in settings.groups]

@@ -56,7 +56,7 @@ def check_levels(scene: bpy.types.Scene) -> int:
     """The number of LODs, if the scene's LOD meshes are those of its settings."""
     settings = scene.crowd_lod
     if settings.levels is None:
-        raise CrowdError(f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the LOD panel.")
+        raise CrowdError(f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of Detail panel.")
     levels, count = settings.levels.children, policy_of(settings).count
     made = len(levels[0].children) if levels else 0
     if len(levels) < count or made != len(settings.groups):

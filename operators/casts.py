@@ -20,8 +20,9 @@ from .scene import LOOK_AGAIN
 
 @dataclass
 class Casting:
-    """A scene's characters: those of `characters` once all are baked; until then `baking` bakes the next. key, painted: of what they came from, and of their
-    images' pixels; looked: when those were last compared, seconds. told: what the user should know of it."""
+    """A scene's characters: those of `characters` once all are baked; until then `baking` bakes the next. key,
+    painted: of what they came from, and of their images' pixels; looked: when those were last compared, seconds. told: what the
+    user should know of it."""
 
     key: bytes
     painted: int
@@ -141,9 +142,10 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
                 told.add(action)
                 digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
                 for curve in curves_of(player):
-                    keys = np.empty(2 * len(curve.keyframe_points), np.float32)
-                    curve.keyframe_points.foreach_get("co", keys)
-                    digest.update(keys)
+                    for name in ("co", "handle_left", "handle_right"):
+                        keys = np.empty(2 * len(curve.keyframe_points), np.float32)
+                        curve.keyframe_points.foreach_get(name, keys)
+                        digest.update(keys)
     return digest.digest(), looks
 
 

@@ -1,6 +1,5 @@
 """The commands: one implementation for the shell and for `blender --command crowd_lod`."""
 
-import argparse
 import contextlib
 import json
 import os
@@ -12,13 +11,14 @@ from pathlib import Path
 import bpy
 
 from .. import sample_scenes
-from ..crowd_lod import __version__, extremes
+from ..crowd_lod import extremes
 from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.shot import parse_frames
 from . import bake, build, report
 from . import scene as io
-from .preview import COLOURS, ENGINES, Preview, preview
+from .arguments import parser
+from .preview import COLOURS, Preview, preview
 from .render_setup import prepared
 from .verify import Verify, to_text, verify
 
@@ -41,11 +41,11 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(argv: list[str], program: str) -> int:
     try:
-        args = _parser(program).parse_args(argv)
+        args = parser(program).parse_args(argv)
     except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
         return int(end.code or 0)
     try:
-        result = args.run(args, [program, *argv])
+        result = COMMANDS[args.does](args, [program, *argv])
     except CrowdError as error:
         print(f"crowd-lod: {error}", file=sys.stderr)
         return 1
@@ -57,123 +57,6 @@ def _run(argv: list[str], program: str) -> int:
     except BrokenPipeError:  # whoever reads has seen enough
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0 if result.get("ok", True) else 1
-
-
-def _parser(program: str) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=program, description="Plan and preview level of detail for crowds.")
-    parser.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
-    commands = parser.add_subparsers(required=True, metavar="COMMAND")
-
-    command = _command(
-        commands,
-        program,
-        "preview",
-        "render each frame by LOD and from above, with a table and a plan",
-        "preview plaza --frames 1:120 --step 10 --out plaza_preview",
-    )
-    _scene(command, program)
-    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
-    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
-    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures, frames.csv and plan.json")
-    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
-    command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
-    command.add_argument("--width", type=int, metavar="PIXELS", help="of the pictures (default: the scene's, 960)")
-    command.add_argument("--engine", choices=[name.lower() for name in ENGINES], help="(default: the scene's, workbench)")
-    command.add_argument(
-        "--color",
-        choices=("lod", "material", "state", "group", "reason"),
-        help="tint by LOD, or true materials; the last three with the engine overlay",
-    )
-    command.set_defaults(run=_preview)
-
-    command = _command(
-        commands,
-        program,
-        "build",
-        "write the scene with its render set-up as a .blend file",
-        "build plaza --bake --frames 1:120 --out plaza_built.blend",
-    )
-    _scene(command, program)
-    command.add_argument("--bake", action="store_true", help="put all frames into the file: it renders without Crowd LOD")
-    command.add_argument("--frames", metavar="A:B|LIST", help="the frames to bake (default: those that the scene renders)")
-    command.add_argument(
-        "--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)"
-    )
-    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
-    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
-    command.set_defaults(run=_build)
-
-    command = _command(
-        commands,
-        program,
-        "verify",
-        "render frames with and without culling and LODs, and compare them pixel by pixel",
-        "verify plaza --frames 1,60 --out plaza_verify",
-    )
-    _scene(command, program)
-    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
-    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
-    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures, verify.csv and verify.json")
-    command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="of the pictures (default: 320)")
-    command.add_argument("--samples", type=int, default=4, metavar="N", help="of each pixel (default: 4)")
-    command.add_argument("--bounces", type=int, default=0, metavar="N", help="once more with the sky and N bounces (default: 0)")
-    command.set_defaults(run=_verify)
-
-    command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
-    command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
-    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
-    command.set_defaults(run=_sample)
-
-    about = "tables of error, run time and extreme cases"
-    reports = commands.add_parser("report", help=about, description=about.capitalize() + ".").add_subparsers(
-        required=True, metavar="REPORT"
-    )
-    command = _command(
-        reports, program, "error", "plot error against run time of a scene, with tables", "report error plaza --out plaza_error"
-    )
-    _scene(command, program)
-    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for plots and tables (default: SCENE_error)")
-    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
-    command.add_argument("--repeats", type=int, default=7, metavar="N", help="runs a time is the median of (default: 7)")
-    command.set_defaults(run=_report_error)
-    command = _command(
-        reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
-    )
-    command.add_argument(
-        "--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)"
-    )
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="other agents of the same cases")
-    command.add_argument("--out", type=_path, metavar="FILE", help="write the table to a Markdown file as well")
-    command.set_defaults(run=_report_extremes)
-    command = _command(reports, program, "cull", "judge the culling of random cameras, by lens", "report cull --pairs 1000000")
-    command.add_argument("--pairs", type=int, default=1_000_000, metavar="N", help="of camera and agent (default: 1 million)")
-    command.add_argument("--seed", type=int, default=0, metavar="N", help="other cameras and agents")
-    command.set_defaults(run=_report_cull)
-    return parser
-
-
-def _command(commands, program: str, name: str, about: str, example: str) -> argparse.ArgumentParser:
-    command = commands.add_parser(name, help=about, description=about.capitalize() + ".", epilog=f"example: {program} {example}")
-    command.add_argument("--quiet", action="store_true", help="no progress bar")
-    command.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
-    return command
-
-
-def _path(text: str) -> Path:
-    """What a shell's empty variable leaves names no path: Path would take it for the current folder."""
-    if not text:
-        raise argparse.ArgumentTypeError("names nothing")
-    return Path(text)
-
-
-def _scene(command: argparse.ArgumentParser, program: str) -> None:
-    names = ", ".join(sample_scenes.NAMES)
-    command.add_argument(
-        "scene",
-        metavar="SCENE",
-        nargs="?" if program.startswith("blender") else None,
-        help=f"a .blend file, or a sample's name: {names}",
-    )
 
 
 def open_scene(name: str | None) -> bpy.types.Scene:
@@ -202,6 +85,11 @@ def _first_line(error: Exception) -> str:
     return str(error).strip().splitlines()[0].removeprefix("Error: ")
 
 
+def _stem(args) -> str:
+    """What files that are made of the command's scene are called after."""
+    return Path(args.scene or bpy.data.filepath or "scene").stem
+
+
 def _frames(args, settings) -> list[int]:
     """The frames that the command names, or else the scene."""
     text, step = (getattr(settings if getattr(args, name) is None else args, name) for name in ("frames", "step"))
@@ -219,7 +107,7 @@ def _preview(args, command: list[str]) -> dict:
         if not 0 < args.tolerance < float("inf"):
             raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
         settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     folder = (args.out or Path(f"{stem}_preview")).absolute()
     engine = (args.engine or settings.engine).upper()
     colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
@@ -253,7 +141,7 @@ def _preview(args, command: list[str]) -> dict:
 def _verify(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     wanted = Verify(
         frames=_frames(args, settings),
         folder=(args.out or Path(f"{stem}_verify")).absolute(),
@@ -277,7 +165,7 @@ def _report_error(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     if args.seed is not None:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     folder = (args.out or Path(f"{stem}_error")).absolute()
     result = _finish(report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
     tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
@@ -299,7 +187,7 @@ def _report_cull(args, command: list[str]) -> dict:
 
 
 def _build(args, command: list[str]) -> dict:
-    stem = Path(args.scene or bpy.data.filepath or "scene").stem
+    stem = _stem(args)
     path = _blend(args.out or Path(f"{stem}_built.blend"))
     if args.frames is not None and not args.bake:
         raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
@@ -390,6 +278,17 @@ def _finish(steps, what: str, quiet: bool):
             if bar is not None:
                 bar.update(100 * progress - bar.n)
         raise KeyboardInterrupt
+
+
+COMMANDS = {
+    "preview": _preview,
+    "build": _build,
+    "verify": _verify,
+    "sample": _sample,
+    "error": _report_error,
+    "extremes": _report_extremes,
+    "cull": _report_cull,
+}
 
 
 if __name__ == "__main__":

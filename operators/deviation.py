@@ -16,8 +16,8 @@ from .surface import Surface, deviation, has_area
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
 POSES = 12  # spread over the action, its ends included
-# Points on each surface at every pose; so many poses of each LOD, the worst, are then measured at surface.SAMPLES and all corners.
-POSE_SAMPLES, WORST = 2_000, 2
+# Points on each surface at every pose; so many poses of each LOD, the worst, are then measured at so many, and all corners.
+POSE_SAMPLES, WORST, SAMPLES = 2_000, 2, 20_000
 
 
 class Posed:
@@ -108,7 +108,7 @@ def measure(
             measured = []
             for j, (least, frame) in enumerate(sorted(each, key=lambda pose: -pose[0])[:WORST]):
                 character, others = posed.at(frame)
-                most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k])
+                most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k], SAMPLES)
                 measured.append((max(most, least), rms, frame))
                 yield begin + (end - begin) * (0.7 + 0.3 * (k + (j + 1) / WORST) / len(levels))
             found.append(max(measured, key=lambda pose: pose[0]))

@@ -42,8 +42,8 @@ class Character:
 
 @dataclass(frozen=True)
 class _Part:
-    """One mesh object. number: in the order of all levels. item: the object, rest: its copy without armatures. rig: the armature that deforms it, or None.
-    bones: the names its weights (v, len(bones)) float32 refer to."""
+    """One mesh object. number: in the order of all levels. item: the object, rest: its copy without armatures. rig: the armature that
+    deforms it, or None. bones: the names its weights (v, len(bones)) float32 refer to."""
 
     number: int
     item: bpy.types.Object

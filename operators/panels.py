@@ -58,7 +58,7 @@ class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
         elif len(context.scene.crowd_lod.groups):
             layout.prop(context.scene.crowd_lod, "overlay", text="Overlay and Figures", toggle=True, icon="OVERLAY")
         else:
-            _say(context, layout, "Choose the characters, then press Populate.", "INFO")
+            _say(context, layout, "Choose the characters and press Populate, or make a sample scene.", "INFO")
 
 
 def _figures(layout, frame):
@@ -267,9 +267,7 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
             column = layout.column(heading="View Layers")
             for name, place in layers_of(context.scene).items():
                 column.prop(place, "exclude", text=name, invert_checkbox=True)
-        row = layout.row()
-        row.enabled = settings.build is not None
-        row.operator("crowd_lod.remove_build", icon="TRASH")
+        layout.operator("crowd_lod.remove_build", icon="TRASH")
 
 
 def _length(context, metres: float) -> str:

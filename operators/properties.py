@@ -26,7 +26,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     centre: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's centre")
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
     stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
-    period: FloatProperty(name="Period", description="Seconds in a cycle of the action")
+    period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
     vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
     triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
     deviations: FloatVectorProperty(
@@ -70,16 +70,26 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     forward: EnumProperty(
         name="Forward",
         description="The way the characters face where they stand",
-        items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", ""), ("X", "+X", ""), ("-X", "-X", "")],
+        items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", "Blender's back"), ("X", "+X", "Right"), ("-X", "-X", "Left")],
     )
-    count: IntProperty(name="Agents", default=1000, min=0, soft_max=1_000_000, max=MOST_AGENTS)
+    count: IntProperty(
+        name="Agents", default=1000, min=0, soft_max=1_000_000, max=MOST_AGENTS, description="How many there are in the crowd"
+    )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
     centre: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Centre of the crowd's ground")
-    size: FloatVectorProperty(name="Size", size=2, default=(60, 60), subtype="XYZ", unit="LENGTH", min=0)
+    size: FloatVectorProperty(
+        name="Size",
+        size=2,
+        default=(60, 60),
+        subtype="XYZ",
+        unit="LENGTH",
+        min=0,
+        description="Width (X) and depth (Y) of the crowd's ground",
+    )
     map_image: PointerProperty(
         type=bpy.types.Image,
         name="Map",
-        description="Label map over the ground: each pixel in the color of a label; none is a plane with two edges",
+        description="Label map over the ground: each pixel in the color of a label. None is open ground between two edges",
     )
     height_image: PointerProperty(
         type=bpy.types.Image,
@@ -93,11 +103,16 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Lean with the Slope", description="Agents on a height map stand square on its slope instead of upright"
     )
     machine: PointerProperty(
-        type=bpy.types.Text, name="State Machine", description="State machine as JSON; none is the chapter's, walk to and fro"
+        type=bpy.types.Text,
+        name="State Machine",
+        description="What agents do on each label, as JSON. None lets them walk to and fro between the edges",
     )
-    first_frame: IntProperty(name="Start Frame", default=1, description="Before it the crowd stands where it was populated")
+    first_frame: IntProperty(
+        name="Start Frame", default=1, subtype="TIME", description="Before it the crowd stands where it was populated"
+    )
     choice: EnumProperty(
         name="Choose LODs",
+        description="How many LODs there are, and where they begin",
         items=[
             ("BY_RATIO", "By Ratio", "Set how many LODs there are, what they keep and where they begin"),
             ("BY_TOLERANCE", "By Tolerance", "Set how many pixels a LOD may deviate; all else follows, for every camera"),
@@ -112,7 +127,9 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         subtype="PIXEL",
         description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
     )
-    level_count: IntProperty(name="Levels", default=3, min=1, max=MOST_LEVELS, description="LOD meshes per character")
+    level_count: IntProperty(
+        name="Levels", default=3, min=1, max=MOST_LEVELS, description="LODs of each character, itself as LOD 0 included"
+    )
     ratios: FloatVectorProperty(
         name="Ratio",
         precision=3,
@@ -124,6 +141,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     way: EnumProperty(
         name="Decimation",
+        description="How the LOD meshes are made",
         items=[
             ("AUTO", "Automatic", "Try both ways on each mesh, measure, and take the fast one where it is no worse"),
             ("FAST", "Fast", "Quadric edge collapse that keeps UV seams; weights, UVs, colors and normals are carried over"),
@@ -141,8 +159,9 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     metric: EnumProperty(
         name="Distance",
+        description="By what an agent's LOD is chosen",
         items=[
-            ("AXIS", "Along the View", "Depth, which size on screen depends on (the chapter's)"),
+            ("AXIS", "Along the View", "Depth, which size on screen depends on"),
             ("RADIAL", "From the Camera", "Straight distance; panoramic cameras always use it"),
             ("PIXELS", "By Size in Pixels", "Size in the picture, so that a zoom changes the LOD"),
         ],
@@ -158,8 +177,9 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Hysteresis",
         min=0,
         max=0.5,
-        description="Part of a distance by which an agent must pass it to change its LOD in the overlay, which remembers the "
-        "frame before; preview and build do not",
+        subtype="FACTOR",
+        description="How far beyond the distance where a LOD begins an agent changes to it in the overlay, as a part of that "
+        "distance. Preview and build have none",
     )
     bias_image: PointerProperty(
         type=bpy.types.Image,
@@ -174,12 +194,15 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     margin_kind: EnumProperty(
         name="Margin",
+        description="By how much the camera's frustum is widened, for characters that reach into it from outside",
         items=[
             ("DERIVED", "From Bounds", "Widen the frustum just so far that no character that may touch a pixel is dropped"),
-            ("FIXED", "Fixed", "Widen the frustum by a distance of your own (the chapter's); may drop characters"),
+            ("FIXED", "Fixed", "Widen the frustum by a distance of your own; may drop characters"),
         ],
     )
-    margin: FloatProperty(name="Margin", default=1.0, min=0, unit="LENGTH")
+    margin: FloatProperty(
+        name="Margin", default=1.0, min=0, unit="LENGTH", description="Distance by which the frustum's sides are moved out"
+    )
     shadows: BoolProperty(
         name="Shadows and Reflections",
         default=True,
@@ -190,7 +213,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         type=bpy.types.Collection, name="Mirrors", description="Collection of flat objects that mirror the crowd"
     )
     unseen_level: IntProperty(
-        name="Their LOD",
+        name="LOD If Unseen",
         default=MOST_LEVELS - 1,
         min=0,
         max=MOST_LEVELS - 1,
@@ -198,6 +221,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     colour: EnumProperty(
         name="Color",
+        description="Colors of the characters in the previewed pictures",
         items=[
             ("LOD", "By LOD", "Red, green, blue from near to far"),
             ("MATERIAL", "Materials", "The characters' own materials"),
@@ -205,10 +229,11 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     engine: EnumProperty(
         name="Engine",
+        description="What draws the previewed pictures",
         items=[
-            ("WORKBENCH", "Workbench", ""),
-            ("CYCLES", "Cycles", ""),
-            ("EEVEE", "EEVEE", ""),
+            ("WORKBENCH", "Workbench", "Plain and quick, as a solid viewport"),
+            ("CYCLES", "Cycles", "Path tracing, with the scene's lights"),
+            ("EEVEE", "EEVEE", "Rasterized, with the scene's lights"),
             ("OVERLAY", "Overlay", "A playblast: the picture of the viewport's overlay, in its color; by far the fastest"),
         ],
     )
@@ -218,13 +243,20 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         poll=lambda _, candidate: candidate.type == "CAMERA",
         description="Camera of the second picture; none looks straight down on crowd and frustum",
     )
-    frames: StringProperty(name="Frames", default="1:120", description="A range A:B or a list 1,40,80")
-    step: IntProperty(name="Step", default=10, min=1)
+    frames: StringProperty(name="Frames", default="1:120", description="Frames to preview: a range 1:120 or a list 1,40,80")
+    step: IntProperty(name="Step", default=10, min=1, description="Of a range of frames every so many are previewed")
     width: IntProperty(name="Width", default=960, min=16, max=8192, subtype="PIXEL", description="Width of the pictures")
-    folder: StringProperty(name="Output", default="//crowd_lod", subtype="DIR_PATH")
+    folder: StringProperty(
+        name="Output",
+        default="//crowd_lod",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Folder for the preview's pictures, table and plan",
+    )
     overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
     overlay_mode: EnumProperty(
         name="Draw As",
+        description="How the overlay draws the agents",
         items=[
             ("MESHES", "LOD Meshes", "Every character at its LOD, each in its own step of the action"),
             ("BOXES", "Boxes", "As high and wide as the characters; for very many"),
@@ -233,6 +265,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     overlay_colour: EnumProperty(
         name="Overlay Color",
+        description="Colors of the agents in the overlay",
         items=[
             ("LOD", "By LOD", "Red, green, blue from near to far"),
             ("STATE", "By State", "The colors of the state machine"),
@@ -243,6 +276,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     overlay_camera: EnumProperty(
         name="Seen From",
+        description="Whose view culls and chooses LODs in the overlay",
         items=[
             ("SCENE", "Scene Camera", "Culling and LODs are those of the scene's camera"),
             ("VIEWPORT", "Viewport", "Culling and LODs are those of each viewport's own view"),
@@ -258,14 +292,15 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Cross-Fade",
         min=0,
         max=0.5,
+        subtype="FACTOR",
         description="Part of a LOD's distance over which it dissolves into the next one, in a dither pattern; 0 switches at once",
     )
     # what the steps made and measured; found by pointer, so a rename does not lose it
-    groups: CollectionProperty(type=CrowdLodGroup)
-    trouble: StringProperty()
-    dropped: StringProperty(description="LODs that were not made by tolerance, and why, a line each")
-    levels: PointerProperty(type=bpy.types.Collection)
-    build: PointerProperty(type=bpy.types.Collection)
+    groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
+    trouble: StringProperty(name="Trouble", description="Which agents get stuck, as Populate found")
+    dropped: StringProperty(name="Not Made", description="LODs that were not made by tolerance, and why, a line each")
+    levels: PointerProperty(type=bpy.types.Collection, name="LOD Meshes", description="Made by Make LOD Meshes")
+    build: PointerProperty(type=bpy.types.Collection, name="Build", description="Made by Build or Bake")
 
 
 CLASSES = (CrowdLodGroup, CrowdLodSettings)

@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator
 
 import bpy
 
-from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.steps import share
 from .bake import bake
 from .build import build, remove_build
@@ -76,9 +75,12 @@ class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
     bl_idname = "crowd_lod.remove_build"
     bl_label = "Remove Build"
 
+    @classmethod
+    def poll(cls, context):
+        cls.poll_message_set("The scene has no build.")
+        return context.scene.crowd_lod.build is not None
+
     def run(self, context):
-        if context.scene.crowd_lod.build is None:
-            raise CrowdError(f"The scene {context.scene.name} has no build to remove.")
         remove_build(context.scene.crowd_lod)
         return "The build is removed."
 

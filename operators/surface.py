@@ -9,7 +9,6 @@ from mathutils.bvhtree import BVHTree
 from ..crowd_lod.nearest import ranges
 
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
-SAMPLES = 20_000  # points over each surface, besides its vertices, that a distance between two is measured at
 LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32
 NEAR = 5e-5  # of the surface's size: what it may err by
 FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
@@ -74,19 +73,23 @@ class Surface:
             most = hit[3] * (1 + ROUNDED)
             yield hit
 
-    def samples(self, count: int = SAMPLES, seed: int = 0) -> np.ndarray:
+    def samples(self, count: int, seed: int = 0) -> np.ndarray:
         """Points (k, 3) metres on the surface: those of its corners, then `count` spread evenly over its area."""
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
         area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
         corners = self.points[np.unique(self.triangles)]
         if not area.sum() > 0:
             return corners
-        random = np.random.default_rng(seed)
-        face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count)
-        face = face.clip(0, len(area) - 1)
-        u, v = random.random((2, count, 1))
-        root = np.sqrt(u)
-        return np.concatenate([corners, (1 - root) * a[face] + root * (1 - v) * b[face] + root * v * c[face]])
+        face, weights = scattered(area, count, seed)
+        return np.concatenate([corners, sum(w[:, None] * corner[face] for w, corner in zip(weights.T, (a, b, c), strict=True))])
+
+
+def scattered(area: np.ndarray, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """(triangle (count,), barycentric weights (count, 3)) of points spread evenly over triangles of `area` (m,), not all 0."""
+    random = np.random.default_rng(seed)
+    face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count)
+    root, v = np.sqrt(random.random(count)), random.random(count)
+    return face.clip(0, len(area) - 1), np.stack([1 - root, root * (1 - v), root * v], axis=1)
 
 
 def has_area(corners: np.ndarray) -> np.ndarray:
@@ -96,8 +99,9 @@ def has_area(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
 
 
-def deviation(one: Surface, other: Surface, count: int = SAMPLES) -> tuple[float, float]:
-    """(symmetric Hausdorff distance, root mean square), metres, between two surfaces, at the samples of both.
+def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
+    """(symmetric Hausdorff distance, root mean square), metres, between two surfaces, at the vertices and `count` samples of
+    each.
 
     The true Hausdorff distance is at least this; it lies between samples by at most their spacing. Source: Aspert,
     Santa-Cruz, Ebrahimi, "MESH: measuring errors between surfaces using the Hausdorff distance", 2002.

@@ -18,8 +18,11 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
 
     @classmethod
     def poll(cls, context):
+        if context.area is None or context.area.type != "VIEW_3D":
+            cls.poll_message_set("Put the mouse over a 3D viewport.")
+            return False
         cls.poll_message_set("Switch the overlay on first.")
-        return context.area is not None and context.area.type == "VIEW_3D" and overlay.latest(context.scene) is not None
+        return overlay.latest(context.scene) is not None
 
     def run(self, context):
         shown, space = overlay.shown_of(context.scene), context.space_data

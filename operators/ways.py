@@ -11,7 +11,7 @@ from ..crowd_lod.meshes import decimating
 from . import scene as io
 from .repair import drop_loose
 from .source import Source, evaluated_mesh, read_weights, staged
-from .surface import Surface, deviation
+from .surface import Surface, deviation, scattered
 from .transfer import barycentric, charts_of, dress, weights_of
 
 SAMPLES = 5_000  # points that the two ways are compared at
@@ -148,11 +148,7 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, points, triangles, corners) -
     area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     if not mesh.uv_layers or not area.any():
         return 0.0
-    random = np.random.default_rng(0)
-    face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(SAMPLES) + random.random(SAMPLES)) / SAMPLES)
-    face = face.clip(0, len(area) - 1)
-    root, v = np.sqrt(random.random(SAMPLES)), random.random(SAMPLES)
-    mine = np.stack([1 - root, root * (1 - v), root * v], axis=1)
+    face, mine = scattered(area, SAMPLES)
     samples = np.einsum("nk,nkd->nd", mine, points[triangles[face]])
     at, hit, _ = source.surface.nearest(samples)
     there, there_corners = source.geometry[1][hit], source.geometry[2][hit]

@@ -13,6 +13,7 @@ SKIN, CLOTHES = 0, 1  # material slots
 TORSO, HEAD = (0.00, 0.26), (0.26, 0.48)  # the UV islands' columns, (left, right)
 LEGS, ARMS = {1: (0.48, 0.62), -1: (0.62, 0.76)}, {1: (0.76, 0.88), -1: (0.88, 1.00)}
 SIDES = {1: ".L", -1: ".R"}
+SUBDIVISIONS = 2  # of the cage
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,7 @@ def make_body(build: Build) -> Body:
     sizes = np.array([len(face) for face in cage.faces])
     points = np.hstack([cage.points, cage.weights])
     corners, uvs, materials = np.concatenate(cage.faces), np.concatenate(cage.uvs), np.array(cage.materials)
-    for _ in range(2):
+    for _ in range(SUBDIVISIONS):
         points, corners, uvs, materials, sizes = subdivide(points, corners, uvs, materials, sizes)
     scale = build.height / points[:, 2].max()  # smoothing took a little off the top
     vertices = points[:, :3] * scale

@@ -60,3 +60,25 @@ def pytest_collection_modifyitems(items):
     for name in sorted(required - {group(item.path) for item in items}):
         reason = obstacle(name) or "there is none"
         raise pytest.UsageError(f"CROWD_LOD_REQUIRE: no test of tests/{name} can run: {reason}")
+
+
+@pytest.fixture(scope="module")
+def rough_levels():
+    """LOD meshes are refined for a tenth as long, and measured in few poses at few points; the users' numbers, by place."""
+    from crowd_lod_extension.crowd_lod import meshes
+    from crowd_lod_extension.operators import deviation, ways
+
+    few = {(deviation, "POSES"): 4, (deviation, "POSE_SAMPLES"): 300, (deviation, "WORST"): 1, (deviation, "SAMPLES"): 2_000}
+    few |= {(ways, "SAMPLES"): 1_000, (meshes, "EFFORT"): meshes.EFFORT // 10, (meshes, "EACH"): meshes.EACH / 2}
+    users = {place: getattr(*place) for place in few}
+    with pytest.MonkeyPatch.context() as patch:
+        for place, value in few.items():
+            patch.setattr(*place, value)
+        yield users
+
+
+@pytest.fixture
+def exact_levels(rough_levels, monkeypatch):
+    """LOD meshes are refined and measured as users have them."""
+    for place, value in rough_levels.items():
+        monkeypatch.setattr(*place, value)

@@ -249,14 +249,14 @@ def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
 
 
 @pytest.mark.parametrize("name", ["build", "bake"])
-@pytest.mark.parametrize("steps", [1, 5, 150, 265])
-def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, steps):
+@pytest.mark.parametrize("part", [0.0, 0.1, 0.9])
+def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, part):
     scene.frame_end = 20
     store_groups(scene.crowd_lod, measure_groups(scene))
     before, groups = set(bpy.data.user_map()), groups_of(scene.crowd_lod)
     work = prepared(scene, lambda: builder.build(scene) if name == "build" else bake(scene, range(1, 21)))
-    for _ in range(min(steps, 260) if name == "build" else steps):
-        next(work)
+    while next(work) < part:
+        pass
     work.close()
     assert set(bpy.data.user_map()) == before and groups_of(scene.crowd_lod) == groups
     assert scene.crowd_lod.levels is None and scene.crowd_lod.build is None

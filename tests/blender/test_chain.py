@@ -3,9 +3,11 @@
 import bpy
 import numpy as np
 import pytest
+from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import build, populate
 from crowd_lod_extension.operators.levels import make_levels
+from mathutils import Vector
 
 
 @pytest.fixture
@@ -47,6 +49,44 @@ def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
     assert len(found) == len(frame.buckets.order)
     list(make_levels(tolerant))
     assert populate.groups_of(settings) == groups
+
+
+def made(scene, pixels=1.0):
+    scene.crowd_lod.tolerance = pixels
+    populate.store_groups(scene.crowd_lod, populate.measure_groups(scene))
+    list(make_levels(scene))
+    return scene.crowd_lod
+
+
+def test_at_the_switch_distance_the_deviation_spans_the_tolerance_in_blender_s_own_camera(tolerant):
+    settings = made(tolerant, 2.0)
+    camera, render = tolerant.camera, tolerant.render
+    camera.location, camera.rotation_euler = (0, 0, 0), (0, 0, 0)
+    for lens, width in ((35, 640), (120, 640), (35, 1920)):
+        camera.data.lens, render.resolution_x, render.resolution_y = lens, width, width * 9 // 16
+        bpy.context.view_layer.update()
+        frame = populate.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
+        for group, begins in zip(populate.groups_of(settings), frame.begins, strict=True):
+            for metres, begin in zip(group.deviations[1:], begins, strict=True):
+                depth = -(begin - group.radius)  # of the sphere's nearest point
+                ends = [world_to_camera_view(tolerant, camera, Vector((x, 0, depth))) for x in (0, metres)]
+                assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
+
+
+def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(tolerant):
+    settings = made(tolerant)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    one = populate.frame_of(tolerant, depsgraph)
+    settings.tolerance = 4
+    four = populate.frame_of(tolerant, depsgraph)
+    assert (four.levels >= one.levels).all() and four.triangles < one.triangles
+    assert (np.diff(one.begins, axis=1) >= 0).all()
+    for wrong in (0, float("nan")):
+        settings.tolerance = wrong
+        with pytest.raises(CrowdError, match="tolerance"):
+            populate.frame_of(tolerant, depsgraph)
+    settings.choice = "BY_RATIO"
+    assert populate.policy_of(settings).thresholds == (0.2, 0.5)
 
 
 def test_a_tolerance_of_nothing_is_refused_before_anything_is_made(tolerant):

@@ -234,9 +234,11 @@ def test_bad_arguments_are_one_sentence_and_exit_code_1(tmp_path, capfd):
     assert run("fly") == 2 and run("preview", "chapter", "--engine", "luxcore") == 2 and run("preview", "chapter", "--out", "") == 2
 
 
-def test_help_shows_an_example(capfd):
+def test_help_shows_what_it_does_and_an_example(capfd):
     assert run("preview", "--help") == 0
-    assert "example: crowd-lod preview plaza --frames 1:120 --step 10 --out" in " ".join(capfd.readouterr().out.split())
+    said = " ".join(capfd.readouterr().out.split())
+    assert "Render each frame by LOD and from above" in said
+    assert "example: crowd-lod preview plaza --frames 1:120 --step 10 --out" in said
 
 
 def test_sample_is_written_and_opens_with_its_crowd(tmp_path, capfd):

@@ -2,8 +2,10 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators import populate
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
+from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 
 
@@ -61,7 +63,7 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
             assert set(used) == {0, 1}
             uvs = np.empty((len(mesh.loops), 2), np.float32)
             mesh.uv_layers.active.uv.foreach_get("vector", uvs.ravel())
-            assert uvs.min() >= -1e-6 and uvs.max() <= 1 + 1e-6 and np.ptp(uvs, axis=0).min() > 0.3
+            assert uvs.min() >= -0.01 and uvs.max() <= 1.01 and np.ptp(uvs, axis=0).min() > 0.3
             weights = [sum(g.weight for g in v.groups) for v in mesh.vertices]
             assert np.allclose(weights, 1, atol=1e-4)
             assert [g.name for g in item.vertex_groups] == [g.name for g in finest.vertex_groups]
@@ -100,6 +102,28 @@ def test_an_error_half_way_keeps_the_levels_that_were_there(scene):
     with pytest.raises(CrowdError, match="ratio of LOD 2"):
         list(make_levels(scene))
     assert set(bpy.data.user_map()) == before and scene.crowd_lod.levels == levels
+
+
+def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(scene):
+    blocks = set(bpy.data.user_map())
+    list(make_levels(scene))
+    kinds = {type(b).__name__ for b in set(bpy.data.user_map()) - blocks}
+    assert kinds == {"Collection", "Object", "Mesh"}
+    for group in populate.groups_of(scene.crowd_lod):
+        assert group.deviations[0] == 0 < group.deviations[1] < group.deviations[2] < 0.1
+        assert 0 < group.rms[2] < group.deviations[2] and 1 < group.diagonal < 3
+    before = [g.deviations for g in populate.groups_of(scene.crowd_lod)]
+    mesh = next(o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH").data
+    mesh.transform(Matrix.Translation((0, 0, 0.5)))
+    assert bpy.ops.crowd_lod.measure_levels() == {"FINISHED"}
+    after = [g.deviations for g in populate.groups_of(scene.crowd_lod)]
+    assert after[1] == before[1] and after[0][:2] == before[0][:2] and after[0][2] > 0.4
+    bpy.ops.crowd_lod.populate()  # keeps what is known of the LODs
+    assert [g.deviations for g in populate.groups_of(scene.crowd_lod)] == after
+    for item in list(scene.crowd_lod.levels.children[1].children[0].objects):
+        bpy.data.objects.remove(item)
+    with pytest.raises(RuntimeError, match="LOD 1 of .* has no face"):
+        bpy.ops.crowd_lod.measure_levels()
 
 
 def test_a_character_of_objects_with_modifiers_ngons_and_loose_vertices(scene):

@@ -102,8 +102,6 @@ def live_again(scene, group, number, phase):
     [
         ("CENTER", 0.8, 100, False),
         ("START", 0.9, 100, False),
-        ("END", 0.9, 150, False),
-        ("CENTER", 0.8, 100, True),
         ("END", 0.9, 150, True),
     ],
 )

@@ -13,7 +13,7 @@ def run(*words):
 
 
 def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
-    assert run("report", "error", "chapter", "--out", tmp_path / "out", "--quiet", "--json") == 0
+    assert run("report", "error", "chapter", "--out", tmp_path / "out", "--repeats", 2, "--quiet", "--json") == 0
     result = json.loads(capfd.readouterr().out)
     assert sorted(os.listdir(tmp_path / "out")) == sorted(result["files"])
     tables = {}

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod import machine as machines
 from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import populate, trouble
+from crowd_lod_extension.operators import populate, registration, trouble
 from crowd_lod_extension.operators.levels import make_levels
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
@@ -132,3 +132,14 @@ def test_presets_come_as_text_that_the_artist_can_edit(scene, name):
     assert bpy.ops.crowd_lod.machine_preset(name=name) == {"FINISHED"}
     assert populate.machine_of(scene.crowd_lod).text == machines.preset_text(name)
     assert bpy.data.texts[f"{name}.json"].as_string().strip() == "mine"
+
+
+def test_every_setting_and_button_says_what_it_is():
+    for kind in registration.CLASSES:
+        if issubclass(kind, bpy.types.Operator):
+            assert getattr(bpy.ops.crowd_lod, kind.bl_idname.split(".")[1]).get_rna_type().description, kind
+        elif issubclass(kind, bpy.types.PropertyGroup):
+            for name in kind.__annotations__:
+                setting = kind.bl_rna.properties[name]
+                said = [setting.description, *(item.description for item in getattr(setting, "enum_items", ()))]
+                assert all(said) and setting.name != name, f"{kind.__name__}.{name}"

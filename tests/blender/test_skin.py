@@ -21,6 +21,7 @@ def arm():
     return item
 
 
+@pytest.mark.usefixtures("exact_levels")
 def test_points_move_as_blender_moves_a_mesh_with_the_same_weights():
     item = arm()
     source, before = read_source(item), set(bpy.data.user_map())

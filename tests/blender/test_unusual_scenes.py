@@ -58,8 +58,7 @@ def shown(scene, number):
     return sorted(found)
 
 
-@pytest.mark.parametrize("blur", [False, True])
-@pytest.mark.parametrize("parts", [two_armatures, mirrored])
+@pytest.mark.parametrize(("parts", "blur"), [(two_armatures, True), (mirrored, False)])
 def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, parts, blur):
     """From frame 1001 on, in steps of 2, at twice the speed, from a camera that an empty carries."""
     character(*parts())

@@ -59,7 +59,7 @@ def compare(trajectory, camera, policy=POLICY, time=9, *more):
 @pytest.mark.parametrize("lens", LENSES)
 def test_random_shots_are_those_of_testing_every_agent(lens):
     random = np.random.default_rng(list(LENSES).index(lens))
-    for _ in range(12):
+    for _ in range(6):
         groups = tuple(random.choice([walker(), IDLER, replace(walker(), radius=6.0)]) for _ in range(random.integers(1, 4)))
         walls = [(random.integers(7), random.integers(9))] if random.random() < 0.5 else ()
         heights = HeightMap(random.random((4, 5)).astype(np.float32), AREA) if random.random() < 0.3 else None

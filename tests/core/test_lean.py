@@ -88,7 +88,7 @@ def random_table(random):
 def test_random_shots_are_the_full_pipelines_to_the_bit(lens):
     random = np.random.default_rng(list(LENSES).index(lens))
     found = set()
-    for _ in range(40):
+    for _ in range(30):
         groups = tuple(random.choice([walker(), IDLER, walker(stride=0.7)]) for _ in range(random.integers(1, 4)))
         walls = [(random.integers(7), random.integers(9))] if random.random() < 0.5 else ()
         heights = HeightMap(random.random((4, 5)).astype(np.float32), AREA) if random.random() < 0.2 else None

@@ -142,7 +142,7 @@ def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch)
         material = bpy.data.materials.new("red")
         item.data.materials.append(material)
 
-    for change in (lambda: setattr(item.data.vertices[0].co, "z", 0.1), paint, lambda: animate(item)):
+    for change in (lambda: setattr(item.data.vertices[0].co, "z", 0.1), paint, lambda: animate(item), lambda: ease(item)):
         before = shown(scene).cast
         change()
         scene.view_layers[0].update()
@@ -158,6 +158,12 @@ def animate(item):
     for frame in (1, 12):
         item.location.x = frame
         item.keyframe_insert("location", frame=frame)
+
+
+def ease(item):
+    """Between its keys the action goes another way."""
+    key = item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0]
+    key.handle_right_type, key.handle_right.y = "FREE", 20.0
 
 
 def test_every_mode_and_colour_is_drawn(scene):

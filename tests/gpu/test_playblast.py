@@ -145,7 +145,7 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
         others = np.delete(rgb, channel, axis=-1).max(axis=-1)
         assert (rgb[..., channel] > 1.6 * others).mean() > 0.005
     assert (first != later).any() and not [s for s in bpy.data.scenes if s.name.startswith("Crowd LOD")]
-    assert run("--engine", "overlay", "--color", "group", "--out", tmp_path / "group") == 0
+    assert run("--engine", "overlay", "--color", "group", "--frames", "1", "--out", tmp_path / "group") == 0
     assert (io.load_pixels(tmp_path / "group" / "main_0001.png") != first).any()
     assert run("--engine", "workbench", "--color", "state", "--out", tmp_path / "state") == 1
     assert "has no color state" in capfd.readouterr().err and not (tmp_path / "state").exists()
