@@ -185,6 +185,12 @@ def time_of(scene: bpy.types.Scene) -> float:
     return remapped(scene.render, scene.frame_current + scene.frame_subframe)
 
 
+def metres(scene: bpy.types.Scene) -> float:
+    """The metres that a unit of length of the scene is."""
+    units = scene.unit_settings
+    return 1.0 if units.system == "NONE" else units.scale_length
+
+
 def set_node_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
     """Set the node group's input called `name` on its modifier, in the way of this Blender."""
     socket = next(s for s in modifier.node_group.interface.items_tree if s.item_type == "SOCKET" and s.name == name)
