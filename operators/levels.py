@@ -69,6 +69,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     and were not edited since, are kept. Nothing of the user's is changed. If it fails or is closed early, the LODs that
     were there stay.
     """
+    io.check_own(scene)
     settings = scene.crowd_lod
     characters = characters_of(scene)
     ratios = chain.ratios_of(settings)

@@ -264,6 +264,15 @@ def scratch():
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
 
 
+def check_own(scene: bpy.types.Scene) -> None:
+    """CrowdError if nothing can be put into the scene: Blender lets nobody."""
+    if scene.library is not None:
+        raise CrowdError(
+            f"The scene {scene.name} is linked from {scene.library.filepath}: work in that file, or make the scene local in "
+            "the Outliner (ID Data, Make Local)."
+        )
+
+
 def shared(scene: bpy.types.Scene, name: str) -> bool:
     """Whether another scene, of which this may be a linked copy, has the same collection in its setting `name`."""
     top = getattr(scene.crowd_lod, name)
