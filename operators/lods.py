@@ -45,7 +45,9 @@ def tables(
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
                     pair = ((each.points, each.triangles) for each in (character, levels[k]))
-                    rows[k]["measured_px"] = _known(silhouette.error(*pair, centre, distance, camera))
+                    rows[k]["measured_px"] = _known(
+                        silhouette.error(*pair, centre, distance, camera, rows[k]["predicted_px"] or 1.0)
+                    )
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
