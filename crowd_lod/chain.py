@@ -8,6 +8,7 @@ import numpy as np
 from .agents import Group
 from .camera import Camera
 from .levels import LevelPolicy, limits
+from .report import number
 
 # Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
 LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
@@ -24,13 +25,13 @@ class View:
     farthest: float
 
 
-def choose(group: Group, tolerance: float, views: Sequence[View]) -> tuple[list[int], list[str]]:
+def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], list[str]]:
     """(indices of the candidates to keep, why each of the others is dropped, a sentence each).
 
     group: with its candidates' triangles and deviations, finest first. The first is always kept: it is the character. Of
     the others one is dropped if one with fewer triangles deviates no more, if it saves less than LEAST_SAVED of the
     triangles of the finer one kept, or if in none of the views an agent is where it would be used, within the tolerance in
-    pixels.
+    pixels. metres: that a unit of length is, for the sentences.
     """
     kept, dropped = [0], []
     for k in range(1, len(group.triangles)):
@@ -52,11 +53,11 @@ def choose(group: Group, tolerance: float, views: Sequence[View]) -> tuple[list[
         used |= (edges[:-1] < edges[1:]) & (edges[:-1] <= view.farthest * BETWEEN) & (edges[1:] > view.nearest / BETWEEN)
         begins.append(edges)
     for j in np.flatnonzero(~used[1:]) + 1:
-        dropped.append(f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views)}")
+        dropped.append(f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, metres)}")
     return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
 
 
-def _unused(j: int, edges: np.ndarray, views: Sequence[View]) -> str:
+def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> str:
     """Why no agent uses candidate j. edges: (views, candidates + 1) metres, where each candidate begins and the last ends.
 
     The figures are of the view that comes closest to using it."""
@@ -69,10 +70,10 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View]) -> str:
         return "are more than it takes at any distance, for the camera is orthographic."
     if coarse.all():
         i = (begin / farthest).argmin()
-        return f"would begin {begin[i]:.3g} m away, and the farthest agent is {farthest[i]:.3g} m away."
+        return f"would begin {number(metres * begin[i])} m away, and the farthest agent is {number(metres * farthest[i])} m away."
     if not coarse.any():
         i = (end / nearest).argmax()
-        return f"would end {end[i]:.3g} m away, and the nearest agent is {nearest[i]:.3g} m away."
+        return f"would end {number(metres * end[i])} m away, and the nearest agent is {number(metres * nearest[i])} m away."
     return (
         f"are too few for all agents in {coarse.sum()} of the {len(views)} frames looked at, and more than it takes in the others."
     )

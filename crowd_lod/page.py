@@ -5,13 +5,15 @@ from html import escape
 from pathlib import PurePath
 from urllib.parse import quote
 
+from .report import number
+
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff; --line: #dde1e7; --best: #2a6fdb }
 @media (prefers-color-scheme: dark) {
   :root { --ink: #e7e9ee; --dim: #9aa2b1; --paper: #15171b; --card: #1e2127; --line: #343943; --best: #7fb0ff } }
 body { margin: 0 auto; padding: 2rem 1.5rem 4rem; max-width: 76rem; background: var(--paper); color: var(--ink);
   font: 15px/1.55 system-ui, sans-serif }
-h1 { font-size: 1.9rem; margin: 0 } h2 { margin: 2.8rem 0 .8rem; font-size: 1.3rem } h3 { margin: 0 0 .6rem }
+h1, h3, li { overflow-wrap: anywhere } h1 { font-size: 1.9rem; margin: 0 } h2 { margin: 2.8rem 0 .8rem; font-size: 1.3rem } h3 { margin: 0 0 .6rem }
 p { margin: .4rem 0; color: var(--dim); max-width: 60rem } code { font-size: .9em }
 .figures { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.4rem 0 }
 .figures div { background: var(--card); border: 1px solid var(--line); border-radius: .6rem; padding: .6rem 1.1rem }
@@ -51,7 +53,8 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
         f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by LOD and from above"></a></section>',
         "<h2>Levels of detail</h2>",
         f"<p>Deviation is the largest distance between the surfaces of LOD and character, both ways, over the action; the "
-        f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}. Predicted is what the "
+        f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}, and its pixels those of "
+        f"renders {' x '.join(map(str, levels['pixels']))} large. Predicted is what the "
         "deviation shows where the LOD begins; measured, how far its rendered outline then lies from the character's, "
         "the worst of all directions.</p>",
     ]
@@ -102,14 +105,14 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
                 f"{dot}{row['lod']}" if row["to_lod"] == row["lod"] else f"{dot}{row['lod']} to {row['to_lod']}",
                 f"{row['triangles']:,}",
                 f"{row['vertices']:,}",
-                _number(row["deviation_mm"]),
-                _number(row["rms_mm"]),
-                _number(row["percent"]),
-                _number(row["from_m"]) if row["begins"] == "at" else row["begins"],
-                _number(row["predicted_px"]),
-                _number(row["measured_px"]),
+                number(row["deviation_mm"]),
+                number(row["rms_mm"]),
+                number(row["percent"]),
+                number(row["from_m"]) if row["begins"] == "at" else row["begins"],
+                number(row["predicted_px"]),
+                number(row["measured_px"]),
                 f'<span title="{escape(row["why"] or "")}">{escape(row["way"] or "-")}</span>',
-                _number(row["ms"]),
+                number(row["ms"]),
             ]
         )
     name = escape(entry["group"])
@@ -122,10 +125,6 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     top = "".join(f"<th>{escape(text)}</th>" for text in head)
     body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>\n" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
-
-
-def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
 
 
 def _css(linear: Sequence[float]) -> str:

@@ -58,10 +58,8 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     last = (np.floor(end - 0.5 + EDGE) + 1).clip(0, columns).astype(np.intp)
     spans = np.flatnonzero(first < last)
     # how many begin less how many have ended
-    change = np.zeros((rows, columns + 1), np.int32)
-    for step, ends in ((1, first), (-1, last)):
-        np.add.at(change.ravel(), row[spans] * (columns + 1) + ends[spans], step)
-    return np.cumsum(change, axis=1, dtype=np.int32)[:, :-1] > 0
+    begun, ended = (np.bincount(row[spans] * (columns + 1) + ends[spans], minlength=rows * (columns + 1)) for ends in (first, last))
+    return np.cumsum((begun - ended).reshape(rows, columns + 1), axis=1, dtype=np.int32)[:, :-1] > 0
 
 
 def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,7 @@ from .camera import Camera
 
 AROUND, ABOVE = 8, 4  # directions at eye level, and from ABOVE_DEGREES above it
 ABOVE_DEGREES = 35.0
-FINER = 4  # pixels of the masks across a pixel of the picture
+FINER = 4  # pixels of the masks across a pixel of the picture, and across the error that is expected, if that is less
 MOST_PIXELS = 1500  # of a mask's side: a larger one is rendered coarser
 
 
@@ -68,18 +68,19 @@ def _along_rows(area: np.ndarray) -> np.ndarray:
     return np.minimum(place - left, right - place)
 
 
-def error(one: tuple, other: tuple, centre: np.ndarray, distance: float, camera: Camera) -> float:
+def error(one: tuple, other: tuple, centre: np.ndarray, distance: float, camera: Camera, expected: float = 1.0) -> float:
     """Pixels of the picture: the largest `shift` between two surfaces' silhouettes over all `directions`.
 
     one, other: (points (n, 3) metres, triangles (m, 3)); the camera looks at centre (3,) from `distance` metres, and must
-    be outside both. Masks are FINER than the picture, so that this holds to about 1.5 / FINER pixels.
+    be outside both. expected: about how many pixels it will be. This holds to about 1.5 pixels of the masks, which are FINER
+    than the picture, and than what is expected, but coarser for more than FINER, and up to MOST_PIXELS.
     """
-    worst = 0.0
+    worst, wanted = 0.0, FINER / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
     for towards in directions():
         seen = [project(points, centre, towards, distance, camera)[:, :2] for points, _ in (one, other)]
         low = np.minimum(*(each.min(axis=0) for each in seen))
         extent = np.maximum(*(each.max(axis=0) for each in seen)) - low
-        finer = min(FINER, MOST_PIXELS / max(extent.max(), 1.0))
+        finer = min(wanted, MOST_PIXELS / max(extent.max(), 1.0))
         columns, rows = (np.ceil(extent * finer) + 1).astype(int)
         masks = [
             _mask(((at - low) * finer)[triangles], (rows, columns)) for at, (_, triangles) in zip(seen, (one, other), strict=True)

@@ -29,6 +29,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     With motion blur on, the points also have the velocities from which each is where it is when the shutter opens and
     closes.
     """
+    io.check_own(scene)
     check_levels(scene)
     if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= LONGEST:
         raise CrowdError(

@@ -81,6 +81,7 @@ def build(scene: bpy.types.Scene) -> Iterator[float]:
     What an earlier build made stays, with all that the user changed or added there, but for the poses: those are new,
     and returned. Closed early, it leaves the scene as it was.
     """
+    io.check_own(scene)
     check_levels(scene)
     posed = yield from make_poses(scene)
     install(scene, posed)

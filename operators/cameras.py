@@ -6,11 +6,12 @@ import bpy
 import numpy as np
 
 from ..crowd_lod import stereo
-from ..crowd_lod.camera import Camera, crop, lens_blur, opened, referential, window
+from ..crowd_lod.camera import Camera, Window, crop, lens_blur, opened, referential, window
 from ..crowd_lod.errors import CrowdError
 from .scene import remapped, scratch
 
 OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
+CYLINDER = "central_cylindrical_range"
 
 
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
@@ -97,7 +98,8 @@ def camera_from(
     pixels = image_size(render)
     origin, X, Y, Z = referential(matrix, camera.name)
     sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
-    cone, density = _panorama(data, pixels, sensor) if kind == "PANO" else (np.pi, None)
+    aspect = render.pixel_aspect_x, render.pixel_aspect_y
+    cone, density = _panorama(data, pixels, window(sensor, data.sensor_fit, pixels, aspect)) if kind == "PANO" else (np.pi, None)
     film = Camera(
         kind=kind,
         origin=origin,
@@ -108,7 +110,7 @@ def camera_from(
             data.ortho_scale if kind == "ORTHO" else sensor / data.lens,
             data.sensor_fit,
             pixels,
-            (render.pixel_aspect_x, render.pixel_aspect_y),
+            aspect,
             (shift_x, data.shift_y),
         ),
         near=data.clip_start,
@@ -123,33 +125,31 @@ def camera_from(
     return stereo.spherical(film, eyes) if spherical else film
 
 
-def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], sensor: float) -> tuple[float, float]:
-    """(cone in radians, pixels per radian in the picture's middle) of a panoramic camera.
+def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> tuple[float, float]:
+    """(cone in radians, pixels per radian in the picture's middle, along the finer of its axes) of a panoramic camera whose
+    sensor takes up `film`, millimetres.
 
     Fisheyes end at half their field of view from the axis; of the others every direction is taken for seen. A CUSTOM
     camera's shader may do anything with its rays' directions; that it moves their origins is not foreseen.
     """
     width, height = pixels
     half = min(np.pi, data.fisheye_fov / 2)
+    per_millimetre = max(width / (film.right - film.left), height / (film.top - film.bottom))
+    across, up = (abs(getattr(data, f"{name}_max") - getattr(data, f"{name}_min")) for name in ("longitude", "latitude"))
+    round_, tall = (abs(getattr(data, f"{CYLINDER}_{a}_max") - getattr(data, f"{CYLINDER}_{a}_min")) for a in "uv")
     types = {
-        "FISHEYE_EQUIDISTANT": (half, width / data.fisheye_fov),
-        "FISHEYE_EQUISOLID": (half, max(pixels) * data.fisheye_lens / sensor),
-        "FISHEYE_LENS_POLYNOMIAL": (half, max(pixels) / sensor / max(abs(data.fisheye_polynomial_k1), 1e-6)),
-        "EQUIRECTANGULAR": (
-            np.pi,
-            max(
-                width / max(abs(data.longitude_max - data.longitude_min), 1e-6),
-                height / max(abs(data.latitude_max - data.latitude_min), 1e-6),
-            ),
-        ),
+        "FISHEYE_EQUIDISTANT": (half, max(pixels) / data.fisheye_fov),  # an ellipse that fills the picture
+        "FISHEYE_EQUISOLID": (half, per_millimetre * data.fisheye_lens),
+        "FISHEYE_LENS_POLYNOMIAL": (half, per_millimetre / max(abs(data.fisheye_polynomial_k1), 1e-6)),
+        "EQUIRECTANGULAR": (np.pi, max(width / max(across, 1e-6), height / max(up, 1e-6))),
         "EQUIANGULAR_CUBEMAP_FACE": (np.pi, max(pixels) / (np.pi / 2)),
         "MIRRORBALL": (np.pi, max(pixels) / 4),
         "CENTRAL_CYLINDRICAL": (
             np.pi,
-            width / max(abs(data.central_cylindrical_range_u_max - data.central_cylindrical_range_u_min), 1e-6),
+            max(width / max(round_, 1e-6), height * data.central_cylindrical_radius / max(tall, 1e-6)),
         ),
     }
-    flat = (np.pi, max(pixels) * data.lens / sensor)
+    flat = (np.pi, per_millimetre * data.lens)
     return flat if data.type == "CUSTOM" else types.get(data.panorama_type, flat)
 
 

@@ -12,6 +12,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
 from ..crowd_lod.steps import standing
+from . import scene as io
 from .cameras import cameras_at
 from .populate import bias_of, trajectory_of
 
@@ -61,7 +62,7 @@ def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> 
     seen = yield from standing(views(scene, tuple(groups)), progress)
     keep, said = [], []
     for group, each in zip(groups, seen, strict=True):
-        kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each)
+        kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each, io.metres(scene))
         keep.append(kept)
         said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
     return keep, said

@@ -37,7 +37,7 @@ TINTS = (
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
 COLUMNS = ("vertices", "triangles", "deviations", "rms", "worst")  # of Group, a value a LOD
-VERSION = 11  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 12  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)
@@ -69,15 +69,16 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     and were not edited since, are kept. Nothing of the user's is changed. If it fails or is closed early, the LODs that
     were there stay.
     """
+    io.check_own(scene)
     settings = scene.crowd_lod
     characters = characters_of(scene)
     ratios = chain.ratios_of(settings)
-    groups = yield from standing(measuring_groups(scene), 0.0)
     copied = io.shared(scene, "levels")  # a linked copy begins with the LODs of the other scene, which stay that one's
     earlier = None if copied else settings.levels
     before = set(bpy.data.user_map())
     done = False
     try:
+        groups = yield from standing(measuring_groups(scene), 0.0)
         ladders, share = [], 0.9 / len(characters)
         for g, ((name, objects, _), group) in enumerate(zip(characters, groups, strict=True)):
             ladder = _Ladder(name, objects, ratios, settings.way)
@@ -103,6 +104,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                     yield 0.9 + 0.09 * (g + part) / len(ladders)
             homes.append(old or [ladder.homes[k] for k in kept])
         done = True
+    except ReferenceError as error:  # by a script or another add-on, between two steps
+        raise CrowdError("Something that LODs are made from was deleted meanwhile: press Make LOD Meshes again.") from error
     finally:
         if not done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
@@ -320,8 +323,7 @@ def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, 
     copy.data = made.mesh
     for slot in copy.material_slots:
         slot.link = "DATA"
-    bones = {bone.name for armature in armatures_of([item]) for bone in armature.data.bones if bone.use_deform}
-    transfer.set_weights(copy, source.groups, bones, made.weights)
+    transfer.set_weights(copy, source.groups, _rigs(item, source.groups), made.weights)
     transfer.set_normals(made.mesh)
     transfer.set_keys(copy, source)
     transfer.mark_active(made.mesh, source.mesh)
@@ -329,6 +331,16 @@ def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, 
     copy[WAY], copy[WHY], copy[MILLISECONDS] = made.way, " ".join([made.why, *source.notes]), made.milliseconds
     copy[AS_MADE] = _as_made(copy)
     return len(made.mesh.vertices), len(made.mesh.loops) - 2 * len(made.mesh.polygons)
+
+
+def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:
+    """Those of the vertex groups that armatures of `item` follow, by armature; of armatures with a bone of one name together."""
+    rigs: list[set[str]] = []
+    for armature in armatures_of([item]):
+        bones = {bone.name for bone in armature.data.bones if bone.use_deform}.intersection(groups)
+        apart = [other for other in rigs if not other & bones]
+        rigs = [*apart, bones.union(*(other for other in rigs if other & bones))]
+    return rigs
 
 
 def _place(copy: bpy.types.Object, name: str, home: bpy.types.Collection, level: int) -> None:

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ..crowd_lod import raster
+from ..crowd_lod.report import number
 from . import scene as io
 from .surface import Surface
 
@@ -25,10 +26,13 @@ def ramp(part: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(part, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T], axis=1)
 
 
-def draw(character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float) -> tuple[np.ndarray, float]:
+def draw(
+    character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float, metres: float = 1.0
+) -> tuple[np.ndarray, float]:
     """(the picture (rows, columns, 4) uint8 with the bottom row first, metres that its brightest colour stands for).
 
-    levels: each LOD's surface in the pose of `character`; captions: a line each; azimuth: radians, from where the eye looks.
+    levels: each LOD's surface in the pose of `character`; captions: a line each; azimuth: radians, from where the eye looks;
+    metres: that a unit of length is.
     """
     towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -42,16 +46,16 @@ def draw(character: Surface, levels: Sequence[Surface], captions: Sequence[str],
         for at, surface in zip(seen, levels, strict=True)
     ]
     away = [_distances(character, surface, *look[:3]) for surface, look in zip(levels, looks, strict=True)]
-    most = max((float(d.max(initial=0)) for d in away), default=0.0)
+    most = metres * max((float(d.max(initial=0)) for d in away), default=0.0)
 
     cell = max(width, 10 * LETTER) + GAP
     head, canvas_width = 4 * LETTER, GAP + cell * len(levels) + 7 * LETTER
     sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
     sheet[:] = PAPER
-    for k, (caption, (pixel, _, _, shade, edge), metres) in enumerate(zip(captions, looks, away, strict=True)):
+    for k, (caption, (pixel, _, _, shade, edge), off) in enumerate(zip(captions, looks, away, strict=True)):
         left = GAP + k * cell + (cell - GAP - width) // 2
         clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[:, None]
-        tinted = ramp(metres / most if most else metres) * (0.75 + 0.25 * shade[:, None])
+        tinted = ramp(metres * off / most if most else off) * (0.75 + 0.25 * shade[:, None])
         for row, colours in ((height + 2 * GAP, clay), (GAP, tinted)):
             _paste(sheet, row, left, pixel, colours, (height, width))
         middle = GAP + k * cell + (cell - GAP) / 2
@@ -60,7 +64,7 @@ def draw(character: Surface, levels: Sequence[Surface], captions: Sequence[str],
     bar = int(GAP + cell * len(levels)), int(GAP + height * 0.1), int(height * 0.8)
     sheet[bar[1] : bar[1] + bar[2], bar[0] : bar[0] + LETTER] = ramp(np.linspace(0, 1, bar[2]))[:, None]
     for part in (0, 0.5, 1):
-        write(sheet, f"{1000 * most * part:.3g} mm", bar[0] + 1.5 * LETTER, bar[1] + part * bar[2] - 0.35 * LETTER, LETTER)
+        write(sheet, f"{number(1000 * most * part)} mm", bar[0] + 1.5 * LETTER, bar[1] + part * bar[2] - 0.35 * LETTER, LETTER)
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
     pixels[..., :3] = np.rint(sheet * 255)
     return pixels, most

@@ -27,14 +27,14 @@ def tables(
     the progress, within `progress`. A LOD that a group repeats, for want of coarser ones, is told of once. Pictures
     levels_NAME.png of the first MOST_SHOWN go into the folder."""
     found, taken = [], set()
-    characters, settings = characters_of(scene), scene.crowd_lod
+    characters, settings, metres = characters_of(scene), scene.crowd_lod, io.metres(scene)
     start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
         every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
         meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]  # the last may be repeated
-        rows = [_row(group, k, each, camera, begins[g]) for k, each in enumerate(meshes)]
+        rows = [_row(group, k, each, camera, begins[g], metres) for k, each in enumerate(meshes)]
         rows[-1]["to_lod"] = len(every) - 1
-        entry = {"group": group.name, "diagonal_m": group.diagonal, "picture": None, "levels": rows}
+        entry = {"group": group.name, "diagonal_m": metres * group.diagonal, "picture": None, "levels": rows}
         found.append(entry)
         if g >= MOST_SHOWN:
             continue
@@ -45,19 +45,21 @@ def tables(
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
                     pair = ((each.points, each.triangles) for each in (character, levels[k]))
-                    rows[k]["measured_px"] = _known(silhouette.error(*pair, centre, distance, camera))
+                    rows[k]["measured_px"] = _known(
+                        silhouette.error(*pair, centre, distance, camera, rows[k]["predicted_px"] or 1.0)
+                    )
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
             captions = [f"{row['triangles']:,} triangles" for row in rows]
-            pixels, _ = lod_picture.draw(character, levels, captions, AZIMUTH - io.rotation(settings.forward))
+            pixels, _ = lod_picture.draw(character, levels, captions, AZIMUTH - io.rotation(settings.forward), metres)
             entry["picture"] = _file_name(group.name, g, taken)
             io.save_png(folder / entry["picture"], pixels)
         yield start + span * (g + 1)
     return found
 
 
-def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, begins: np.ndarray) -> dict:
+def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, begins: np.ndarray, metres: float) -> dict:
     begin = begins[k - 1] if k else 0.0
     deviation = group.deviations[k]
     told = {key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item] for key in ("way", "why", "ms")}
@@ -66,11 +68,11 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "to_lod": k,
         "triangles": group.triangles[k],
         "vertices": group.vertices[k],
-        "deviation_mm": 1000 * deviation,
-        "rms_mm": 1000 * group.rms[k],
+        "deviation_mm": 1000 * metres * deviation,
+        "rms_mm": 1000 * metres * group.rms[k],
         "percent": 100 * deviation / group.diagonal,
         "worst_frame": group.worst[k],
-        "from_m": float(begin) if np.isfinite(begin) else None,
+        "from_m": metres * float(begin) if np.isfinite(begin) else None,
         "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
         "predicted_px": _known(shown(deviation, begin, camera, group.radius)) if k and begin < np.inf else None,
         "measured_px": None,
@@ -95,7 +97,7 @@ def _distance(camera: Camera, begin: float, radius: float) -> float | None:
 def _file_name(name: str, g: int, taken: set[str]) -> str:
     """levels_NAME.png for a group's name, which may hold anything, another for each."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:60] or "group"
-    if safe.casefold() in taken:
+    while safe.casefold() in taken:
         safe = f"{safe}_{g}"
     taken.add(safe.casefold())
     return f"levels_{safe}.png"

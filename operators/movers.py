@@ -6,10 +6,25 @@ from contextlib import suppress
 import bpy
 import numpy as np
 
-# Settings of modifiers and constraints that change nothing of a shape.
-OF_THE_WINDOW = {"name", "active", "is_active", "show_expanded", "show_in_editmode", "show_on_cage", "use_pin_to_last",
-                 "execution_time", "persistent_uid"}  # fmt: skip
-PLACE = ("location", "rotation", "scale", "delta_")  # what the paths of an object's own place begin with
+# Settings that change nothing of a shape, and what the names of such begin with.
+OF_THE_WINDOW = {"name", "active", "is_active", "on_cage", "use_pin_to_last", "execution_time", "persistent_uid", "tag",
+                 "use_fake_user", "use_extra_user"}  # fmt: skip
+PASSING = "show_", "open_", "select", "is_", "texspace", "use_auto_texspace", "asset", "last_", "action_slot"
+PATHS = "FILE_PATH", "DIR_PATH"
+# What moves an object and a bone, and shapes a bone.
+PLACE = "location", "rotation_mode", "rotation_euler", "rotation_quaternion", "rotation_axis_angle", "scale"
+DELTAS = "delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale"
+POSING = *PLACE, "bbone_", "ik_", "lock_ik", "use_ik"
+RESTING = "bbone_", "envelope", "head_r", "tail_r", "inherit", "use_"
+# How an action is played on its owner, what a shape key does, and what a key of a curve is: (name, numbers in it, their type).
+PLAYED = "action_blend_type", "action_extrapolation", "action_influence", "use_nla"
+SHAPED = "name", "value", "mute", "vertex_group", "interpolation"
+KEYED = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4"), ("easing", 1, "i4"),
+         ("back", 1, "f4"), ("amplitude", 1, "f4"), ("period", 1, "f4"))  # fmt: skip
+# The same of the points that shape what others follow: meshes, lattices, curves.
+POINTS = (("co", 3, "f4"),)
+SPLINES = (("co", 4, "f4"), ("tilt", 1, "f4"), ("radius", 1, "f4"))
+BEZIERS = (("co", 3, "f4"), ("handle_left", 3, "f4"), ("handle_right", 3, "f4"), ("tilt", 1, "f4"), ("radius", 1, "f4"))
 
 
 def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
@@ -55,8 +70,16 @@ def _targets(struct) -> Iterator[bpy.types.Object]:
 
 
 def _tracks(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
-    """The NLA tracks that play."""
-    return [track for track in data.nla_tracks if not track.mute] if data.use_nla else []
+    """The NLA tracks that play: one alone that is solo, or those that are not muted."""
+    tracks = list(data.nla_tracks) if data.use_nla else []
+    return [track for track in tracks if track.is_solo] or [track for track in tracks if not track.mute]
+
+
+def _strips(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
+    """The strips, and those within meta strips."""
+    for strip in strips:
+        yield strip
+        yield from _strips(strip.strips)
 
 
 def _animated(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData]:
@@ -84,7 +107,7 @@ def players_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData | b
 
 
 def _players(data: bpy.types.AnimData) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
-    strips = (strip for track in _tracks(data) for strip in track.strips)
+    strips = (strip for track in _tracks(data) for strip in _strips(track.strips))
     return [player for player in (data, *strips) if player.action is not None]
 
 
@@ -96,20 +119,33 @@ def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types
     return [curve for bag in bags for curve in bag.fcurves]
 
 
-def _keys_of(curve: bpy.types.FCurve) -> list[bytes]:
-    """The frames and values of the curve's keys and their handles, and how it runs between them."""
+def _run(curve: bpy.types.FCurve) -> tuple:
+    """How the curve runs: its keys, or samples, and modifiers."""
+    return (
+        curve.data_path,
+        curve.array_index,
+        curve.extrapolation,
+        curve.mute or bool(curve.group and curve.group.mute),
+        _points(curve.keyframe_points, KEYED),
+        _points(curve.sampled_points, KEYED[:1]),
+        [(_settings(m), [_settings(point) for point in getattr(m, "control_points", ())]) for m in curve.modifiers],
+    )
+
+
+def _points(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[str, int, str]]) -> list[bytes]:
+    """The `columns` of the points."""
     found = []
-    for name, width, kind in (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4")):
-        keys = np.empty(width * len(curve.keyframe_points), kind)
-        curve.keyframe_points.foreach_get(name, keys)
-        found.append(keys.tobytes())
+    for name, width, kind in columns:
+        values = np.empty(width * len(points), kind)
+        points.foreach_get(name, values)
+        found.append(values.tobytes())
     return found
 
 
 def _driver(curve: bpy.types.FCurve) -> tuple:
     """What the driver makes of what."""
     variables = [(variable.name, variable.type, [_read(t) for t in variable.targets]) for variable in curve.driver.variables]
-    return curve.data_path, curve.array_index, curve.driver.type, curve.driver.expression, variables, _keys_of(curve)
+    return curve.driver.type, curve.driver.expression, variables, _run(curve)
 
 
 def _read(target: bpy.types.DriverTarget) -> tuple:
@@ -125,62 +161,80 @@ def _read(target: bpy.types.DriverTarget) -> tuple:
     return block and block.name_full, path, value, place
 
 
-def stance(item: bpy.types.Object) -> list[tuple]:
-    """How `item` and all that it follows stand and move, as far as no frame of an action changes it: what prints alike moves
-    alike."""
+def stance(item: bpy.types.Object) -> list:
+    """How `item` and all that it follows stand and move, and what those are shaped like, as far as no frame of an action changes
+    it: what prints alike moves alike."""
     found = []
     for mover in movers_of([item]):
         data = _animated([mover])
         curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
         drivers = [driver for each in data for driver in each.drivers]
-        moved = {curve.data_path for curve in (*curves, *drivers)}
-        strips = [
-            (strip.name, strip.action and strip.action.name_full, strip.frame_start, strip.frame_end, strip.scale, strip.repeat,
-             strip.blend_type, strip.influence, strip.mute)
-            for each in data for track in _tracks(each) for strip in track.strips
-        ]  # fmt: skip
+        moved = {(curve.data_path, curve.array_index) for curve in (*curves, *drivers)}
+        keys = getattr(mover.data, "shape_keys", None)
         found += [
             (mover.name_full, mover.type, mover.parent and mover.parent.name_full, mover.parent_type, mover.parent_bone),
             [tuple(row) for row in mover.matrix_parent_inverse],
-            [] if any(path.startswith(PLACE) for path in moved) else [tuple(row) for row in mover.matrix_basis],
+            _settings(mover, moved, (*PLACE, *DELTAS)),
             [_settings(struct, moved) for struct in (*mover.modifiers, *mover.constraints)],
-            [(curve.data_path, curve.array_index, curve.extrapolation, _keys_of(curve)) for curve in curves],
+            [(_settings(key, moved, SHAPED), key.relative_key.name) for key in keys.key_blocks] if keys else [],
+            [_run(curve) for curve in curves],
             [_driver(driver) for driver in drivers],
             list(_spans([mover])),
-            strips,
+            [_settings(each, moved, PLAYED) for each in data],
+            [_strip(strip) for each in data for track in _tracks(each) for strip in _strips(track.strips)],
         ]
         if mover.type == "ARMATURE":
             found += [_bone(bone, mover.data.bones[bone.name], moved) for bone in mover.pose.bones]
-            found.append(mover.data.pose_position)
+            found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and _settings(mover.pose.ik_param)]
+        elif mover != item and mover.data is not None:
+            found += [_settings(mover.data, moved), *_shape(mover.data)]
     return found
 
 
-def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[str]) -> tuple:
-    path = bone.path_from_id()
-    still = not any(each.startswith(f"{path}.") and "constraints[" not in each for each in moved)
+def _shape(data: bpy.types.ID) -> Iterator[list[bytes]]:
+    """The points of a mesh, a lattice or a curve."""
+    if isinstance(data, bpy.types.Mesh):
+        yield _points(data.vertices, POINTS)
+    elif isinstance(data, bpy.types.Lattice):
+        yield _points(data.points, (("co_deform", 3, "f4"),))
+    for spline in getattr(data, "splines", ()):
+        yield _points(spline.points, SPLINES) + _points(spline.bezier_points, BEZIERS)
+
+
+def _strip(strip: bpy.types.NlaStrip) -> tuple:
+    moved = {(curve.data_path, curve.array_index) for curve in strip.fcurves}
+    return strip.name, strip.action and strip.action.name_full, _settings(strip, moved), [_run(curve) for curve in strip.fcurves]
+
+
+def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, int]]) -> tuple:
     return (
         bone.name,
         rest.parent and rest.parent.name,
-        [tuple(row) for row in rest.matrix_local],
-        (rest.length, rest.use_deform, rest.use_inherit_rotation, rest.inherit_scale, rest.bbone_segments),
-        [tuple(row) for row in bone.matrix_basis] if still else [],
+        (*(tuple(row) for row in rest.matrix_local), rest.length),
+        _settings(rest, moved, RESTING),
+        _settings(bone, moved, POSING),
         [_settings(constraint, moved) for constraint in bone.constraints],
     )
 
 
-def _settings(struct, moved: set[str]) -> tuple:
-    """The settings of a modifier or a constraint, but for those at the paths `moved`."""
-    path, found = struct.path_from_id(), [struct.type]
+def _settings(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = ()) -> tuple:
+    """The settings of a modifier, a constraint and the like, or `some`, by what their names begin with; of those at the paths and
+    indices `moved` nothing."""
+    path = ""
+    with suppress(ValueError):
+        path = struct.path_from_id() if moved else ""
+    found = [getattr(struct, "type", None)]
     for name, kind in struct.bl_rna.properties.items():
-        passing = name in OF_THE_WINDOW or name.startswith("open_") or kind.subtype in ("FILE_PATH", "DIR_PATH")
-        if passing or kind.type == "COLLECTION" or f"{path}.{name}" in moved:
+        passing = name in OF_THE_WINDOW or name.startswith(PASSING) or (kind.type == "STRING" and kind.subtype in PATHS)
+        if kind.type == "COLLECTION" or kind.is_readonly or (not name.startswith(some) if some else passing):
             continue
-        value = getattr(struct, name)
+        value, place = getattr(struct, name), f"{path}.{name}" if path else name
         if isinstance(value, bpy.types.ID):
             found.append((name, value.name_full))
         elif kind.type == "ENUM" and kind.is_enum_flag:
             found.append((name, sorted(value)))
-        elif kind.type != "POINTER" and not kind.is_readonly:
-            found.append((name, np.ravel(value).tolist() if getattr(kind, "is_array", False) else value))
+        elif kind.type != "POINTER":
+            values = np.ravel(value).tolist() if getattr(kind, "is_array", False) else [value]
+            found.append((name, [None if (place, k) in moved else each for k, each in enumerate(values)]))
     found += [(target.target and target.target.name_full, target.subtarget) for target in getattr(struct, "targets", ())]
     return tuple(found)

@@ -6,7 +6,9 @@ import bpy
 
 from ..crowd_lod.meshes import missing_library
 from ..crowd_lod.reasons import REASONS
+from ..crowd_lod.report import number
 from . import overlay
+from . import scene as io
 from .build import BAKED, BLURRED, layers_of
 from .hud import STAGES, share, told
 from .populate import count_of
@@ -183,7 +185,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             rows = []
             for k in (k for k in range(count) if group.triangles[k]):
                 begin = begins[g, k - 1] if begins is not None and k and begins.shape[1] >= k else None
-                deviates = f"{1000 * group.deviations[k]:.3g} mm" if group.diagonal else "-"
+                deviates = f"{number(1000 * io.metres(context.scene) * group.deviations[k])} mm" if group.diagonal else "-"
                 rows.append((f"LOD {k}", f"{group.triangles[k]:,}", deviates, _distance(context, begin)))
             _table(layout, (group.name, "Triangles", "Deviates", "From"), rows)
         if tolerant and settings.dropped:
@@ -270,16 +272,15 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
         layout.operator("crowd_lod.remove_build", icon="TRASH")
 
 
-def _length(context, metres: float) -> str:
-    units = context.scene.unit_settings
-    return bpy.utils.units.to_string(units.system, "LENGTH", metres * units.scale_length, precision=3)
+def _length(context, units: float) -> str:
+    return bpy.utils.units.to_string(context.scene.unit_settings.system, "LENGTH", units * io.metres(context.scene), precision=3)
 
 
-def _distance(context, metres: float | None) -> str:
+def _distance(context, units: float | None) -> str:
     """Where a LOD begins, as limits has it; None where that is not known."""
-    if metres is None:
+    if units is None:
         return "-"
-    return _length(context, metres) if abs(metres) < float("inf") else "never" if metres > 0 else "always"
+    return _length(context, units) if abs(units) < float("inf") else "never" if units > 0 else "always"
 
 
 def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]):
@@ -294,8 +295,8 @@ def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]):
 def _cells(layout, texts: tuple[str, ...], icon: str = "NONE", columns: int = 0):
     """A row of equal columns with these texts in the first of them."""
     cells = layout.grid_flow(row_major=True, columns=columns or len(texts), even_columns=True, align=True)
-    for number, text in enumerate(texts):
-        cells.label(text=text, icon=icon if number == 0 else "NONE")
+    for index, text in enumerate(texts):
+        cells.label(text=text, icon=icon if index == 0 else "NONE")
     return cells
 
 
@@ -304,8 +305,8 @@ def _say(context, layout, sentence: str, icon: str):
     letters = int(context.region.width / context.preferences.system.ui_scale / 7.2) - 5
     column = layout.column(align=True)
     column.alert = icon == "ERROR"
-    for number, line in enumerate(textwrap.wrap(sentence, max(20, letters))):
-        column.label(text=line, icon=icon if number == 0 else "BLANK1")
+    for index, line in enumerate(textwrap.wrap(sentence, max(20, letters))):
+        column.label(text=line, icon=icon if index == 0 else "BLANK1")
 
 
 CLASSES = (

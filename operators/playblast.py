@@ -125,15 +125,16 @@ def _set(shading: bpy.types.View3DShading, values: dict) -> None:
 
 
 class Playblast:
-    """Pictures of a stage of the preview, drawn with the overlay. As a context: it lets go of all it holds."""
+    """Pictures of a stage of the preview, `size` pixels large, drawn with the overlay. As a context: it lets go of all it
+    holds."""
 
-    def __init__(self, stage: bpy.types.Scene, trajectory: Trajectory):
-        self.stage, self.trajectory = stage, trajectory
+    def __init__(self, stage: bpy.types.Scene, trajectory: Trajectory, size: tuple[int, int]):
+        self.stage, self.trajectory, self.size = stage, trajectory, size
         self.cast = self.batches = None
         self.notes: tuple[str, ...] = ()
 
     def __enter__(self):
-        self.canvas = Canvas(cameras.image_size(self.stage.render))
+        self.canvas = Canvas(self.size)
         return self
 
     def __exit__(self, *_):

@@ -41,6 +41,7 @@ from .trouble import find
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
 COLOURS = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
+SIZE = "resolution_x", "resolution_y", "resolution_percentage"
 GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 THUMBNAIL = 480  # pixels wide, at least
 
@@ -70,6 +71,9 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         if drawn:
             need_gpu()
         stage = stage_of(scene, wanted)
+        size = cameras.image_size(stage.render)
+        for name in SIZE:  # LODs by pixels are those of the scene's own renders
+            setattr(stage.render, name, getattr(scene.render, name))
         layer = stage.view_layers[0]
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
@@ -82,7 +86,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
                 yield 0.05 * part
         # nothing that these depend on changes from here on, and each look reads the whole map
         trajectory = trajectory_of(stage)
-        shots = opened.enter_context(Playblast(stage, trajectory)) if drawn else Rendered(stage, wanted)
+        shots = opened.enter_context(Playblast(stage, trajectory, size)) if drawn else Rendered(stage, wanted)
         for part in shots.prepare():
             yield 0.05 + 0.05 * part
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
@@ -101,23 +105,20 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             main = folder / f"main_{number:04d}.png"
             _shade(stage, "TEXTURE" if wanted.colour == "MATERIAL" else "OBJECT", "STUDIO")
             caption = stage.render.stamp_note_text = _caption(frame)
-            shots.main(main, caption)
+            with _sized(stage.render, size):
+                shots.main(main, caption)
             ticks.append(clock.perf_counter())
 
             camera = stage.camera
             view = stage.crowd_lod.above or view or above.straight_down(stage, trajectory.world.area, frame.camera)
-            layer.update()
-            above.draw(
-                drawing.data,
-                frame,
-                centre,
-                cameras.camera_from(view, stage.render, layer.depsgraph),
-            )
-            drawing.hide_render = drawing.hide_viewport = False
-            _shade(stage, "VERTEX", "FLAT")
-            stage.camera = view
-            shots.above(folder / f"above_{number:04d}.png", caption)
-            stage.camera = camera
+            with _sized(stage.render, size):
+                layer.update()
+                above.draw(drawing.data, frame, centre, cameras.camera_from(view, stage.render, layer.depsgraph))
+                drawing.hide_render = drawing.hide_viewport = False
+                _shade(stage, "VERTEX", "FLAT")
+                stage.camera = view
+                shots.above(folder / f"above_{number:04d}.png", caption)
+                stage.camera = camera
             ticks.append(clock.perf_counter())
 
             rows.append(report.row(number, frame, dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))))
@@ -125,7 +126,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             first = first or frame
             yield 0.1 + 0.75 * (done + 1) / len(wanted.frames)
         told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (0.85, 0.95))
-        plan = _plan(stage, scene, wanted, command, rows, (yield from told), shots.notes)
+        plan = _plan(stage, scene, wanted, size, command, rows, (yield from told), shots.notes)
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
@@ -197,6 +198,18 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     return stage
 
 
+@contextlib.contextmanager
+def _sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[None]:
+    """Renders are of this size, (width, height) pixels; afterwards as they were."""
+    before = [getattr(render, name) for name in SIZE]
+    try:
+        render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
+        yield
+    finally:
+        for name, value in zip(SIZE, before, strict=True):
+            setattr(render, name, value)
+
+
 def _world() -> bpy.types.World:
     """An even light grey sky, in every engine."""
     world = bpy.data.worlds.new("Crowd LOD preview")
@@ -250,7 +263,9 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     return report.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
 
 
-def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], characters: list[dict], notes) -> dict:
+def _plan(
+    stage, scene, wanted: Preview, size: tuple[int, int], command: list[str], rows: list[dict], characters: list[dict], notes
+) -> dict:
     """All that is needed to repeat the run, and what came of it."""
     settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
     machine = machine_of(settings)
@@ -299,6 +314,7 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], c
             "metric": policy.metric,
             "margin": policy.margin,
             "tolerance": policy.tolerance,
+            "pixels": cameras.image_size(stage.render),
             "ratios": [round(r, 6) for r in settings.ratios[: policy.count]] if policy.tolerance is None else None,
             "thresholds": list(policy.thresholds) if policy.tolerance is None else None,
             "group_thresholds": [list(own) for own in policy.group_thresholds],
@@ -310,7 +326,7 @@ def _plan(stage, scene, wanted: Preview, command: list[str], rows: list[dict], c
         "preview": {
             "frames": wanted.frames,
             "width": wanted.width,
-            "height": stage.render.resolution_y,
+            "height": size[1],
             "engine": wanted.engine,
             "colour": wanted.colour,
             "notes": list(notes),

@@ -185,6 +185,12 @@ def time_of(scene: bpy.types.Scene) -> float:
     return remapped(scene.render, scene.frame_current + scene.frame_subframe)
 
 
+def metres(scene: bpy.types.Scene) -> float:
+    """The metres that a unit of length of the scene is."""
+    units = scene.unit_settings
+    return 1.0 if units.system == "NONE" else units.scale_length
+
+
 def set_node_input(modifier: bpy.types.NodesModifier, name: str, value) -> None:
     """Set the node group's input called `name` on its modifier, in the way of this Blender."""
     socket = next(s for s in modifier.node_group.interface.items_tree if s.item_type == "SOCKET" and s.name == name)
@@ -256,6 +262,15 @@ def scratch():
         yield
     finally:
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+
+
+def check_own(scene: bpy.types.Scene) -> None:
+    """CrowdError if nothing can be put into the scene: Blender lets nobody."""
+    if scene.library is not None:
+        raise CrowdError(
+            f"The scene {scene.name} is linked from {scene.library.filepath}: work in that file, or make the scene local in "
+            "the Outliner (ID Data, Make Local)."
+        )
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:

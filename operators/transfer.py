@@ -288,23 +288,24 @@ def weights_of(result: LodMesh, source: Source) -> tuple[np.ndarray, np.ndarray,
     return np.repeat(np.arange(len(count)), count), group[entry], weight[entry]
 
 
-def set_weights(item: bpy.types.Object, names: list[str], bones: set[str], weights) -> None:
-    """Give `item` the vertex groups `names` with these weights. Those of `bones` are cut to the largest MOST_INFLUENCES
-    a vertex and sum to one."""
+def set_weights(item: bpy.types.Object, names: list[str], rigs: list[set[str]], weights) -> None:
+    """Give `item` the vertex groups `names` with these weights. Those of the bones of each of `rigs`, which deform it one after
+    the other, are cut to the largest MOST_INFLUENCES a vertex and sum to one."""
     vertex, group, weight = weights
     item.vertex_groups.clear()
     for name in names:
         item.vertex_groups.new(name=name)
-    of_bone = np.array([name in bones for name in names], bool)[group] & (weight > 0)
-    order = np.lexsort((-weight, vertex, ~of_bone))
-    vertex, group, weight, of_bone = vertex[order], group[order], weight[order], of_bone[order]
-    skinned = int(of_bone.sum())
-    first = np.searchsorted(vertex[:skinned], vertex[:skinned])
-    keep = np.ones(len(vertex), bool)
-    keep[:skinned] = np.arange(skinned) - first < MOST_INFLUENCES
-    vertex, group, weight, of_bone = vertex[keep], group[keep], weight[keep], of_bone[keep]
-    total = np.bincount(vertex[of_bone], weight[of_bone], minlength=len(item.data.vertices))
-    weight[of_bone] /= total[vertex[of_bone]]
+    rig_of = [next((r for r, bones in enumerate(rigs) if name in bones), len(rigs)) for name in names]
+    rig = np.array(rig_of, np.intp)[group]
+    order = np.lexsort((-weight, vertex, rig))
+    order = order[(weight > 0)[order] | (rig == len(rigs))[order]]
+    vertex, group, weight, rig = vertex[order], group[order], weight[order], rig[order]
+    place = rig * len(item.data.vertices) + vertex  # a vertex of a rig
+    first = np.searchsorted(place, place)
+    keep = (np.arange(len(place)) - first < MOST_INFLUENCES) | (rig == len(rigs))
+    vertex, group, weight, rig, place = vertex[keep], group[keep], weight[keep], rig[keep], place[keep]
+    of_bone = rig < len(rigs)
+    weight[of_bone] /= np.bincount(place, weight)[place[of_bone]]
     same = unique_rows(np.stack([group, np.rint(weight * 1e7).astype(np.int64)], axis=1)) if len(group) else group
     order = np.argsort(same, kind="stable")
     for entries in np.split(order, np.flatnonzero(np.diff(same[order])) + 1):

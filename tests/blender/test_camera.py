@@ -196,7 +196,7 @@ def test_views_with_cameras_of_their_own(scene):
     assert [camera.origin[0] for camera in cameras.read_cameras(scene, depsgraph_of(scene))] == [1]
 
 
-def lit(scene, point, folder, engine):
+def lit(scene, point, folder, engine, size=(96, 64)):
     """(x, y) in parts of the image of the middle of what is lit in a render of one small bright ball at `point`."""
     mesh = bpy.data.meshes.new("ball")
     ball = bpy.data.objects.new("ball", mesh)
@@ -213,18 +213,18 @@ def lit(scene, point, folder, engine):
     scene.collection.objects.link(ball)
     render = scene.render
     render.engine, render.film_transparent = engine, True
-    render.resolution_x, render.resolution_y, render.resolution_percentage = 96, 64, 100
+    render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
     render.image_settings.file_format, render.image_settings.color_mode = "PNG", "RGBA"
     render.filepath = str(folder / "picture.png")
     if engine == "CYCLES":
-        scene.cycles.samples, scene.cycles.device = 4, "CPU"
+        scene.cycles.samples, scene.cycles.device, scene.cycles.use_denoising = 4, "CPU", False
     bpy.ops.render.render(scene=scene.name, write_still=True)
     red, _, _, alpha = np.moveaxis(io.load_pixels(render.filepath), 2, 0)
     scene.collection.objects.unlink(ball)
     rows, columns = np.nonzero((red > 50) & (alpha > 100))  # beyond a fisheye's circle Cycles is black and opaque
     if not len(rows):
         return None
-    return (columns.mean() + 0.5) / 96, (rows.mean() + 0.5) / 64
+    return (columns.mean() + 0.5) / size[0], (rows.mean() + 0.5) / size[1]
 
 
 @pytest.mark.parametrize("engine", ["BLENDER_WORKBENCH", "CYCLES"])
@@ -262,15 +262,23 @@ def test_fisheye_shows_its_cone(scene, tmp_path):
         assert radar(standing(point[None]), camera, np.zeros(1), np.full(1, 0.15))[0][0] == seen
 
 
-def test_every_panoramic_type_has_a_density(scene):
-    data = scene.camera.data
-    data.type = "PANO"
+def test_every_panoramic_type_has_the_density_that_cycles_renders(scene, tmp_path):
+    import addon_utils
+
+    addon_utils.enable("cycles")
+    data, size = scene.camera.data, (90, 180)
+    data.type, data.central_cylindrical_radius, scene.render.pixel_aspect_y = "PANO", 1.5, 2
+    scene.render.resolution_x, scene.render.resolution_y = size
     for item in data.bl_rna.properties["panorama_type"].enum_items:
         data.panorama_type = item.identifier
         camera = cameras.read_camera(scene, depsgraph_of(scene))
         fisheye = item.identifier.startswith("FISHEYE")
         assert camera.cone == pytest.approx(min(np.pi, data.fisheye_fov / 2) if fisheye else np.pi)
-        assert 50 < camera.pixels_per_unit < 10_000, item.identifier
+        angle = min(20 / camera.pixels_per_unit, 0.25)
+        beside = 3 * np.tan(angle)
+        x, y = lit(scene, (beside, beside, -3), tmp_path, "CYCLES", size)
+        seen = max((x - 0.5) * size[0], (y - 0.5) * size[1]) / angle
+        assert camera.pixels_per_unit == pytest.approx(seen, rel=0.08), item.identifier
 
 
 def test_render_border_is_an_option(scene):

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators.levels import make_levels
 
@@ -136,6 +137,20 @@ def test_esc_at_any_step_leaves_what_was_there(two):
         assert {block: (block.name, block.users) for block in bpy.data.user_map()} == before
         assert two.crowd_lod.levels == levels
     raise AssertionError("more steps than were tried")
+
+
+def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(two):
+    run(two)
+    two.crowd_lod.way, levels = "PRECISE", two.crowd_lod.levels
+    before = {block: block.name for block in bpy.data.user_map()}
+    steps = make_levels(two)
+    next(steps), next(steps), next(steps)
+    other = bpy.data.objects["other"]
+    del before[other]
+    bpy.data.objects.remove(other)
+    with pytest.raises(CrowdError, match="was deleted meanwhile: press Make LOD Meshes again"):
+        list(steps)
+    assert {block: block.name for block in bpy.data.user_map()} == before and two.crowd_lod.levels == levels
 
 
 def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):

@@ -4,6 +4,7 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
+from crowd_lod_extension.operators.build import build
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.populate import characters_of
 
@@ -142,3 +143,15 @@ def test_lods_of_a_rigid_body_take_no_part_in_the_simulation(scene):
     bpy.ops.rigidbody.object_add()
     run(scene)
     assert list(scene.rigidbody_world.collection.objects) == [body] and len(scene.crowd_lod.levels.all_objects) == 3
+
+
+def test_a_linked_scene_is_left_alone_with_a_sentence(scene, tmp_path):
+    character(new("body", tube("body", 8, 8)))
+    bpy.data.libraries.write(str(tmp_path / "scene.blend"), {scene})
+    with bpy.data.libraries.load(str(tmp_path / "scene.blend"), link=True) as (_, wanted):
+        wanted.scenes = [scene.name]
+    before = set(bpy.data.user_map())
+    for steps in (make_levels, build):
+        with pytest.raises(CrowdError, match=r"Scene is linked from .*scene\.blend: work in that file"):
+            finished(steps(wanted.scenes[0]))
+    assert set(bpy.data.user_map()) == before

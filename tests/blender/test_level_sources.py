@@ -352,3 +352,29 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     low, high = (getattr(io.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0) for end in ("min", "max"))
     assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(high, (0.22, 0.22, 2), atol=0.03)
     assert armature.data.pose_position == "POSE"
+
+
+def test_of_two_armatures_that_deform_it_in_turn_a_lod_follows_both():
+    """A face's small weights are not cut for the sake of the body's."""
+    body, face = rig("body rig"), rig("face rig")
+    for bone in face.data.bones:
+        bone.name = f"face {bone.name}"
+    item = new("body", tube("body"))
+    skin(item, body)
+    item.modifiers.new("Face", "ARMATURE").object = face
+    for number in range(4):  # bones of the one that fill all four places
+        item.vertex_groups.new(name=f"spare {number}").add(range(len(item.data.vertices)), 0.5, "REPLACE")
+    bpy.context.scene.collection.objects.link(body)
+    bpy.context.view_layer.objects.active = body
+    bpy.ops.object.mode_set(mode="EDIT")
+    for number in range(4):
+        body.data.edit_bones.new(f"spare {number}").tail = (0, 0, 1)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    item.vertex_groups.new(name="face upper").add(range(len(item.data.vertices)), 0.1, "REPLACE")
+    character(body, face, item)
+    bpy.context.scene.crowd_lod.way = "PRECISE"
+    lod = made(1)["body LOD 1"]
+    for vertex in lod.data.vertices:
+        weights = {lod.vertex_groups[entry.group].name: entry.weight for entry in vertex.groups}
+        assert weights.pop("face upper") == pytest.approx(1) and sum(weights.values()) == pytest.approx(1) and len(weights) <= 4
+    assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.1

@@ -99,19 +99,33 @@ def test_the_picture_tints_by_the_distance_to_the_source():
 
 
 def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
+    settings, scene.render.resolution_x, scene.render.resolution_y = scene.crowd_lod, 640, 360
+    settings.characters.children.unlink(settings.characters.children["child"])
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 0.01
+    settings.choice, settings.tolerance = "BY_TOLERANCE", 2
+    populate.store_groups(settings, populate.measure_groups(scene))
+    list(make_levels(scene))
+    begins, groups = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins, populate.groups_of(settings)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
     words = ["preview", tmp_path / "crowd.blend", "--frames", "1", "--width", "160", "--quiet", "--out", tmp_path / "out"]
     assert cli._run([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
+    for told, begin, group in zip(plan["levels"]["characters"], begins, groups, strict=True):
+        # the sidebar's figures: of the scene's own renders, in its unit
+        assert [row["from_m"] for row in told["levels"][1:]] == pytest.approx(0.01 * begin[: len(told["levels"]) - 1])
+        for row in told["levels"]:
+            assert row["deviation_mm"] == pytest.approx(10 * group.deviations[row["lod"]])
+    assert io.load_pixels(tmp_path / "out" / "main_0001.png").shape[:2] == (90, 160)
+    assert plan["levels"]["pixels"] == [640, 360] and plan["preview"]["height"] == 90
     assert plan["levels"]["tolerance"] == 2 and plan["levels"]["thresholds"] is None
-    assert len(plan["levels"]["characters"]) == 2 and plan["levels"]["dropped"]
+    assert len(plan["levels"]["characters"]) == 1 and plan["levels"]["dropped"]
     text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert text == page(plan)
     links = []
     reader = HTMLParser()
     reader.handle_starttag = lambda tag, attrs: links.extend(v for k, v in attrs if k == "src")
     reader.feed(text)
-    assert set(links) == {"contact_sheet.png", "levels_adult.png", "levels_child.png"}
+    assert set(links) == {"contact_sheet.png", "levels_adult.png"}
     assert all(io.load_pixels(tmp_path / "out" / name).size for name in links)
     for wrong in ("0", "-1", "nan", "inf"):
         assert cli._run([*map(str, words), "--tolerance", wrong], "crowd-lod") == 1

@@ -162,6 +162,38 @@ def test_whatever_lods_take_is_noticed(body, change):
     assert digest(body) != before
 
 
+def test_all_that_plays_an_action_otherwise_is_noticed(body):
+    """Each of these moves the evaluated vertices of a character like this one."""
+    data, upper = body.parent.animation_data, body.parent.pose.bones["upper"]
+    curve = data.action.layers[0].strips[0].channelbags[0].fcurves[0]
+    first, noise = curve.keyframe_points[0], curve.modifiers.new("NOISE")
+    lattice = new("cage", bpy.data.lattices.new("cage"))
+    body.modifiers.new("Lattice", "LATTICE").object = lattice
+    upper.constraints.new("IK").target = lattice
+    found = [digest(body)]
+    for change in (
+        lambda: setattr(noise, "strength", 2),
+        lambda: curve.modifiers.remove(noise),
+        lambda: curve.modifiers.new("CYCLES"),
+        lambda: setattr(curve, "mute", True),
+        lambda: (setattr(curve, "mute", False), setattr(first, "interpolation", "ELASTIC"), setattr(first, "easing", "EASE_IN")),
+        lambda: setattr(first, "amplitude", 3),
+        lambda: setattr(upper, "rotation_mode", "QUATERNION"),  # the action turns it by Euler angles
+        lambda: setattr(upper, "scale", (1, 2, 1)),  # which the action does not set
+        lambda: setattr(upper, "ik_stiffness_x", 0.9),
+        lambda: setattr(body.parent.pose, "ik_solver", "ITASC"),
+        lambda: setattr(lattice.data.points[0], "co_deform", (-2, -2, -2)),
+        lambda: data.nla_tracks.new().strips.new("strip", 1, data.action),
+        lambda: setattr(data, "action_blend_type", "ADD"),
+        lambda: setattr(data.nla_tracks[0].strips[0], "use_reverse", True),
+        lambda: setattr(data.nla_tracks[0].strips[0], "blend_in", 4),
+        lambda: setattr(data.nla_tracks.new(), "is_solo", True),
+    ):
+        change()
+        found.append(digest(body))
+    assert len(set(found)) == 17
+
+
 def test_what_drivers_read_is_noticed_unless_it_is_animated(body):
     empty, driver = driven(body)
     found = [digest(body)]

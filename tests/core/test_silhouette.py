@@ -82,6 +82,14 @@ def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance
     assert silhouette.error(large, large, np.zeros(3), distance, camera) == 0
 
 
+@pytest.mark.parametrize("expected", [0.05, 5.0])
+def test_a_small_error_is_measured_finer_and_a_large_one_coarser(expected):
+    large, camera = ball(1.0), replace(straight(), pixels=(2000, 2000))
+    away = 1000 * 0.02 / expected
+    found = silhouette.error(large, ball(0.98), np.zeros(3), away, camera, expected)
+    assert found == pytest.approx(1000 / np.sqrt(away**2 - 1) - 980 / np.sqrt(away**2 - 0.98**2), rel=0.4)
+
+
 def test_directions_go_all_around_and_some_look_down():
     found = silhouette.directions()
     assert len(found) >= 12 and np.allclose(np.linalg.norm(found, axis=1), 1)
