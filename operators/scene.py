@@ -5,6 +5,7 @@ import os
 import sys
 import tempfile
 import time as clock
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 
 import bpy
@@ -256,6 +257,32 @@ def scratch():
         yield
     finally:
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+
+
+# (objects, time) -> the depsgraph in which they are as at `time`, in frames of the animation
+At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
+
+
+@contextmanager
+def stage() -> Iterator[At]:
+    """Objects at other times than their scene's, in one made for it when first asked, and gone afterwards. One for all that is
+    asked: whenever a scene is made or goes, Blender works out anew what depends on what in all others."""
+    made, linked = [], set()
+
+    def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
+        if not made:
+            made.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
+        for item in set(objects) - linked:
+            made[0].collection.objects.link(item)
+            linked.add(item)
+        made[0].frame_set(int(time // 1), subframe=time % 1)
+        return made[0].view_layers[0].depsgraph
+
+    try:
+        yield at
+    finally:
+        for scene in made:
+            bpy.data.scenes.remove(scene)
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:

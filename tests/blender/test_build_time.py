@@ -122,6 +122,25 @@ def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stre
         assert time == pytest.approx(io.time_of(built), abs=1e-6)
 
 
+def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(built, rendered):
+    """It takes a scene, after which Blender works out anew what depends on what in all the file."""
+    lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
+    built.collection.objects.link(lamp)
+    built.render.use_motion_blur = True
+    others = set()
+
+    def noted(scene, *_):
+        others.update({scene.session_uid} - {built.session_uid})
+
+    bpy.app.handlers.frame_change_post.append(noted)
+    try:
+        built.frame_set(20)
+        assert not others
+        assert len(rendered(built, 21, columns)) == 3 and len(others) == 1
+    finally:
+        bpy.app.handlers.frame_change_post.remove(noted)
+
+
 @pytest.mark.parametrize("baked", [False, True])
 def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built, baked):
     settings, render = built.crowd_lod, built.render
