@@ -321,8 +321,9 @@ def frame_of(
     return frame if around is None else surround(frame, trajectory, eyes, shutter, around)
 
 
-def forget() -> None:
-    """Drop the caches."""
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre: drop the caches, which are of the file's crowds and images."""
     _trajectories.clear()
     _latest.clear()
     io.forget()

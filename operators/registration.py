@@ -27,7 +27,7 @@ CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, follow.follow],
     "depsgraph_update_post": [scenery.edited],
-    "load_pre": [scenery.forget],
+    "load_pre": [scenery.forget, populate.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
     "load_post": [build.upgrade],

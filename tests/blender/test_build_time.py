@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import cameras, follow, threads
+from crowd_lod_extension.operators import cameras, follow, populate, threads
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
 from crowd_lod_extension.operators.populate import trajectory_of
@@ -240,7 +240,7 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
 
 
-def test_a_repainted_map_or_an_edited_number_is_never_missed(built):
+def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept_of_another_file(built):
     settings = built.crowd_lod
     pixels = np.full((8, 8, 3), 128, np.uint8)
     settings.map_image = io.write_image("ground", pixels)
@@ -262,3 +262,7 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed(built):
     assert not np.array_equal(trajectory_of(built).start.x, walled.start.x)
     settings.height_image = io.write_image("hills", pixels)
     assert trajectory_of(built).at(1).z.max() > 0.4
+    kept = populate._trajectories, populate._latest, io._values
+    assert all(kept)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert not any(kept)
