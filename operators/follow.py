@@ -2,7 +2,9 @@
 
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 
 import bpy
 import numpy as np
@@ -192,6 +194,9 @@ class Rendering:
 
 
 _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
+# The scene.stage of a render in a file of several scenes, to be removed when it ends: Blender crashes where anything is removed
+# while it renders scenes that compositing nodes show.
+_stages: list[bpy.types.Scene] = []
 
 
 @bpy.app.handlers.persistent
@@ -204,6 +209,15 @@ def rendering(scene: bpy.types.Scene, *_) -> None:
 def rendered(scene: bpy.types.Scene, *_) -> None:
     """render_post, render_cancel."""
     _rendering.pop(scene.session_uid, None)
+
+
+@bpy.app.handlers.persistent
+def ended(*_) -> None:
+    """render_complete, render_cancel."""
+    if _stages:
+        with suppress(CrowdError):
+            on_main_thread(partial(bpy.data.batch_remove, _stages[:]))
+        _stages.clear()
 
 
 def shutter_frame(scene: bpy.types.Scene) -> float:
@@ -256,7 +270,7 @@ def _planned(
     if top.get(MADE_FROM, made := made_from(scene)) != made:
         raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
     whole = io.remapped(scene.render, number)
-    with io.stage() as at:
+    with io.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
             film, own = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph), []
         else:

@@ -33,7 +33,8 @@ HANDLERS = {
     "load_post": [build.upgrade],
     "render_pre": [follow.rendering],
     "render_post": [follow.rendered],
-    "render_cancel": [follow.rendered],
+    "render_complete": [follow.ended],
+    "render_cancel": [follow.rendered, follow.ended],
 }
 _commands = []
 

@@ -264,25 +264,25 @@ At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
 
 
 @contextmanager
-def stage() -> Iterator[At]:
-    """Objects at other times than their scene's, in one made for it when first asked, and gone afterwards. One for all that is
-    asked: whenever a scene is made or goes, Blender works out anew what depends on what in all others."""
-    made, linked = [], set()
+def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
+    """Objects at other times than their scene's, in one made for it when first asked, and gone afterwards; with `kept` it stays
+    there, for the next. One for all that is asked: whenever a scene is made or goes, Blender works out anew what depends on
+    what in all others."""
+    made = [] if kept is None else kept
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
         if not made:
             made.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
-        for item in set(objects) - linked:
+        for item in set(objects).difference(made[0].collection.objects):
             made[0].collection.objects.link(item)
-            linked.add(item)
         made[0].frame_set(int(time // 1), subframe=time % 1)
         return made[0].view_layers[0].depsgraph
 
     try:
         yield at
     finally:
-        for scene in made:
-            bpy.data.scenes.remove(scene)
+        if kept is None and made:  # asked to remove nothing, Blender goes through all the file, too
+            bpy.data.scenes.remove(*made)
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:

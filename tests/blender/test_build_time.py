@@ -122,7 +122,7 @@ def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stre
         assert time == pytest.approx(io.time_of(built), abs=1e-6)
 
 
-def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(built, rendered):
+def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(built, rendered, tmp_path):
     """It takes a scene, after which Blender works out anew what depends on what in all the file."""
     lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
     built.collection.objects.link(lamp)
@@ -137,6 +137,14 @@ def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(bu
         built.frame_set(20)
         assert not others
         assert len(rendered(built, 21, columns)) == 3 and len(others) == 1
+        # what is removed while compositing nodes show several scenes crashes Blender
+        bpy.data.scenes.new("other")
+        built.frame_start, built.frame_end, built.render.filepath = 21, 22, str(tmp_path / "f")
+        scenes = []
+        bpy.app.handlers.render_post.append(count := lambda *_: scenes.append(len(bpy.data.scenes)))
+        bpy.ops.render.render(animation=True)
+        bpy.app.handlers.render_post.remove(count)
+        assert scenes == [3, 3] and len(bpy.data.scenes) == 2 and len(others) == 2
     finally:
         bpy.app.handlers.frame_change_post.remove(noted)
 
