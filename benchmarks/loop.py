@@ -20,14 +20,14 @@ FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 
 @cache
 def library() -> ctypes.CDLL | None:
-    """The loops; None where there is no C compiler."""
+    """The loops; None where there is no C compiler that makes them."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "gcc", "clang"))), None)
     if compiler is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         built = Path(folder) / "loop.so"
-        subprocess.run([compiler, *FLAGS, str(Path(__file__).with_name("loop.c")), "-o", str(built), "-lm"], check=True)
-        return ctypes.CDLL(str(built))
+        made = subprocess.run([compiler, *FLAGS, str(Path(__file__).with_name("loop.c")), "-o", str(built), "-lm"])
+        return ctypes.CDLL(str(built)) if not made.returncode else None
 
 
 def _at(array: np.ndarray) -> ctypes.c_void_p:

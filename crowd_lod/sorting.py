@@ -19,6 +19,11 @@ class Buckets:
         return self.order[self.offsets[level] : self.offsets[level + 1]]
 
     @property
+    def levels(self) -> np.ndarray:
+        """The LOD of each in `order`, (m,) uint8."""
+        return np.repeat(np.arange(len(self.offsets) - 1, dtype=np.uint8), self.counts)
+
+    @property
     def counts(self) -> np.ndarray:
         """Agents in each LOD, (n,) intp."""
         return np.diff(self.offsets)

@@ -71,9 +71,10 @@ def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterat
     with _evaluated(scene) as depsgraph_at:
         for done, number in enumerate(frames):
             time = io.remapped(render, number)
-            around = lights.read_surroundings(scene, depsgraph_at(number), time)
-            film = cameras.camera_at(scene, time)
-            frame = frame_of(scene, None, time, film, trajectory, around)
+            with io.stage() as at:
+                around = lights.read_surroundings(scene, depsgraph_at(number), time, at=at)
+                film, shutter = cameras.camera_at(scene, time, at), cameras.read_shutter(scene, time, at)
+            frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             held = held_by(scene, trajectory, number, frame.crowd, film)
             for name, agents in members(frame).items():
                 rows[name].append(columns_in_time(trajectory, held, number, agents, libraries[name], tilt))

@@ -8,7 +8,7 @@ import numpy as np
 from ..crowd_lod import stereo
 from ..crowd_lod.camera import Camera, Window, crop, lens_blur, opened, referential, window
 from ..crowd_lod.errors import CrowdError
-from .scene import remapped, scratch
+from .scene import At, remapped, stage
 
 OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
 CYLINDER = "central_cylindrical_range"
@@ -167,25 +167,22 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
     return lens_blur(film, aperture * max(1.0, 1 / max(dof.aperture_ratio, 1e-5)), max(focus, 1e-5))
 
 
-def camera_at(scene: bpy.types.Scene, time: float) -> tuple[Camera, ...]:
+def camera_at(scene: bpy.types.Scene, time: float, at: At | None = None) -> tuple[Camera, ...]:
     """The scene's cameras, as `read_cameras`, as they will be at `time` (see scene.time_of); the scene stays at its own
-    time."""
-    return cameras_at(scene, [time])[0]
+    time. at: of an open scene.stage, here and below."""
+    return cameras_at(scene, [time], at=at)[0]
 
 
-def cameras_at(scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None) -> list[tuple[Camera, ...]]:
+def cameras_at(
+    scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None, at: At | None = None
+) -> list[tuple[Camera, ...]]:
     """`camera_at` for several times, filmed by `camera` or by the one bound to each."""
+    if at is None:
+        with stage() as at:
+            return cameras_at(scene, times, camera, at)
     films = [camera or bound_camera(scene, time) for time in times]
-    with scratch():
-        stage = bpy.data.scenes.new("Crowd LOD camera")  # its times are not remapped
-        eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
-        for item in {*films, *eyes}:
-            stage.collection.objects.link(item)
-        found = []
-        for time, film in zip(times, films, strict=True):
-            stage.frame_set(int(time // 1), subframe=time % 1)
-            found.append(cameras_from(scene, film, stage.view_layers[0].depsgraph))
-        return found
+    eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
+    return [cameras_from(scene, film, at({*films, *eyes}, time)) for time, film in zip(times, films, strict=True)]
 
 
 def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
@@ -198,12 +195,12 @@ def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
     return [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
 
 
-def read_shutter(scene: bpy.types.Scene, time: float) -> list[tuple[float, tuple[Camera, ...]]]:
+def read_shutter(scene: bpy.types.Scene, time: float, at: At | None = None) -> list[tuple[float, tuple[Camera, ...]]]:
     """With motion blur, what camera.opened makes of the cameras while the shutter of the frame at `time` is open: at its
     beginning, middle and end, as Cycles samples them; else nothing. A marker that switches the camera while it is open
     does not count: a frame is filmed by one."""
     times = shutter_times(scene, time)
     if not times:
         return []
-    eyes = [opened(each) for each in zip(*cameras_at(scene, times, bound_camera(scene, time)), strict=True)]
+    eyes = [opened(each) for each in zip(*cameras_at(scene, times, bound_camera(scene, time), at), strict=True)]
     return list(zip(times, zip(*eyes, strict=True), strict=True))

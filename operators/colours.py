@@ -17,8 +17,8 @@ from .srgb import linear
 
 @dataclass(frozen=True)
 class Colours:
-    """index: (n,) uint8, each agent's colour in palette (p, 4) float32, linear RGBA. culled: whether culled agents show
-    theirs, too."""
+    """index: (n,) uint8, each agent's colour in palette (p, 4) float32, linear RGBA; of culled agents only where `culled`, then
+    they show theirs, too."""
 
     index: np.ndarray
     palette: np.ndarray
@@ -27,7 +27,9 @@ class Colours:
 
 def by_level(frame: Frame) -> Colours:
     """By LOD."""
-    return Colours(frame.levels, _opaque(TINTS))
+    index = np.zeros(len(frame.crowd), np.uint8)  # frame.levels would be measured for all agents
+    index[frame.buckets.order] = frame.buckets.levels
+    return Colours(index, _opaque(TINTS))
 
 
 def by_state(frame: Frame, machine: StateMachine) -> Colours:

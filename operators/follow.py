@@ -2,7 +2,9 @@
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
 
 import bpy
 import numpy as np
@@ -182,14 +184,25 @@ def empty(top: bpy.types.Collection) -> None:
         points.data.update_tag()
 
 
-# The time, on the timeline, of the frame that each scene renders now, by session_uid.
-_rendering: dict[int, float] = {}
+@dataclass(frozen=True)
+class Rendering:
+    """The frame that a scene renders now. number: its time on the timeline; planned: by view layer, what the first time of its
+    open shutter has made of it, which holds for all."""
+
+    number: float
+    planned: dict[str, tuple[Trajectory, Frame, Held]] = field(default_factory=dict)
+
+
+_rendering: dict[int, Rendering] = {}  # by the scene's session_uid
+# The scene.stage of a render in a file of several scenes, to be removed when it ends: Blender crashes where anything is removed
+# while it renders scenes that compositing nodes show.
+_stages: list[bpy.types.Scene] = []
 
 
 @bpy.app.handlers.persistent
 def rendering(scene: bpy.types.Scene, *_) -> None:
     """render_pre."""
-    _rendering[scene.session_uid] = scene.frame_current + scene.frame_subframe
+    _rendering[scene.session_uid] = Rendering(scene.frame_current + scene.frame_subframe)
 
 
 @bpy.app.handlers.persistent
@@ -198,15 +211,31 @@ def rendered(scene: bpy.types.Scene, *_) -> None:
     _rendering.pop(scene.session_uid, None)
 
 
+@bpy.app.handlers.persistent
+def ended(*_) -> None:
+    """render_complete, render_cancel."""
+    if _stages:
+        with suppress(CrowdError):
+            on_main_thread(partial(bpy.data.batch_remove, _stages[:]))
+        _stages.clear()
+
+
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre: what is rendered, and read on the way, goes with its file."""
+    _rendering.clear()
+    _stages.clear()
+
+
 def shutter_frame(scene: bpy.types.Scene) -> float:
     """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself. While
     Blender renders it is the frame rendered: shutters of a frame and longer overlap, and time alone does not tell."""
     time = scene.frame_current + scene.frame_subframe
     if not scene.render.use_motion_blur:
         return time
-    number = _rendering.get(scene.session_uid, np.nan)
-    if abs(time - number) <= scene.render.motion_blur_shutter:
-        return number
+    known = _rendering.get(scene.session_uid)
+    if known is not None and abs(time - known.number) <= scene.render.motion_blur_shutter:
+        return known.number
     return float(np.floor(time + opening(scene.render)))
 
 
@@ -223,26 +252,40 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     With motion blur every time within a frame's shutter shows that frame's buckets and poses, at the positions of its
     own time: an agent that changed its object, or its instance, while the shutter is open would lose its blur.
     """
-    top, settings = scene.crowd_lod.build, scene.crowd_lod
+    top = scene.crowd_lod.build
     if BAKED in top:
         return
+    number, time = shutter_frame(scene), io.time_of(scene)
+    known, layer = _rendering.get(scene.session_uid), depsgraph.view_layer_eval.name
+    blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"  # a viewport shows no blur
+    kept = known.planned if blurred and known is not None and known.number == number else {}
+    if layer not in kept:
+        kept[layer] = _planned(scene, depsgraph, number, time, blurred)
+    trajectory, frame, held = kept[layer]
+    write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time), scene.crowd_lod.tilt)
+
+
+def _planned(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, blurred: bool
+) -> tuple[Trajectory, Frame, Held]:
+    """The frame `number` of the timeline, and what it holds, `blurred` all that its shutter sees; `depsgraph` is at `time`."""
     check_levels(scene)
     trajectory = trajectory_of(scene)
-    points = points_of(top)
-    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points.keys():
+    top = scene.crowd_lod.build
+    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(top).keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
     if top.get(MADE_FROM, made := made_from(scene)) != made:
         raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
-    number = shutter_frame(scene)
-    time, whole = io.time_of(scene), io.remapped(scene.render, number)
-    if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
-        film = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph)
-    else:
-        film = cameras.camera_at(scene, whole)
-    around = lights.read_surroundings(scene, depsgraph, whole)
-    frame = frame_of(scene, depsgraph, whole, film, trajectory, around)
-    held = held_by(scene, trajectory, number, frame.crowd, film)
-    write(top, trajectory, frame, held, frame.crowd if whole == time else trajectory.at(time), settings.tilt)
+    whole = io.remapped(scene.render, number)
+    with io.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
+        if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
+            film, own = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph), []
+        else:
+            film, own = cameras.camera_at(scene, whole, at), [whole]
+        shutter = cameras.read_shutter(scene, whole, at) if blurred else []
+        around = lights.read_surroundings(scene, depsgraph, whole, [part for part, _ in shutter] or own, at)
+    frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
+    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd, film)
 
 
 @bpy.app.handlers.persistent

@@ -1,5 +1,7 @@
 """Blender's lights, mirrors and what shadows may fall on -> the core's (crowd_lod/shadows.py)."""
 
+from collections.abc import Sequence
+
 import bpy
 import numpy as np
 
@@ -13,22 +15,28 @@ from .scenery import Placed, matrix_of, scenery_of
 MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
 
 
-def read_surroundings(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None, time: float) -> Surroundings:
+def read_surroundings(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph | None,
+    time: float,
+    times: Sequence[float] | None = None,
+    at: io.At | None = None,
+) -> Surroundings:
     """What the crowd of `scene` shadows and is mirrored by at `time` (see scene.time_of), which `depsgraph` has evaluated.
 
-    With motion blur lights and mirrors hold for the whole shutter of the frame at `time`, whatever the time of `depsgraph`.
-    What shadows may fall on is then not bounded, nor without a depsgraph.
+    With motion blur lights and mirrors hold for the whole shutter of the frame at `time`, or for other `times`, whatever the
+    time of `depsgraph`. What shadows may fall on is then not bounded, nor without a depsgraph. at: of an open scene.stage.
     """
     settings, engine = scene.crowd_lod, scene.render.engine
     if not settings.shadows:
         return Surroundings(left_out=(NOT_WANTED,))
     if engine == "BLENDER_WORKBENCH":
         return Surroundings(left_out=(WORKBENCH,))
-    times = shutter_times(scene, time)
+    times = shutter_times(scene, time) if times is None else times
     shown = scenery_of(scene, depsgraph)
     lamps, panes = shown.lamps(depsgraph), [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"]
     if times or depsgraph is None:
-        lights, mirrors = _through(lamps, panes, times or [time], engine)
+        lights, mirrors = _through(lamps, panes, times or [time], engine, at)
         box = None
     else:
         lights, mirrors = _read(lamps, panes, depsgraph, engine)
@@ -103,19 +111,17 @@ def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
     return Mirror(normal, min(found, key=lambda pair: pair[0])[1])
 
 
-def _through(lamps, panes, times: list[float], engine: str) -> tuple[list[Light], list[Mirror]]:
+def _through(lamps, panes, times: Sequence[float], engine: str, at: io.At | None) -> tuple[list[Light], list[Mirror]]:
     """The lights, each so wide that it holds itself at all of `times`, and the mirrors as they are at each."""
-    with io.scratch():
-        stage = bpy.data.scenes.new("Crowd LOD lights")
-        for item in dict.fromkeys(part for thing, inside in (*lamps, *panes) for part in (thing, *inside)):
-            stage.collection.objects.link(item)
-        lights, mirrors = [], []
-        for time in times:
-            stage.frame_set(int(time // 1), subframe=time % 1)
-            found = _read(lamps, panes, stage.view_layers[0].depsgraph, engine)
-            lights.append(found[0])
-            mirrors += found[1]
-    return [_widened(each) for each in zip(*lights, strict=True)], mirrors
+    items = {part for thing, inside in (*lamps, *panes) for part in (thing, *inside)}
+    if not items:
+        return [], []
+    if at is None:
+        with io.stage() as at:
+            return _through(lamps, panes, times, engine, at)
+    found = [_read(lamps, panes, at(items, time), engine) for time in times]
+    lights, mirrors = zip(*found, strict=True)
+    return [_widened(each) for each in zip(*lights, strict=True)], [mirror for each in mirrors for mirror in each]
 
 
 def _widened(each: tuple[Light, ...]) -> Light:

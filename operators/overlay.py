@@ -57,7 +57,9 @@ class Shown:
 
 _handlers = []
 _shown: dict[int, Shown] = {}  # by the scene's session_uid
-# Of scenes with motion blur, by session_uid: what an open shutter is asked for, and (that, read_shutter's answer).
+REST = 0.3  # seconds that a frame is shown before its open shutter is asked for
+# Of scenes with motion blur, by session_uid: (what an open shutter is asked for, since when, seconds), and (that, read_shutter's
+# answer).
 _asked: dict[int, tuple] = {}
 _shutters: dict[int, tuple] = {}
 _faster = compute.Faster()
@@ -291,7 +293,7 @@ def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
     """(key, what read_shutter says, or () while that is not known).
 
     Other times are read in a scene made for it, which must not be done while Blender draws: a timer does, and the
-    viewport is drawn again. What the camera does at other times alone is noticed when the frame or the camera changes.
+    viewport is drawn again. As the next frame then takes long (scene.stage), frames that pass go without. What the camera does at other times alone is noticed when the frame or the camera changes.
     """
     render = scene.render
     if not render.use_motion_blur:
@@ -300,18 +302,22 @@ def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
     known, samples = _shutters.get(scene.session_uid, ((), ()))
     if known == key:
         return key, samples
-    _asked[scene.session_uid] = key
+    if _asked.get(scene.session_uid, ((),))[0] != key:
+        _asked[scene.session_uid] = key, clock.monotonic()
     if not bpy.app.timers.is_registered(_read_shutters):
         bpy.app.timers.register(_read_shutters)
     return key, ()
 
 
 def _read_shutters() -> float | None:
-    """Read the shutters asked for; while an animation plays later, for its next frame would ask again."""
+    """Read the shutters asked for; while an animation plays or the frame changes later, for the next frame would ask again."""
     if io.playing():
         return LOOK_AGAIN
+    rest = max((since for _, since in _asked.values()), default=-np.inf) + REST - clock.monotonic()
+    if rest > 0:
+        return rest
     for scene in bpy.data.scenes:
-        key = _asked.pop(scene.session_uid, None)
+        key, _ = _asked.pop(scene.session_uid, (None, None))
         if key is not None:
             try:
                 _shutters[scene.session_uid] = key, read_shutter(scene, key[0])

@@ -127,7 +127,7 @@ def _instances(
 ) -> tuple[np.ndarray, tuple]:
     """(agents, draws) of a Drawing: every visible agent, in a cross-fade in both LODs."""
     crowd, order = frame.crowd, frame.buckets.order
-    levels, shares = frame.levels[order], np.zeros(len(order), np.float32)
+    levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
     if fades is not None:
         finer, share = (values[order] for values in fades)
         share = (share * SHARES).round().clip(share > 0, SHARES - 1) / SHARES  # so that both LODs hold it to the bit
@@ -135,7 +135,7 @@ def _instances(
         levels = np.concatenate([finer, finer[both] + np.uint8(1)])
         shares = np.concatenate([-share, share[both]])
         order = np.concatenate([order, order[both]])
-    draw = levels.astype(np.int64) * 256 + crowd.group[order]
+    draw = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order]
     by_draw = np.argsort(draw, kind="stable")
     order, shares = order[by_draw], shares[by_draw]
     kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)

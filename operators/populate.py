@@ -306,21 +306,24 @@ def frame_of(
     camera: Camera | Sequence[Camera] | None = None,
     trajectory: Trajectory | None = None,
     around: Surroundings | None = None,
+    shutter: Sequence[tuple[float, Sequence[Camera]]] | None = None,
 ) -> Frame:
     """The plan of the crowd at `time` (the scene's own if None; see scene.time_of) from `camera`, one or the eyes (the
-    active ones as `depsgraph` has them); with motion blur, of all that its shutter sees. trajectory: the scene's, where
-    it is at hand. around: with it, agents that the camera does not see and that still matter are looked for."""
+    active ones as `depsgraph` has them); with motion blur, of all that its `shutter` sees, which is read if None. trajectory:
+    the scene's, where it is at hand. around: with it, agents that the camera does not see and that still matter are looked for."""
     if time is None:
         time = io.time_of(scene)
     trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
-    shutter, bias = read_shutter(scene, time), bias_of(settings, trajectory.world.area)
+    shutter = read_shutter(scene, time) if shutter is None else shutter
+    bias = bias_of(settings, trajectory.world.area)
     frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
     return frame if around is None else surround(frame, trajectory, eyes, shutter, around)
 
 
-def forget() -> None:
-    """Drop the caches."""
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre: drop the caches, which are of the file's crowds and images."""
     _trajectories.clear()
     _latest.clear()
     io.forget()

@@ -27,13 +27,14 @@ CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, follow.follow],
     "depsgraph_update_post": [scenery.edited],
-    "load_pre": [scenery.forget],
+    "load_pre": [scenery.forget, populate.forget, follow.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
     "load_post": [build.upgrade],
     "render_pre": [follow.rendering],
     "render_post": [follow.rendered],
-    "render_cancel": [follow.rendered],
+    "render_complete": [follow.ended],
+    "render_cancel": [follow.rendered, follow.ended],
 }
 _commands = []
 

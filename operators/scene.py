@@ -5,6 +5,7 @@ import os
 import sys
 import tempfile
 import time as clock
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
 
 import bpy
@@ -271,6 +272,32 @@ def check_own(scene: bpy.types.Scene) -> None:
             f"The scene {scene.name} is linked from {scene.library.filepath}: work in that file, or make the scene local in "
             "the Outliner (ID Data, Make Local)."
         )
+
+
+# (objects, time) -> the depsgraph in which they are as at `time`, in frames of the animation
+At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
+
+
+@contextmanager
+def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
+    """Objects at other times than their scene's, in one made for it when first asked, and gone afterwards; with `kept` it stays
+    there, for the next. One for all that is asked: whenever a scene is made or goes, Blender works out anew what depends on
+    what in all others."""
+    made = [] if kept is None else kept
+
+    def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
+        if not made:
+            made.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
+        for item in set(objects).difference(made[0].collection.objects):
+            made[0].collection.objects.link(item)
+        made[0].frame_set(int(time // 1), subframe=time % 1)
+        return made[0].view_layers[0].depsgraph
+
+    try:
+        yield at
+    finally:
+        if kept is None and made:  # asked to remove nothing, Blender goes through all the file, too
+            bpy.data.scenes.remove(*made)
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:

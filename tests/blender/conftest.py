@@ -46,6 +46,30 @@ def scene(monkeypatch):
     return scene
 
 
+@pytest.fixture
+def rendered():
+    """(scene, number, look) -> what look(scene) says at each time that Cycles asks for to render the frame."""
+
+    def render(scene, number, look):
+        found = {}
+
+        def looked(scene, depsgraph):
+            if depsgraph.mode == "RENDER":
+                time = scene.frame_current + scene.frame_subframe
+                assert found.setdefault(time, look(scene)) == look(scene), time
+
+        scene.frame_set(number)
+        scene.render.engine, scene.cycles.samples, scene.render.resolution_percentage = "CYCLES", 1, 10
+        bpy.app.handlers.frame_change_post.append(looked)
+        try:
+            bpy.ops.render.render()
+        finally:
+            bpy.app.handlers.frame_change_post.remove(looked)
+        return found
+
+    return render
+
+
 @pytest.fixture(scope="session")
 def kept(tmp_path_factory):
     """Where files are kept that take seconds to make."""

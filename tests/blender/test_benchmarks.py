@@ -58,6 +58,11 @@ def test_perspectives_see_nearly_all_and_nearly_none(bench):
     assert all(row[f"lod{k}"] >= 0 for k in range(3))
 
 
+def test_a_compiler_that_fails_is_as_none(bench, monkeypatch):
+    monkeypatch.setenv("CC", sys.executable)
+    assert bench.loop.library() is None
+
+
 def test_the_c_loop_steps_as_the_core_within_cells(bench):
     if bench.loop.library() is None:
         pytest.skip("no C compiler")

@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import cameras, follow, threads
+from crowd_lod_extension.operators import cameras, follow, populate, threads
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
 from crowd_lod_extension.operators.populate import trajectory_of
@@ -122,6 +122,33 @@ def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stre
         assert time == pytest.approx(io.time_of(built), abs=1e-6)
 
 
+def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(built, rendered, tmp_path):
+    """It takes a scene, after which Blender works out anew what depends on what in all the file."""
+    lamp = bpy.data.objects.new("lamp", bpy.data.lights.new("lamp", "POINT"))
+    built.collection.objects.link(lamp)
+    built.render.use_motion_blur = True
+    others = set()
+
+    def noted(scene, *_):
+        others.update({scene.session_uid} - {built.session_uid})
+
+    bpy.app.handlers.frame_change_post.append(noted)
+    try:
+        built.frame_set(20)
+        assert not others
+        assert len(rendered(built, 21, columns)) == 3 and len(others) == 1
+        # what is removed while compositing nodes show several scenes crashes Blender
+        bpy.data.scenes.new("other")
+        built.frame_start, built.frame_end, built.render.filepath = 21, 22, str(tmp_path / "f")
+        scenes = []
+        bpy.app.handlers.render_post.append(count := lambda *_: scenes.append(len(bpy.data.scenes)))
+        bpy.ops.render.render(animation=True)
+        bpy.app.handlers.render_post.remove(count)
+        assert scenes == [3, 3] and len(bpy.data.scenes) == 2 and len(others) == 2
+    finally:
+        bpy.app.handlers.frame_change_post.remove(noted)
+
+
 @pytest.mark.parametrize("baked", [False, True])
 def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built, baked):
     settings, render = built.crowd_lod, built.render
@@ -221,7 +248,7 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
 
 
-def test_a_repainted_map_or_an_edited_number_is_never_missed(built):
+def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept_of_another_file(built):
     settings = built.crowd_lod
     pixels = np.full((8, 8, 3), 128, np.uint8)
     settings.map_image = io.write_image("ground", pixels)
@@ -243,3 +270,7 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed(built):
     assert not np.array_equal(trajectory_of(built).start.x, walled.start.x)
     settings.height_image = io.write_image("hills", pixels)
     assert trajectory_of(built).at(1).z.max() > 0.4
+    kept = populate._trajectories, populate._latest, io._values
+    assert all(kept)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    assert not any(kept)

@@ -175,7 +175,7 @@ def unseen(scene):
 
 
 @pytest.mark.parametrize("blur", [False, True])
-def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_the_frame(lit, blur):
+def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_the_frame(lit, blur, rendered):
     sun = lamp(lit, "SUN", angle=0.05)
     for frame, turn in ((1, (0, 1.2, 0)), (40, (0, 1.2, 1.5))):
         sun.rotation_euler = turn
@@ -187,21 +187,22 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
         lit.frame_set(int(time), subframe=time % 1)
         now = unseen(lit)
         assert first.setdefault(time, now) == now, time
-    lit.frame_set(11)
-    found = unseen(lit)
+    shown = [rendered(lit, number, unseen) for number in (11, 30, 11)]
+    assert shown[0] == shown[2] and len(shown[0]) == (3 if blur else 1)
+    found = shown[0][11]
     frame = frame_of(lit, bpy.context.evaluated_depsgraph_get(), around=read(lit))
     assert len(found["Shadow 2"]) // 12 == len(frame.shadow.order) > 0 and frame.shadow.counts[:2].sum() == 0
     assert not found["Shadow 0"] and not found["Mirror 2"]
     lit.crowd_lod.unseen_level = 0
-    lit.frame_set(11)
-    assert unseen(lit)["Shadow 0"] == found["Shadow 2"] and not unseen(lit)["Shadow 2"]
+    finer = rendered(lit, 11, unseen)[11]
+    assert finer["Shadow 0"] == found["Shadow 2"] and not finer["Shadow 2"]
     lit.crowd_lod.shadows = False
     lit.frame_set(11)
     assert not any(unseen(lit).values())
 
 
 @pytest.mark.parametrize("blur", [False, True])
-def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur):
+def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendered):
     """A sun that moves, and a wall that the shadows' way ends at."""
     sun = lamp(lit, "SUN", angle=0.05)
     wall = add(lit.collection, "Wall", [(tile(-30, 0, 30, 3), material("Wall", (0.5, 0.5, 0.5)))])
@@ -217,11 +218,12 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur):
         mesh.attributes[name].data.foreach_get("value", values)
         return values
 
+    def shown(scene):
+        return {name: ids(item.data, "id").tolist() for name, item in builder.points_of(scene.crowd_lod.build).items()}
+
     live = {}
     for number in (12, 3, 30):
-        lit.frame_set(number)
-        for name, item in builder.points_of(lit.crowd_lod.build).items():
-            live[number, name] = ids(item.data, "id").tolist()
+        live |= {(number, name): kept for name, kept in rendered(lit, number, shown)[number].items()}
     list(bake(lit, [3, 12, 30]))
     for (number, name), kept in live.items():
         mesh = builder.points_of(lit.crowd_lod.build)[name].data

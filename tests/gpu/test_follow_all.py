@@ -79,6 +79,8 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     shown(scene)
     assert bpy.app.timers.is_registered(overlay._read_shutters)
     assert {s.name for s in bpy.data.scenes} == names
+    assert 0 < overlay._read_shutters() <= overlay.REST  # other frames may come
+    monkeypatch.setattr(overlay, "REST", 0.0)
     assert overlay._read_shutters() is None
     blurred = assert_as_planned(scene)
     assert (blurred.visible >= still.frame.visible).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()

@@ -16,7 +16,7 @@ from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
 from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, paint
 from crowd_lod_extension.operators.levels import TINTS
-from crowd_lod_extension.operators.points import CULLED, FRUSTUM, drawing
+from crowd_lod_extension.operators.points import CULLED, FRUSTUM, Style, drawing
 from crowd_lod_extension.operators.srgb import encoded
 from mathutils import Matrix, Vector
 
@@ -56,9 +56,12 @@ def planned(shift=(0.0, 0.0, 0.0)):
     axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
     camera = Camera("PERSP", eye, *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
     frame = plan(Trajectory(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
+    what = drawing(frame, GROUPS)
+    drawing(frame, GROUPS, Style("BOXES"))
+    assert "levels" not in vars(frame)  # those of all agents, whom neither shows
     found = [int(level) if seen else None for level, seen in zip(frame.levels, frame.visible, strict=True)]
     assert found == [level for _, _, level in AGENTS]
-    return frame, drawing(frame, GROUPS)
+    return frame, what
 
 
 def without_lines(what):
