@@ -39,11 +39,6 @@ def bound_camera(scene: bpy.types.Scene, time: float) -> bpy.types.Object:
     return (max(past, key=lambda m: m.frame) if past else min(markers, key=lambda m: m.frame)).camera
 
 
-def read_camera(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Camera:
-    """The scene's active camera as `depsgraph` has evaluated it; of a stereo picture the first eye's."""
-    return read_cameras(scene, depsgraph)[0]
-
-
 def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
     """The cameras that film the scene's picture, as `depsgraph` has evaluated them: the active one, or the eyes of a
     stereo or multi-view picture. With the setting cull_to_border, only the render border is filmed."""

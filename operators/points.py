@@ -19,12 +19,9 @@ WIDTH = 0.6  # of a point, in radii of the agent's sphere
 SHARES = 1024  # steps of a cross-fade
 
 
-MODES = ("MESHES", "BOXES", "POINTS")
-
-
 @dataclass(frozen=True)
 class Style:
-    """How a crowd is drawn. mode: of MODES. culled: whether culled agents show, as faint points. turn: radians about z
+    """How a crowd is drawn. mode: MESHES, BOXES or POINTS. culled: whether culled agents show, as faint points. turn: radians about z
     that turn a character to +x. materials: meshes in their materials' colours."""
 
     mode: str = "POINTS"

@@ -141,7 +141,7 @@ def test_no_agent_that_blender_shows_is_missed(scene, kind):
         total, shown, kept = total + AGENTS, shown + int(seen.sum()), kept + int(visible.sum())
         if kind == "PERSP":
             scene.render.resolution_percentage = 100  # world_to_camera_view knows no percentage, so no rounding to pixels
-            eye = cameras.read_camera(scene, depsgraph_of(scene))
+            eye = cameras.read_cameras(scene, depsgraph_of(scene))[0]
             for point in points[:50]:
                 x, y, depth = world_to_camera_view(scene, scene.camera, Vector(point))
                 if 1e-4 < min(x, y) and max(x, y) < 1 - 1e-4 and eye.near < depth < eye.far:
@@ -154,7 +154,7 @@ def test_the_window_is_blenders(scene, kind):
     random = np.random.default_rng(20)
     for _ in range(30):
         depsgraph = shuffle(scene, random, kind)
-        camera = cameras.read_camera(scene, depsgraph)
+        camera = cameras.read_cameras(scene, depsgraph)[0]
         view, clip = matrices(scene, depsgraph)
         corners = np.concatenate([frustum_corners(camera, camera.far), np.ones((4, 1))], axis=1) @ (clip @ view).T
         corners = corners[:, :3] / corners[:, 3:]
@@ -240,7 +240,7 @@ def test_a_sheared_mirrored_camera_renders_where_its_coordinates_say(scene, engi
     scene.camera.rotation_euler = 0.7, 0.4, 0.9
     scene.camera.data.lens = 20
     scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = 96, 64, 100
-    camera = cameras.read_camera(scene, depsgraph_of(scene))
+    camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert abs(camera.X @ camera.Z) > 0.1  # sheared indeed
     point = camera.origin + np.linalg.inv([camera.X, camera.Y, camera.Z]) @ (3.0, -1.5, 8.0)
     w = camera.window
@@ -254,7 +254,7 @@ def test_fisheye_shows_its_cone(scene, tmp_path):
     addon_utils.enable("cycles")
     data = scene.camera.data
     data.type, data.panorama_type, data.fisheye_fov = "PANO", "FISHEYE_EQUIDISTANT", 2.4
-    camera = cameras.read_camera(scene, depsgraph_of(scene))
+    camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert camera.kind == "PANO" and camera.cone == pytest.approx(1.2)
     for angle, seen in ((1.1, True), (1.35, False)):
         point = np.array([0, 4 * np.sin(angle), -4 * np.cos(angle)])
@@ -271,7 +271,7 @@ def test_every_panoramic_type_has_the_density_that_cycles_renders(scene, tmp_pat
     scene.render.resolution_x, scene.render.resolution_y = size
     for item in data.bl_rna.properties["panorama_type"].enum_items:
         data.panorama_type = item.identifier
-        camera = cameras.read_camera(scene, depsgraph_of(scene))
+        camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
         fisheye = item.identifier.startswith("FISHEYE")
         assert camera.cone == pytest.approx(min(np.pi, data.fisheye_fov / 2) if fisheye else np.pi)
         angle = min(20 / camera.pixels_per_unit, 0.25)
@@ -285,9 +285,9 @@ def test_render_border_is_an_option(scene):
     render = scene.render
     render.use_border = True
     render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y = 0.25, 0.5, 0.1, 0.4
-    whole = cameras.read_camera(scene, depsgraph_of(scene))
+    whole = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     scene.crowd_lod.cull_to_border = True
-    part = cameras.read_camera(scene, depsgraph_of(scene))
+    part = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert part.window != whole.window
     for corner, (x, y) in zip(frustum_corners(part, 10.0), ((0.25, 0.1), (0.5, 0.1), (0.5, 0.4), (0.25, 0.4)), strict=True):
         at = world_to_camera_view(scene, scene.camera, Vector(corner))
@@ -310,7 +310,7 @@ def test_animated_lens_clip_and_shift_are_those_of_the_time(scene):
     for time in (1.0, 4.25, 8.5):
         ahead = cameras.camera_at(scene, time)[0]
         scene.frame_set(int(time), subframe=time % 1)
-        now = cameras.read_camera(scene, scene.view_layers[0].depsgraph)
+        now = cameras.read_cameras(scene, scene.view_layers[0].depsgraph)[0]
         assert (ahead.window, ahead.near, ahead.far) == (now.window, now.near, now.far)
         assert (ahead.origin == now.origin).all() and (ahead.Z == now.Z).all()
     assert now.far != 100
@@ -342,7 +342,7 @@ def test_depth_of_field_widens_the_view(scene):
     target.location = 3, 0, -4
     scene.collection.objects.link(target)
     data.dof.focus_object = target
-    camera = cameras.read_camera(scene, depsgraph_of(scene))
+    camera = cameras.read_cameras(scene, depsgraph_of(scene))[0]
     assert camera.pad == pytest.approx(0.05) and camera.turn == pytest.approx(0.05 / 4)
 
 
