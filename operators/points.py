@@ -15,14 +15,15 @@ from .levels import TINTS
 CULLED = (0.45, 0.45, 0.45, 0.6)
 FRUSTUM = (0.9, 0.75, 0.0, 1.0)
 CULLED_SIZE = 0.6  # of a visible agent's
+MOST_CULLED = 100_000  # points: of a larger crowd every so many-th agent shows where it is culled, in all frames the same
 WIDTH = 0.6  # of a point, in radii of the agent's sphere
 SHARES = 1024  # steps of a cross-fade
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a crowd is drawn. mode: MESHES, BOXES or POINTS. culled: whether culled agents show, as faint points. turn: radians about z
-    that turn a character to +x. materials: meshes in their materials' colours."""
+    """How a crowd is drawn. mode: MESHES, BOXES or POINTS. culled: whether culled agents show, as faint points. turn: radians
+    about z that turn a character to +x. materials: meshes in their materials' colours."""
 
     mode: str = "POINTS"
     culled: bool = True
@@ -84,7 +85,8 @@ def drawing(
     radius = np.array([g.radius for g in groups])
     points = style.mode == "POINTS"
     seen = len(frame.buckets.order) if points else 0
-    culled = np.flatnonzero(~frame.visible) if style.culled else np.empty(0, np.intp)
+    culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
+    culled = culled[~frame.visible[culled]] if len(culled) else culled
     order = np.concatenate([frame.buckets.order[:seen], culled])
     group = crowd.group[order]
     agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colours, slopes, fades)

@@ -14,6 +14,7 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+from crowd_lod_extension.operators import points
 from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, paint
 from crowd_lod_extension.operators.levels import TINTS
 from crowd_lod_extension.operators.points import CULLED, FRUSTUM, Style, drawing
@@ -176,6 +177,15 @@ def test_points_are_in_order_of_lod_and_those_culled_last():
     assert [tuple(c) for c in what.colours[:4]] == tints
     assert (what.colours[4:] == np.float32(CULLED)).all()
     assert (what.sizes[4:] < what.sizes[0]).all() and what.sizes[0] == 1
+
+
+def test_of_many_culled_agents_a_part_shows_and_all_those_seen(monkeypatch):
+    frame, every = planned()
+    monkeypatch.setattr(points, "MOST_CULLED", 3)  # of six agents every second may show where it is culled, the fifth is
+    some = drawing(frame, GROUPS)
+    assert len(every.positions) == 6 and (some.positions == every.positions[:5]).all()
+    assert (some.colours == every.colours[:5]).all() and (some.sizes == every.sizes[:5]).all()
+    assert len(drawing(frame, GROUPS, Style(culled=False)).positions) == 4
 
 
 def test_what_did_not_change_is_not_uploaded_again():
