@@ -186,11 +186,11 @@ def empty(top: bpy.types.Collection) -> None:
 
 @dataclass(frozen=True)
 class Rendering:
-    """The frame that a scene renders now. number: its time on the timeline; planned: by view layer, what the first time of its
-    open shutter has made of it, which holds for all."""
+    """The frame that a scene renders now. number: its time on the timeline; planned: by scene and view layer, what the first
+    time of its open shutter has made of it, which holds for all."""
 
     number: float
-    planned: dict[str, tuple[Trajectory, Frame, Held]] = field(default_factory=dict)
+    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held]] = field(default_factory=dict)
 
 
 _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
@@ -227,15 +227,14 @@ def forget(*_) -> None:
     _stages.clear()
 
 
-def shutter_frame(scene: bpy.types.Scene) -> float:
+def shutter_frame(scene: bpy.types.Scene, now: Rendering | None) -> float:
     """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself. While
     Blender renders it is the frame rendered: shutters of a frame and longer overlap, and time alone does not tell."""
     time = scene.frame_current + scene.frame_subframe
     if not scene.render.use_motion_blur:
         return time
-    known = _rendering.get(scene.session_uid)
-    if known is not None and abs(time - known.number) <= scene.render.motion_blur_shutter:
-        return known.number
+    if now is not None and abs(time - now.number) <= scene.render.motion_blur_shutter:
+        return now.number
     return float(np.floor(time + opening(scene.render)))
 
 
@@ -255,13 +254,15 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     top = scene.crowd_lod.build
     if BAKED in top:
         return
-    number, time = shutter_frame(scene), io.time_of(scene)
-    known, layer = _rendering.get(scene.session_uid), depsgraph.view_layer_eval.name
+    known = _rendering.get(scene.session_uid)
+    if known is None and depsgraph.mode == "RENDER":  # another scene's compositing nodes show this one, at the same frame
+        known = next(iter(_rendering.values()), None)
+    number, time, own = shutter_frame(scene, known), io.time_of(scene), (scene.session_uid, depsgraph.view_layer_eval.name)
     blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"  # a viewport shows no blur
     kept = known.planned if blurred and known is not None and known.number == number else {}
-    if layer not in kept:
-        kept[layer] = _planned(scene, depsgraph, number, time, blurred)
-    trajectory, frame, held = kept[layer]
+    if own not in kept:
+        kept[own] = _planned(scene, depsgraph, number, time, blurred)
+    trajectory, frame, held = kept[own]
     write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time), scene.crowd_lod.tilt)
 
 
