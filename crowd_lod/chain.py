@@ -8,7 +8,7 @@ import numpy as np
 from .agents import Group
 from .camera import Camera
 from .levels import LevelPolicy, limits
-from .report import number
+from .words import number
 
 # Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
 LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)

@@ -5,7 +5,7 @@ from html import escape
 from pathlib import PurePath
 from urllib.parse import quote
 
-from .report import number
+from .words import number
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff; --line: #dde1e7; --best: #2a6fdb }

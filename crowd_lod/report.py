@@ -18,11 +18,6 @@ from .frame import Frame
 PLAN_VERSION = 1
 
 
-def number(value: float | None) -> str:
-    """As it is read best: three figures, and all of those before the point; "-" for None."""
-    return "-" if value is None else f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-
-
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
     """A folder to write in, beside `folder`'s files; when the block ends well its files are renamed into `folder`, one

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..crowd_lod import raster
-from ..crowd_lod.report import number
+from ..crowd_lod.words import number
 from . import scene as io
 from .surface import Surface
 

@@ -6,7 +6,7 @@ import bpy
 
 from ..crowd_lod.meshes import missing_library
 from ..crowd_lod.reasons import REASONS
-from ..crowd_lod.report import number
+from ..crowd_lod.words import number
 from . import overlay
 from . import scene as io
 from .build import BAKED, BLURRED, layers_of
