@@ -23,7 +23,7 @@ LEFT = 0.5  # weight of the planes that it leaves against those of the source
 BULK_AGGRESSION = 3  # with this care; its default is 7
 # Work, in about microseconds: what may be done, at least and for each triangle of the source, and what is asked by a triangle of
 # the source, one that collapses, and each sample of a Fit: to begin, in a step of moves, a share, a flip, and to end.
-EFFORT, EACH = 1_000_000, 11.7
+EFFORT, EACH = 1_000_000, 16.7
 TRIANGLE, COLLAPSED, BEGUN, MOVED, SHARED, FLIPPED, ENDED = 3.5, 18, 1.7, 0.17, 1.7, 1.2, 4
 OVERHEAD = 6_000  # samples that ask as much as a step with none
 ROUNDS = 1, 40  # of moves, at least and at most
