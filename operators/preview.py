@@ -42,6 +42,7 @@ ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEV
 COLOURS = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
+LEVELS, PREPARED, DRAWN = 0.1, 0.02, 0.9  # of the progress: LODs made or measured, the crowd built, all frames drawn
 GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 THUMBNAIL = 480  # pixels wide, at least
 
@@ -78,17 +79,17 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
-        if stage.crowd_lod.levels is None:
-            for part in make_levels(stage):
-                yield 0.05 * part
-        elif deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
-            for part in measure_levels(stage):
-                yield 0.05 * part
+        ready = 0.0
+        if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
+            ready = LEVELS
+            for part in (make_levels if stage.crowd_lod.levels is None else measure_levels)(stage):
+                yield LEVELS * part
         # nothing that these depend on changes from here on, and each look reads the whole map
         trajectory = trajectory_of(stage)
         shots = opened.enter_context(Playblast(stage, trajectory, size)) if drawn else Rendered(stage, wanted)
         for part in shots.prepare():
-            yield 0.05 + 0.05 * part
+            yield ready + PREPARED * part
+        ready += PREPARED
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
         view = first = None
         stage.collection.objects.link(drawing)
@@ -124,8 +125,8 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             rows.append(report.row(number, frame, dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))))
             pictures.append((main, folder / f"above_{number:04d}.png"))
             first = first or frame
-            yield 0.1 + 0.75 * (done + 1) / len(wanted.frames)
-        told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (0.85, 0.95))
+            yield ready + (DRAWN - ready) * (done + 1) / len(wanted.frames)
+        told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
         plan = _plan(stage, scene, wanted, size, command, rows, (yield from told), shots.notes)
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")

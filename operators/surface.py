@@ -11,6 +11,7 @@ from ..crowd_lod.nearest import ranges
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
 LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32
 NEAR = 5e-5  # of the surface's size: what it may err by
+CLOSER, DENSE = 24, 2_400  # triangles, where samples are farthest off, that are looked at closer, and at how many points in all
 FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
 
 
@@ -73,20 +74,29 @@ class Surface:
             most = hit[3] * (1 + ROUNDED)
             yield hit
 
-    def samples(self, count: int, seed: int = 0) -> np.ndarray:
-        """Points (k, 3) metres on the surface: those of its corners, then `count` spread evenly over its area."""
+    @cached_property
+    def area(self) -> np.ndarray:
+        """Twice that of each triangle, (m,) square metres."""
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
-        area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        corners = self.points[np.unique(self.triangles)]
-        if not area.sum() > 0:
-            return corners
-        face, weights = scattered(area, count, seed)
-        return np.concatenate([corners, sum(w[:, None] * corner[face] for w, corner in zip(weights.T, (a, b, c), strict=True))])
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The points (k, 3) metres of its triangles."""
+        return self.points[np.unique(self.triangles)]
+
+    def at(self, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """The points (k, 3) metres at barycentric weights (k, 3) of triangles (k,)."""
+        return np.einsum("kc,kcd->kd", weights, self.points[self.triangles[triangle]])
+
+    def samples(self, count: int) -> np.ndarray:
+        """Points (k, 3) metres on the surface: those of its corners, then `count` spread evenly over its area."""
+        return np.concatenate([self.corners, self.at(*scattered(self.area, count))]) if self.area.any() else self.corners
 
 
-def scattered(area: np.ndarray, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def scattered(area: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(triangle (count,), barycentric weights (count, 3)) of points spread evenly over triangles of `area` (m,), not all 0."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(0)
     face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count)
     root, v = np.sqrt(random.random(count)), random.random(count)
     return face.clip(0, len(area) - 1), np.stack([1 - root, root * (1 - v), root * v], axis=1)
@@ -101,12 +111,25 @@ def has_area(corners: np.ndarray) -> np.ndarray:
 
 def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     """(symmetric Hausdorff distance, root mean square), metres, between two surfaces, at the vertices and `count` samples of
-    each.
+    each, and at more on the triangles where these are farthest off.
 
     The true Hausdorff distance is at least this; it lies between samples by at most their spacing. Source: Aspert,
     Santa-Cruz, Ebrahimi, "MESH: measuring errors between surfaces using the Hausdorff distance", 2002.
     """
-    there, back = (a.distances(b.samples(count)) for a, b in ((other, one), (one, other)))
-    # corners are no even sample of the area
-    rms = max(float(np.sqrt(np.mean(d[-count:] ** 2))) for d in (there, back))
-    return float(max(there.max(), back.max())), rms
+    found = [_away(a, b, count) for a, b in ((one, other), (other, one))]
+    return max(most for most, _ in found), max(rms for _, rms in found)
+
+
+def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
+    """The same from `one` to `other` alone."""
+    corners = other.distances(one.corners)
+    if not one.area.any():
+        return float(corners.max()), float(np.sqrt(np.mean(corners**2)))
+    face, weights = scattered(one.area, count)
+    even = other.distances(one.at(face, weights))  # the corners are no even sample of the area
+    worst = other.distances(one.at(np.arange(len(one.area)), np.full((len(one.area), 3), 1 / 3)))
+    np.maximum.at(worst, face, even)
+    far = np.argsort(-worst, kind="stable")[:CLOSER]
+    face, weights = scattered(np.ones(len(far)), DENSE)
+    closer = other.distances(one.at(far[face], weights))
+    return float(max(corners.max(), worst.max(), closer.max())), float(np.sqrt(np.mean(even**2)))

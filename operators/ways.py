@@ -144,13 +144,11 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
 def uv_error(source: Source, mesh: bpy.types.Mesh, points, triangles, corners) -> float:
     """The largest part, over the UV maps, of the mesh's surface whose UVs are off by more than UV_OFF from those of the
     nearest point of the source."""
-    a, b, c = (points[triangles[:, i]].astype(np.float64) for i in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    if not mesh.uv_layers or not area.any():
+    surface = Surface(points, triangles)
+    if not mesh.uv_layers or not surface.area.any():
         return 0.0
-    face, mine = scattered(area, SAMPLES)
-    samples = np.einsum("nk,nkd->nd", mine, points[triangles[face]])
-    at, hit, _ = source.surface.nearest(samples)
+    face, mine = scattered(surface.area, SAMPLES)
+    at, hit, _ = source.surface.nearest(surface.at(face, mine))
     there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
     theirs = barycentric(at, *(source.geometry[0][there[:, i]].astype(np.float64) for i in range(3))).clip(0, 1)
     worst = 0.0

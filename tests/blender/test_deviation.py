@@ -45,6 +45,23 @@ def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
     assert found.rms[1] < 2 - inside
 
 
+def test_a_hole_in_one_of_many_triangles_is_found_and_measured():
+    """A triangle of 800 lacks its middle, 0.6 of its size: nothing is farther off than that hole's inscribed circle is wide."""
+    n, size = 21, 0.05
+    x, y = (each.ravel() * size for each in np.meshgrid(np.arange(n), np.arange(n)))
+    points = np.stack([x, y, np.zeros(n * n)], axis=1)
+    a = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    whole = np.concatenate([np.stack([a, a + 1, a + n], axis=1), np.stack([a + 1, a + n + 1, a + n], axis=1)])
+    hole = whole[137]
+    inner = 0.6 * points[hole] + 0.4 * points[hole].mean(axis=0)
+    i, j, k = hole
+    u, v, w = len(points) + np.arange(3)
+    ring = [(i, j, v), (i, v, u), (j, k, w), (j, w, v), (k, i, u), (k, u, w)]
+    holed = surface.Surface(np.concatenate([points, inner]), np.concatenate([np.delete(whole, 137, axis=0), ring]))
+    most, rms = deviation.deviation(holed, surface.Surface(points, whole), 200)
+    assert 0.8 < most / (0.6 * size * (1 - 0.5**0.5)) <= 1.0001 and rms < 0.1 * most
+
+
 @pytest.mark.parametrize("scale", [0.01, 1.0, 100.0])
 def test_a_plane_deviates_by_what_it_was_moved_in_world_space(scale):
     mesh = bpy.data.meshes.new("plane")
