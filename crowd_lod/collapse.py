@@ -60,8 +60,8 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     parts keeps a triangle, or four where it is closed.
 
     skin: how the points move, and bent: in each of its poses their quadrics (11, n), whose errors add to that at rest;
-    follows: the point of those given that each moves with, of the two ends of an edge that with the lesser error. Source:
-    Mohr, Gleicher, "Deformation sensitive decimation", 2003.
+    follows: the point of those given that each moves with, of the two ends of an edge the nearer. Source: Mohr, Gleicher,
+    "Deformation sensitive decimation", 2003.
     """
     all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
     own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
@@ -76,8 +76,9 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         follow = follows[edges[0]]
         if bent:
+            follow = skin.nearer(at, *follows[edges])
             weight = (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
-            _add_bent(skin, bent, follows[edges], edges, at, weight, most, cost, follow)
+            _add_bent(skin, bent, follow, edges, at, weight, most, cost)
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else PASSES
@@ -191,31 +192,28 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return middle + step, cost / (area + 1e-300) ** MEAN
 
 
-def _add_bent(skin: Skin, bent, ends, edges, at, weight, most: int, cost: np.ndarray, follow: np.ndarray) -> None:
-    """Add to the `cost` (k,) of the edges (2, k), which may follow either of `ends` (2, k), the lesser error in all poses, over the
-    `weight` (k,), and put that end into `follow` (k,): of the `most` cheapest and whichever else might be one of these."""
+def _add_bent(skin: Skin, bent, follow, edges, at, weight, most: int, cost: np.ndarray) -> None:
+    """Add to the `cost` (k,) of the edges (2, k), which collapse to `at` (3, k) and would `follow` (k,), the error in all poses, over
+    the `weight` (k,): of the `most` cheapest and whichever else might be one of these."""
     known, limit = np.zeros(len(cost), bool), np.partition(cost, most - 1)[most - 1]
     for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
         some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
-        follow[some], error = _follow(skin, bent, ends.take(some, 1), edges.take(some, 1), at.take(some, 1))
-        cost[some] += error / weight[some]
+        cost[some] += _bent_error(skin, bent, follow[some], edges.take(some, 1), at.take(some, 1)) / weight[some]
         known[some] = True
         limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
 
 
-def _follow(skin: Skin, bent, ends, edges, at) -> tuple[np.ndarray, np.ndarray]:
-    """(which of `ends` (2, k) the points that the edges (2, k) collapse to, `at` (3, k), would follow (k,), their error in all
-    poses (k,))."""
-    error = np.zeros(ends.shape)
-    for block in blocks(ends.shape[1], BLOCK):
-        (a, b), points = edges[:, block], at[:, block]
+def _bent_error(skin: Skin, bent, follow, edges, at) -> np.ndarray:
+    """The error in all poses (k,) of the points that the edges (2, k) collapse to, `at` (3, k), each moving with `follow` (k,)."""
+    error = np.zeros(len(follow))
+    for block in blocks(len(follow), BLOCK):
+        a, b = edges[:, block]
         for j, quadrics in enumerate(bent):
             xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
-            for end, follow in enumerate(ends[:, block]):
-                x, y, z = skin.at(j, points, follow)
-                gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
-                error[end, block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
-    return np.where(error[1] < error[0], ends[1], ends[0]), error.min(axis=0)
+            x, y, z = skin.at(j, at[:, block], follow[block])
+            gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+            error[block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
+    return error
 
 
 def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:

@@ -25,9 +25,9 @@ BULK_AGGRESSION = 3  # with this care; its default is 7
 # the source, one that collapses, and each sample of a Fit: to begin, in a step of moves, a share, a flip, and to end.
 EFFORT, EACH = 1_000_000, 16.7
 TRIANGLE, COLLAPSED, BEGUN, MOVED, SHARED, FLIPPED, ENDED = 3.5, 18, 1.7, 0.17, 1.7, 1.2, 4
+PER_POSE = 1 / 3  # of a collapse's work, that each pose adds to it
 OVERHEAD = 6_000  # samples that ask as much as a step with none
 ROUNDS = 1, 40  # of moves, at least and at most
-POSED_ROUNDS = 4  # where there are poses, of which the moves know nothing
 LOOKS, HIDDEN = 2, 1.1  # at what lies between the samples, at most, the next only if that was this much farther off
 MENDED = 0.7  # of the worst distance: what is moved then
 STEPS, STEPPED = 8, 4  # moves in a round, and how many more steps it asks to begin and end
@@ -125,8 +125,8 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     """Collapse, then fit while EFFORT lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
-    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification, flips and shares know no poses, and take
-    the rings of a straight elbow first: the one goes less far, in the pose that bends most, the others are left out."""
+    Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
+    straight elbow first: it goes less far, in the pose that bends most."""
     part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
     hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
     quadrics = quadrics_of(points, triangles, seams, hold)
@@ -151,20 +151,22 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     yield
     keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
     inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
-    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], hold)
+    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], hold, skin, follows[kept])
     left = max(effort * EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles)
-    left -= COLLAPSED * (1 + len(bent)) * (len(some) - target)
+    left -= COLLAPSED * (1 + PER_POSE * len(bent)) * (len(some) - target)
     left -= BEGUN * fit.samples + ENDED * (fit.samples + OVERHEAD)
-    for k in range(POSED_ROUNDS if bent else ROUNDS[1]):
+    for k in range(ROUNDS[1]):
         before = left
-        if k and not bent:
+        if k:
+            if bent:  # what lies between the samples is farther off with them, and only shares mend it
+                fit.watch()
             share(fit)
             left -= SHARED * (fit.samples + OVERHEAD)
-        if k % 4 == 2 and not bent:
+        if k % 4 == 2:
             fit.flip()
             left -= FLIPPED * (fit.samples + OVERHEAD)
         left -= MOVED * (STEPS + STEPPED) * (fit.move(STEPS) + OVERHEAD)
-        if fit.worst < FINE or (k + 1 >= ROUNDS[0] and not bent and left < (before - left) / 2):
+        if fit.worst < FINE or (k + 1 >= ROUNDS[0] and left < (before - left) / 2):
             break
         yield
     fit.restore()
@@ -177,7 +179,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
         fit.restore()
         if found < HIDDEN * before:
             break
-    return fit.lod.points.T, fit.lod.corners.T, fit.landed, follows[kept]
+    return fit.points.T / fit.copies.rest, fit.corners.T, fit.copies.one(fit.landed), fit.follows
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -20,11 +20,6 @@ class Walkable:
         self.star = np.argsort(corners.ravel(), kind="stable") % corners.shape[1]
         self.first = np.concatenate([[0], np.cumsum(np.bincount(corners.ravel(), minlength=points.shape[1]))])
 
-    @classmethod
-    def of(cls, points: np.ndarray, triangles: np.ndarray) -> "Walkable":
-        """Of points (n, 3) and triangles (m, 3)."""
-        return cls(np.ascontiguousarray(points.T), np.ascontiguousarray(triangles.T))
-
     def at(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
         """The points (3, k) at barycentric weights (3, k) of the triangles `face` (k,)."""
         return sum(self.points.take(c, 1) * w for c, w in zip(self.corners.take(face, 1), weights, strict=True))

@@ -17,7 +17,8 @@ class Patch:
 
     def __init__(self, whole, chosen: np.ndarray):
         """whole: a Fit; chosen: (m,) bool, of its triangles."""
-        corners, n = whole.lod.corners, whole.lod.points.shape[1]
+        corners, n, copies = whole.lod.corners, whole.lod.points.shape[1], whole.copies
+        chosen = np.repeat(copies.worst(chosen), copies.count)
         free, here = np.zeros(n, bool), np.zeros(n, bool)
         free[corners[:, chosen]] = True
         self.whole, self.faces = whole, np.flatnonzero(free[corners].any(axis=0))
@@ -29,7 +30,8 @@ class Patch:
         self.fit = fit = copy(whole)
         fit.lod = Walkable(whole.lod.points.take(self.points, 1), point[corners.take(self.faces, 1)])
         fit.free, fit.seams = free[self.points], point[whole.seams[:, here[whole.seams].all(axis=0)]]
-        fit.toward = whole.facing().take(self.faces, 1)
+        fit.follows = whole.follows[copies.one(self.points)]
+        fit.toward = whole.facing().take(copies.one(self.faces), 1)
         for which, names in ((self.mine, MINE), (self.own, OWN)):
             for name in names:
                 setattr(fit, name, getattr(whole, name).take(which, -1))

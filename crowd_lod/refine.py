@@ -7,6 +7,7 @@ import numpy as np
 from .collapse import edge_keys, normals_of
 from .nearest import Walkable, distances, length, normals, ranges
 from .patch import Patch
+from .skin import Copies, Skin
 
 KEEP = 0.8  # of a sample's weight for the next move
 SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst near it, to this power
@@ -22,6 +23,7 @@ FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is 
 WATCHED = 0.6  # of the worst distance: where samples are as far off, what lies between them is looked at as well
 STEEP = 0.5  # least cosine between a triangle and what it is nearest to: where it is less, the same
 SEEN = 0.9  # of the worst distance: those as far off as this count from then on
+POSED = 3_000  # of the source's points that count in each pose, about
 SAMPLES = 15_000  # of the LOD's surface, about
 FINEST = 5  # samples along a side, at most
 
@@ -35,28 +37,37 @@ class Fit:
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
 
-    def __init__(self, points, triangles, source, source_triangles, landed, seams, hold=1.0):
+    def __init__(
+        self, points, triangles, source, source_triangles, landed, seams, hold=1.0, skin: Skin | None = None, follows=None
+    ):
         """points (n, 3), triangles (m, 3): the LOD, each point in one; source (k, 3), source_triangles (j, 3): what it was
         made of; landed: (k,) the LOD's point that each of the source's collapsed into, or -1; seams: (s, 2) edges of the
-        source whose points are to leave neither of their sides; hold: their weight, as in quadrics_of."""
-        self.source, self.lod = Walkable.of(source, source_triangles), Walkable.of(points, triangles)
-        ends = landed[seams].T
-        self.seams = ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])]
+        source whose points are to leave neither of their sides; hold: their weight, as in quadrics_of. skin: how the source
+        moves, if it does, and follows: (n,) the source's point that each of the LOD's moves with; then both surfaces are their
+        Copies, at rest and in each pose, and so are the points, triangles and samples of all that follows."""
+        self.copies = copies = Copies(skin)
+        self.follows = np.zeros(len(points), np.intp) if follows is None else follows
+        self.source = Walkable(copies.at(copies.rest * source.T, np.arange(len(source))), copies.every(source_triangles.T))
+        self.lod = Walkable(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
+        ends, landed = landed[seams].T, copies.every(landed)
+        self.seams = copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
         self.outward = normals_of(source, source_triangles).T
         self.hold = hold
         self.least, self.best, self.rough, self.most, self.elsewhere = np.inf, None, False, len(triangles), 0.0
         # the source's points
-        self.landed, self.mine = landed, np.flatnonzero(landed >= 0)
+        point, copy = np.divmod(np.arange(len(landed)), copies.count)
+        some = (copy == 0) | (point % -(-len(source) // POSED) == 0)
+        self.landed, self.mine = landed, np.flatnonzero(some & (landed >= 0))
         self.there = self.source.points.take(self.mine, 1)
         self.face, self.weights = self.lod.walk(landed[self.mine], self.there)
         self.pull = np.zeros(len(self.mine))
         # a grid on each of the LOD's triangles, then the LOD's points
-        n, m = len(points), len(triangles)
+        n, m = self.lod.points.shape[1], self.lod.corners.shape[1]
         self.fine = int(np.clip(np.round(np.sqrt(2 * SAMPLES / m)), 1, FINEST))
         self.grid = _grid(self.fine)
         own = self.spread()
         near = np.empty(n, np.intp)
-        near[landed[self.mine]] = self.mine
+        near[landed[landed >= 0]] = np.flatnonzero(landed >= 0)
         # from a source's point on the same triangle, where there is one
         start = near[self.lod.corners[self.grid.argmax(axis=0)]]
         cell = np.stack([((self.weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
@@ -114,14 +125,25 @@ class Fit:
         return self.worst
 
     def facing(self) -> np.ndarray:
-        """(3, m): about the normals of what each of the LOD's triangles stands for."""
-        n, some = self.lod.points.shape[1], self.landed >= 0
-        facing = np.stack([np.bincount(self.landed[some], x[some], n) for x in self.outward])
-        return (facing / (length(facing) + 1e-300))[:, self.lod.corners].sum(axis=1)
+        """(3, m): about the normals of what each of the LOD's triangles, at rest, stands for."""
+        landed = self.copies.one(self.landed)
+        n, some = len(self.follows), landed >= 0
+        facing = np.stack([np.bincount(landed[some], x[some], n) for x in self.outward])
+        return (facing / (length(facing) + 1e-300))[:, self.corners].sum(axis=1)
+
+    @property
+    def points(self) -> np.ndarray:
+        """(3, n): the LOD's points at rest."""
+        return self.lod.points[:, :: self.copies.count]
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(3, m): the LOD's triangles, of one copy."""
+        return self.copies.one(self.lod.corners)
 
     def turned(self) -> np.ndarray:
-        """Which of the LOD's triangles face away from the source's that is nearest to their middle."""
-        every = np.arange(self.lod.corners.shape[1])  # the first samples
+        """Which of the LOD's triangles face away, at rest, from the source's that is nearest to their middle."""
+        every = np.arange(0, self.lod.corners.shape[1], self.copies.count)  # the first samples
         away = every[self.lean(every) < 0]
         start = self.source.corner(self.hit[away], self.hit_weights.take(away, 1))
         middle = self.lod.points[:, self.lod.corners[:, away]].mean(axis=1)
@@ -194,7 +216,7 @@ class Fit:
             turned = () if self.rough else part.turned()
             if not len(turned):
                 break
-            back = part.lod.corners[:, turned]
+            back = self.copies.every(part.lod.corners[:, turned] // self.copies.count)
             part.lod.points = part.lod.points.copy()
             part.lod.points[:, back] = before[:, back]
             part.measure()
@@ -209,11 +231,11 @@ class Fit:
         weighed by how far the samples were off at this and the moves before, against others near them, which leads to the least
         worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least maximum approximation",
         1961."""
-        n = self.lod.points.shape[1]
+        n, copies, corners = self.lod.points.shape[1], self.copies, self.corners
         for step in range(steps):
             if self.worst < FINE:
                 return
-            worst = self.around(self.errors()) ** LOCAL * self.worst ** (1 - LOCAL)
+            worst = self.around(self.errors()) ** LOCAL * self.worst ** (1 - LOCAL) + 1e-300  # at rest there may be none
             self.pull = KEEP * self.pull + (self.distance / worst[self.face]) ** SHARPEN
             self.own_pull = KEEP * self.own_pull + (self.own_distance / worst[self.own_face]) ** SHARPEN
             total, move = np.zeros(n), np.zeros((3, n))
@@ -226,17 +248,20 @@ class Fit:
                 for corner, share in zip(self.lod.corners.take(face[some], 1), weights.take(some, 1) * pull[some], strict=True):
                     total += np.bincount(corner, share, n)
                     move += [np.bincount(corner, share * along, n) for along in off]
-            move *= self.free * STRIDE / (total + LAZY * total.mean())
-            self.lod.points = _unfolded(self.lod.points, self._along(move), self.lod.corners, self.toward)
+            total, move = copies.joined(total, move, self.follows)
+            move *= self.free[:: copies.count] * STRIDE / (total + LAZY * total.mean())
+            points = _unfolded(self.points, self._along(corners, move), corners, self.toward)
+            self.lod.points = copies.at(points, self.follows)
             self.measure(step == steps - 1)
 
-    def _along(self, move: np.ndarray) -> np.ndarray:
-        """The points moved; those on seams along their normals and the seam only, or triangles would reach across it."""
-        points, (a, b) = self.lod.points, self.seams
-        held, ends = np.unique(self.seams, return_inverse=True)
+    def _along(self, corners: np.ndarray, move: np.ndarray) -> np.ndarray:
+        """The points at rest moved; those on seams along their normals and the seam only, or triangles would reach across it."""
+        points, seams = self.points, self.copies.one(self.seams)
+        a, b = seams
+        held, ends = np.unique(seams, return_inverse=True)
         if len(held):
-            flat = normals(*(points.take(c, 1) for c in self.lod.corners))
-            normal = np.stack([sum(np.bincount(c, x, points.shape[1]) for c in self.lod.corners) for x in flat]).take(held, 1)
+            flat = normals(*(points.take(c, 1) for c in corners))
+            normal = np.stack([sum(np.bincount(c, x, points.shape[1]) for c in corners) for x in flat]).take(held, 1)
             normal /= length(normal) + 1e-300
             side = points.take(b, 1) - points.take(a, 1)
             side = np.tile(side / (length(side) + 1e-300), 2)
@@ -262,22 +287,24 @@ class Fit:
 
     def flip(self) -> None:
         """Flip sides where that lessens the local worst distance; no seams."""
-        points, corners, before = self.lod.points, self.lod.corners, self.state()
+        copies, before = self.copies, self.state()
+        points, corners, seams = self.points, self.corners, copies.one(self.seams)
         n, m = points.shape[1], corners.shape[1]
-        errors = self.errors()
+        errors = copies.worst(self.errors())
         one, two, keys = sides_of_two(corners, n)
         a, b, c = (corners[(one // m + k) % 3, one % m] for k in (1, 2, 0))
         d, one, two = corners[two // m, two % m], one % m, two % m
         was = np.maximum(errors[one], errors[two])
         fine = (was > FLIPPED * self.worst) & ~np.isin(edge_keys(np.stack([c, d]), n), keys)
-        fine &= ~np.isin(edge_keys(np.stack([a, b]), n), edge_keys(self.seams, n))
+        fine &= ~np.isin(edge_keys(np.stack([a, b]), n), edge_keys(seams, n))
         pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
         mean = normals(pc, pa, pb) + normals(pd, pb, pa)
         for now in (normals(pc, pa, pd), normals(pd, pb, pc)):
             along = np.einsum("dn,dn->n", now, mean)
             fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
         a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
-        now = self._flipped(a, b, c, d, one, two, FLIP * was)
+        most = np.repeat(FLIP * was, copies.count)
+        now = copies.worst(self._flipped(*(copies.every(each) for each in (a, b, c, d, one, two)), most))
         good = np.flatnonzero(now < FLIP * was)
         taken, made, chosen = np.zeros(m, bool), set(), []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
@@ -288,10 +315,10 @@ class Fit:
                 chosen.append(g)
         if not chosen:
             return
-        a, b, c, d, one, two = (each[chosen] for each in (a, b, c, d, one, two))
-        start, corners = self.lod.corner(self.face, self.weights), corners.copy()
+        a, b, c, d, one, two = (copies.every(each[chosen]) for each in (a, b, c, d, one, two))
+        start, corners, taken = self.lod.corner(self.face, self.weights), self.lod.corners.copy(), np.repeat(taken, copies.count)
         corners[:, one], corners[:, two] = (c, a, d), (d, b, c)
-        self.lod = Walkable(points, corners)
+        self.lod = Walkable(self.lod.points, corners)
         new = np.flatnonzero(taken[self.face])
         self.face[new], self.weights[:, new] = self.lod.walk(start[new], self.there.take(new, 1))
         own = self.spread()

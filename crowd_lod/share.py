@@ -18,16 +18,21 @@ UPRIGHT = 0.5  # least cosine between a triangle's normal and those of its halve
 def share(fit: Fit) -> None:
     """Split the longest sides of the triangles of `fit` that are farthest off, and collapse as many triangles where that leads
     less far."""
-    errors, spare, n, m = fit.errors(), _spare(fit), fit.lod.points.shape[1], fit.lod.corners.shape[1]
+    copies, n, m = fit.copies, fit.lod.points.shape[1], fit.lod.corners.shape[1]
+    errors, spare = copies.worst(fit.errors()), _spare(fit)
     halves = _longest(fit, errors, spare)
     added = np.cumsum((halves >= 0).sum(axis=0))
     if not len(added):
         return
-    slack = fit.most - m
+    slack = fit.most - len(errors)
     keep, gone, at, freed = _cheapest(fit, errors, halves, added[-1] - slack)
     halves = halves[:, : np.searchsorted(added, freed + slack, side="right")]
     if not halves.shape[1]:
         return
+    # from here on in all copies
+    fit.follows = fit.follows.copy()
+    fit.follows[keep] = follow = copies.nearer(at, fit.follows[keep], fit.follows[gone])
+    keep, gone, halves, at = copies.every(keep), copies.every(gone), copies.every(halves), copies.at(at, follow)
     # the edges collapse: went is each point's new index, after each triangle's or -1; stay and alive are those that are left
     points, went, after = fit.lod.points.copy(), np.ones(n, bool), np.full(m, -1)
     points[:, keep] = at
@@ -42,6 +47,7 @@ def share(fit: Fit) -> None:
     halves = np.where(halves >= 0, halves // m * len(alive) + after[halves % m], -1)
     lod, fit.seams, parent = _split(points[:, stay], corners[:, alive], seams[:, seams[0] != seams[1]], halves)
     landed = np.where(fit.landed >= 0, went[fit.landed], -1)
+    fit.follows = fit.follows[copies.one(stay)]
     hit = _settle(fit, lod, alive[parent], len(stay), halves, spare, landed)
     changed = np.zeros(lod.points.shape[1], bool)
     changed[went[keep]] = changed[len(stay) :] = True
@@ -67,46 +73,53 @@ def _settle(fit: Fit, lod: Walkable, was, n: int, halves, spare, landed) -> tupl
     """(triangles, weights) of the source where the points from the n-th on of `lod`, in the middle of the sides `halves`, lie:
     they go there, but for borders and seams, and where that would fold. was: each triangle's index in `fit`. The nearest of the
     source's `spare` points lands on each, in `landed`."""
-    points, k = lod.points, halves.shape[1]
+    points, k, copies = lod.points, halves.shape[1], fit.copies
     new = np.full(fit.lod.corners.shape[1], -1)
     for half in halves:
         new[was[half[half >= 0] % (len(was) - (halves >= 0).sum())]] = np.flatnonzero(half >= 0)
     here = new[fit.face[spare]]
     spare, here = spare[here >= 0], here[here >= 0]
     order = np.lexsort((length(fit.there.take(spare, 1) - points.take(n + here, 1)), here))
-    owner = fit.mine[spare[order[np.searchsorted(here[order], np.arange(k))]]]
-    landed[owner] = np.arange(n, n + k)
-    hit, weights = fit.source.walk(owner, points[:, n:])
+    owner = fit.mine[spare[order[np.searchsorted(here[order], np.arange(0, k, copies.count))]]]
+    every = copies.every(owner // copies.count)
+    landed[every] = np.arange(n, n + k)
+    # at rest
+    points, corners, first = points[:, :: copies.count], copies.one(lod.corners), n // copies.count
+    hit, weights = fit.source.walk(owner, points[:, first:])
     there = points.copy()
-    there[:, n:] = fit.source.at(hit, weights)
-    before, after = (normals(*(each.take(c, 1) for c in lod.corners)) for each in (points, there))
+    there[:, first:] = fit.source.at(hit, weights)
+    before, after = (normals(*(each.take(c, 1) for c in corners)) for each in (points, there))
     folds = np.einsum("dn,dn->n", before, after) < UPRIGHT * length(before) * length(after)
-    held = np.concatenate([np.unique(lod.corners[:, folds]), n + np.flatnonzero(halves[1] < 0), fit.seams.ravel()])
+    border = first + np.flatnonzero(copies.one(halves[1]) < 0)
+    held = np.concatenate([np.unique(corners[:, folds]), border, copies.one(fit.seams).ravel()])
     there[:, held] = points[:, held]
-    lod.points = there
-    return hit, weights
+    fit.follows = np.append(fit.follows, fit.source.corner(hit, weights) // copies.count)
+    lod.points = copies.at(there, fit.follows)
+    return fit.source.walk(every, lod.points[:, n:])
 
 
 def _spare(fit: Fit) -> np.ndarray:
-    """Which of the source's points in the LOD, as indices into `fit.mine`, are not the nearest of those that landed where they
-    did: each point of the LOD keeps one."""
-    landed = fit.landed[fit.mine]
-    order = np.lexsort((length(fit.source.points.take(fit.mine, 1) - fit.lod.points.take(landed, 1)), landed))
+    """Which of the source's points in the LOD, as indices into `fit.mine`, are not the nearest at rest of those that landed where
+    they did: each point of the LOD keeps one."""
+    some = np.flatnonzero(fit.mine % fit.copies.count == 0)
+    mine = fit.mine[some]
+    landed = fit.landed[mine]
+    order = np.lexsort((length(fit.source.points.take(mine, 1) - fit.lod.points.take(landed, 1)), landed))
     spare = np.ones(len(order), bool)
-    spare[order[np.searchsorted(landed[order], np.arange(fit.lod.points.shape[1]))]] = False
-    return np.flatnonzero(spare)
+    spare[order[np.searchsorted(landed[order], np.arange(0, fit.lod.points.shape[1], fit.copies.count))]] = False
+    return some[spare]
 
 
 def _longest(fit: Fit, errors: np.ndarray, spare: np.ndarray) -> np.ndarray:
     """The sides to split (2, k), as in sides_of_two(): of one triangle, and of the other or -1: the longest of each triangle
     that is far off, by `errors` (m,), the farthest first; no two of a triangle, and beside each lies a `spare` point."""
-    points, corners = fit.lod.points, fit.lod.corners
+    points, corners = fit.points, fit.corners
     m = corners.shape[1]
     one, two, keys = sides_of_two(corners, points.shape[1])
     twin = np.full(3 * m, -1)
     twin[one], twin[two] = two, one
     _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    single, free = count[inverse] == 1, np.bincount(fit.face[spare], minlength=m) > 0
+    single, free = count[inverse] == 1, np.bincount(fit.face[spare] // fit.copies.count, minlength=m) > 0
     far = np.flatnonzero(errors > FAR * fit.worst)
     far = far[np.argsort(-errors[far], kind="stable")]
     long = [length(points.take(corners[i - 1, far], 1) - points.take(corners[i - 2, far], 1)) for i in range(3)]
@@ -126,23 +139,25 @@ def _longest(fit: Fit, errors: np.ndarray, spare: np.ndarray) -> np.ndarray:
 def _cheapest(fit: Fit, errors, halves, count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """(the points that stay (k,), those that join them (k,), where (3, k), how many triangles go) of edges to collapse that
     free about `count` triangles: not beside the sides to split, `halves`, and of the cheapest those that lead the least far."""
-    points, corners, (n, m) = fit.lod.points, fit.lod.corners, (fit.lod.points.shape[1], fit.lod.corners.shape[1])
+    copies, points, corners, seams = fit.copies, fit.points, fit.corners, fit.copies.one(fit.seams)
+    n, m = points.shape[1], corners.shape[1]
     _, edges, faces = edges_of(corners, n)
-    quadrics = quadrics_of(points.T, corners.T, fit.seams.T, fit.hold)
+    quadrics = quadrics_of(points.T, corners.T, seams.T, fit.hold)
     at, cost = place(points, quadrics, *edges)
     off, busy, seam = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
     for corner in corners:
         np.maximum.at(off, corner, errors)
-    busy[corners[:, halves[halves >= 0] % m]] = seam[fit.seams] = True
+    busy[corners[:, halves[halves >= 0] % m]] = seam[seams] = True
     off = off[edges].max(axis=0)
     barred = bridges(edges, faces, n) | busy[edges].any(axis=0) | (off > LEAD * fit.worst)
-    barred |= seam[edges].any(axis=0) & ~np.isin(edge_keys(edges, n), edge_keys(fit.seams, n))
-    barred |= np.diff(fit.lod.first)[edges].sum(axis=0) > CROWDED
+    barred |= seam[edges].any(axis=0) & ~np.isin(edge_keys(edges, n), edge_keys(seams, n))
+    barred |= np.diff(fit.lod.first)[edges * copies.count].sum(axis=0) > CROWDED
     cost = np.where(barred, np.inf, cost + (off / 2) ** 2)
     most = min(TRIED * max(count, 4), len(cost))
     order = np.argpartition(cost, most - 1)[:most]
     order = np.sort(order[cost[order] < np.inf])
-    there = _after(fit, edges[:, order], at[:, order])
+    follow = copies.nearer(at[:, order], *fit.follows[edges[:, order]])
+    there = copies.worst(_after(fit, copies.every(edges[:, order]), copies.at(at[:, order], follow)))
     order = order[np.argsort(there, kind="stable")[: (there < LEAD * fit.worst).sum()]]
     around = normals_of(points.T, corners.T).T
     order, _ = choose(points, corners, around, edges, faces, order, at, PASSES, FACING)

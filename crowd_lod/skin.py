@@ -5,9 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
+from .nearest import length
+
 MOST = 3  # poses, besides the one at rest, that decimation heeds
 LOOKED_AT = 5_000  # triangles that tell poses apart, about
 STIFF = 1e-3  # mean change of a side's turn below which poses are alike
+APART = 2.0  # sizes of the mesh between its copies
+LARGER = 2.0  # times that the mesh at rest is as large as in its poses
 
 
 @dataclass(frozen=True)
@@ -27,6 +31,23 @@ class Skin:
         rows = self._rows[pose].take(follows, 1)
         x, y, z = points - rows[:3]
         return rows[3:6] + (rows[6:9] * x + rows[9:12] * y + rows[12:] * z)
+
+    def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Which of the mesh's points `one` and `other`, each (m,), lies nearer to each of points (3, m) at rest."""
+        off, off_other = (length(self.rest.T.take(each, 1) - points) for each in (one, other))
+        return np.where(off_other < off, other, one)
+
+    def back(self, pose: int, ways: np.ndarray, follows: np.ndarray) -> np.ndarray:
+        """The weighed ways (3, m) at rest of the weighed `ways` (3, m) in the pose, of points that move with `follows` (m,): the
+        right side of least squares; `stretch` is the left."""
+        x, y, z = ways
+        xx, yx, zx, xy, yy, zy, xz, yz, zz = self._rows[pose, 6:].take(follows, 1)
+        return np.stack([xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z])
+
+    @cached_property
+    def stretch(self) -> np.ndarray:
+        """(k, n): how much longer, squared, ways are in each pose than at rest, in the mean of all directions."""
+        return np.einsum("knij,knij->kn", self.frame, self.frame) / 3
 
     @cached_property
     def _rows(self) -> np.ndarray:
@@ -58,3 +79,54 @@ class Skin:
             chosen.append(int(unlike.argmax()))
             new = turns[chosen[-1]]
         return Skin(self.rest, self.place[chosen], self.frame[chosen]) if chosen else None
+
+
+class Copies:
+    """A mesh at rest and in its poses, side by side as one mesh, so that whatever measures it measures all of them at once.
+
+    Copy j of point, or triangle, i is number i * count + j; the first is at rest, and LARGER if there are others: there
+    distances count more.
+    """
+
+    def __init__(self, skin: Skin | None):
+        self.skin, self.count = skin, 1 if skin is None else 1 + len(skin.place)
+        self.rest = LARGER if self.count > 1 else 1.0
+        if skin is not None:
+            low, high = skin.place.min(axis=1), skin.place.max(axis=1)
+            gap = APART * self.rest * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
+            self.shift = gap * np.arange(1, self.count) - low[:, 0]
+
+    def every(self, one: np.ndarray) -> np.ndarray:
+        """The numbers (..., k * count) of all copies of `one` (..., k), -1 of -1."""
+        copies = np.ascontiguousarray(one)[..., None] * self.count + np.arange(self.count)
+        return np.where(copies < 0, -1, copies).reshape(*one.shape[:-1], -1)
+
+    def one(self, every: np.ndarray) -> np.ndarray:
+        """The numbers (..., k) of which `every` (..., k * count) are all copies."""
+        return every[..., :: self.count] // self.count
+
+    def worst(self, values: np.ndarray) -> np.ndarray:
+        """The greatest (k,) of all copies' `values` (k * count,)."""
+        return values.reshape(-1, self.count).max(axis=1)
+
+    def at(self, points: np.ndarray, follows: np.ndarray) -> np.ndarray:
+        """All copies (3, k * count) of points (3, k) of the larger copy at rest, each of which moves with `follows` (k,)."""
+        every = np.empty((3, points.shape[1], self.count))
+        every[..., 0] = points
+        for j in range(1, self.count):
+            every[..., j] = self.skin.at(j - 1, points / self.rest, follows)
+            every[0, :, j] += self.shift[j - 1]
+        return every.reshape(3, -1)
+
+    def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Which of `one` and `other`, each (k,), that points (3, k) of the larger copy at rest may move with, lies nearer to them."""
+        return one if self.count == 1 else self.skin.nearer(points / self.rest, one, other)
+
+    def joined(self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(weight (k,), ways (3, k)) of the larger copy at rest, that come nearest to the weighed `ways` (3, k * count) of all."""
+        weight, ways = weight.reshape(-1, self.count), ways.reshape(3, -1, self.count)
+        total, way = weight[:, 0].copy(), ways[..., 0].copy()
+        for j in range(1, self.count):
+            total += weight[:, j] * self.skin.stretch[j - 1].take(follows) / self.rest**2
+            way += self.skin.back(j - 1, ways[..., j], follows) / self.rest
+        return total, way

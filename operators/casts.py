@@ -13,7 +13,7 @@ import numpy as np
 
 from .joints import Character, baking
 from .looks import Looks
-from .movers import armatures_of, curves_of, players_of
+from .movers import KEYS, armatures_of, curves_of, players_of, read_columns
 from .populate import GROUP
 from .scene import LOOK_AGAIN
 
@@ -142,10 +142,7 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
                 told.add(action)
                 digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
                 for curve in curves_of(player):
-                    for name in ("co", "handle_left", "handle_right"):
-                        keys = np.empty(2 * len(curve.keyframe_points), np.float32)
-                        curve.keyframe_points.foreach_get(name, keys)
-                        digest.update(keys)
+                    digest.update(b"".join(read_columns(curve.keyframe_points, KEYS)))
     return digest.digest(), looks
 
 

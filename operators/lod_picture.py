@@ -94,7 +94,7 @@ def _distances(character: Surface, surface: Surface, pixel, triangle, weights) -
     same = np.array_equal(character.points, surface.points) and np.array_equal(character.triangles, surface.triangles)
     if same or not len(pixel):
         return np.zeros(len(pixel))
-    return character.distances(np.einsum("kc,kcd->kd", weights, surface.points[surface.triangles[triangle]]))
+    return character.distances(surface.at(triangle, weights))
 
 
 def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colours: np.ndarray, shape: tuple[int, int]) -> None:

@@ -19,8 +19,8 @@ RESTING = "bbone_", "envelope", "head_r", "tail_r", "inherit", "use_"
 # How an action is played on its owner, what a shape key does, and what a key of a curve is: (name, numbers in it, their type).
 PLAYED = "action_blend_type", "action_extrapolation", "action_influence", "use_nla"
 SHAPED = "name", "value", "mute", "vertex_group", "interpolation"
-KEYED = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4"), ("easing", 1, "i4"),
-         ("back", 1, "f4"), ("amplitude", 1, "f4"), ("period", 1, "f4"))  # fmt: skip
+KEYS = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"))
+KEYED = (*KEYS, ("interpolation", 1, "i4"), ("easing", 1, "i4"), ("back", 1, "f4"), ("amplitude", 1, "f4"), ("period", 1, "f4"))
 # The same of the points that shape what others follow: meshes, lattices, curves.
 POINTS = (("co", 3, "f4"),)
 SPLINES = (("co", 4, "f4"), ("tilt", 1, "f4"), ("radius", 1, "f4"))
@@ -126,13 +126,13 @@ def _run(curve: bpy.types.FCurve) -> tuple:
         curve.array_index,
         curve.extrapolation,
         curve.mute or bool(curve.group and curve.group.mute),
-        _points(curve.keyframe_points, KEYED),
-        _points(curve.sampled_points, KEYED[:1]),
+        read_columns(curve.keyframe_points, KEYED),
+        read_columns(curve.sampled_points, KEYS[:1]),
         [(_settings(m), [_settings(point) for point in getattr(m, "control_points", ())]) for m in curve.modifiers],
     )
 
 
-def _points(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[str, int, str]]) -> list[bytes]:
+def read_columns(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[str, int, str]]) -> list[bytes]:
     """The `columns` of the points."""
     found = []
     for name, width, kind in columns:
@@ -194,11 +194,11 @@ def stance(item: bpy.types.Object) -> list:
 def _shape(data: bpy.types.ID) -> Iterator[list[bytes]]:
     """The points of a mesh, a lattice or a curve."""
     if isinstance(data, bpy.types.Mesh):
-        yield _points(data.vertices, POINTS)
+        yield read_columns(data.vertices, POINTS)
     elif isinstance(data, bpy.types.Lattice):
-        yield _points(data.points, (("co_deform", 3, "f4"),))
+        yield read_columns(data.points, (("co_deform", 3, "f4"),))
     for spline in getattr(data, "splines", ()):
-        yield _points(spline.points, SPLINES) + _points(spline.bezier_points, BEZIERS)
+        yield read_columns(spline.points, SPLINES) + read_columns(spline.bezier_points, BEZIERS)
 
 
 def _strip(strip: bpy.types.NlaStrip) -> tuple:

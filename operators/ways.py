@@ -128,7 +128,8 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
     are off by more than UV_OFF). In the poses its points move with the source's nearest ones: good enough for a choice."""
     points, triangles, corners, _ = io.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
-    distance, _ = deviation(source.surface, Surface(points, triangles), SAMPLES)
+    made = Surface(points, triangles)
+    distance, _ = deviation(source.surface, made, SAMPLES)
     skin, surfaces = source.posed
     if surfaces:
         _, hit, _ = source.surface.nearest(points)
@@ -138,13 +139,12 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
         yield
         distance = max(distance, deviation(surface, Surface(skin.at(j, points.T, follows).T, triangles), SAMPLES)[0])
     yield
-    return distance / diagonal, uv_error(source, mesh, points, triangles, corners)
+    return distance / diagonal, uv_error(source, mesh, made, corners)
 
 
-def uv_error(source: Source, mesh: bpy.types.Mesh, points, triangles, corners) -> float:
-    """The largest part, over the UV maps, of the mesh's surface whose UVs are off by more than UV_OFF from those of the
-    nearest point of the source."""
-    surface = Surface(points, triangles)
+def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:
+    """The largest part, over the UV maps, of the mesh's `surface` whose UVs are off by more than UV_OFF from those of the
+    nearest point of the source; corners (m, 3): of its triangles."""
     if not mesh.uv_layers or not surface.area.any():
         return 0.0
     face, mine = scattered(surface.area, SAMPLES)

@@ -28,7 +28,7 @@ def test_the_nearest_point_of_a_triangle_is_that_of_its_samples():
 
 def test_a_walk_that_began_on_the_far_side_is_found_out():
     points, triangles = sphere()
-    mesh = Walkable.of(points, triangles)
+    mesh = Walkable(points.T.copy(), triangles.T.copy())
     others = 1.3 * points[::97].T
     face = np.full(others.shape[1], 5)
     weights = np.full((3, others.shape[1]), 1 / 3)

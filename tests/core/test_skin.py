@@ -3,7 +3,9 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.meshes import decimate
-from crowd_lod_extension.crowd_lod.skin import Skin
+from crowd_lod_extension.crowd_lod.refine import Fit
+from crowd_lod_extension.crowd_lod.share import share
+from crowd_lod_extension.crowd_lod.skin import Copies, Skin
 
 
 def turn(angle):
@@ -90,3 +92,57 @@ def test_the_poses_that_tell_most_come_first_and_those_that_tell_nothing_not_at_
     assert turned.telling(triangles) is None
     same, plain = decimate(points, triangles, 0.3, "arm", skin=turned), decimate(points, triangles, 0.3, "arm")
     np.testing.assert_array_equal(same.points, plain.points)
+
+
+def test_copies_lie_apart_and_what_all_of_them_ask_for_comes_back_to_rest():
+    points, triangles = tube()
+    skin = bent(points, [1.1, -0.6])
+    copies = Copies(skin)
+    rng = np.random.default_rng(0)
+    follows, off = rng.integers(0, len(points), 50), rng.normal(0, 0.1, (50, 3))
+    every = copies.at(copies.rest * (points[follows] + off).T, follows).reshape(3, 50, 3)
+    np.testing.assert_allclose(every[..., 0].T, copies.rest * (points[follows] + off))
+    for j in range(2):
+        shift = every[:, :, j + 1] - skin.at(j, (points[follows] + off).T, follows)
+        np.testing.assert_allclose(shift, np.array([[shift[0, 0]], [0], [0]]) + np.zeros((3, 50)), atol=1e-9)
+    boxes = sorted((every[0, :, j].min(), every[0, :, j].max()) for j in range(3))
+    assert all(high + 2 < low for (_, high), (low, _) in zip(boxes[:-1], boxes[1:], strict=True))
+    # a way that all copies of a rigid point ask for, even if the poses are larger, is the way at rest that leads along it in all
+    copies = Copies(Skin(points, 3 * skin.place, 3 * skin.frame))
+    rigid = np.flatnonzero(np.abs(points[:, 2]) > 0.3)
+    way = rng.normal(0, 1, (3, len(rigid)))
+    here = copies.rest * points[rigid].T
+    ways = copies.at(here + way, rigid) - copies.at(here, rigid)
+    weight = rng.uniform(0.1, 1, ways.shape[1])
+    total, joined = copies.joined(weight, weight * ways, rigid)
+    np.testing.assert_allclose(joined / total, way, atol=1e-9)
+    np.testing.assert_array_equal(copies.every(np.array([2, -1])), [6, 7, 8, -1, -1, -1])
+
+
+def test_moves_bring_a_lod_nearer_in_all_its_poses():
+    points, triangles = tube()
+    some, lod = tube(14, 8)
+    skin = bent(points, [0.9, 1.8])
+    landed = np.linalg.norm(points[:, None] - some, axis=2).argmin(axis=1)
+    follows = np.linalg.norm(points - some[:, None], axis=2).argmin(axis=1)
+    fit = Fit(some, lod, points, triangles, landed, np.empty((0, 2), int), skin=skin, follows=follows)
+
+    def farthest():
+        """Of the source's points and the LOD's, at rest and in each pose, from the other surface: all triangles tried."""
+        at = fit.lod.points[:, ::3].T / fit.copies.rest
+        posed = [(points, at), *((skin.place[j], skin.at(j, at.T, fit.follows).T) for j in range(2))]
+        both = ((distance(one, other, fit.corners.T).max(), distance(other, one, triangles).max()) for one, other in posed)
+        return [max(each) for each in both]
+
+    before = farthest()
+    for _ in range(2):
+        fit.move(8)
+        share(fit)
+    fit.flip()
+    fit.move(8)
+    fit.restore()
+    after = farthest()
+    assert len(fit.corners.T) <= len(lod)
+    assert max(after[1:]) < 0.6 * max(before[1:]) and after[0] < before[0]
+    # what is measured is all there is, but for what lies between the samples
+    assert fit.worst >= max(fit.copies.rest * after[0], *after[1:]) * 0.999
