@@ -8,8 +8,7 @@ from robot import overlay, scene, settings
 
 def seen():
     """Whether the overlay still runs, what it draws, and what it says."""
-    robot.view_3d().tag_redraw()
-    yield 1.0
+    yield from robot.drawn()
     shown = overlay().shown_of(scene())
     return {
         "handlers": robot.draw_handlers.count,

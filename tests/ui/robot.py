@@ -15,6 +15,7 @@ MODULE = "bl_ext.user_default.crowd_lod"
 PATIENCE = 300.0  # seconds until a button's work counts as hung
 KINDS = ("actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds").split()
 pictures = []
+_draws = []  # one for each drawing of a viewport's header: the last of it, also where overlays are hidden
 
 
 class Counted:
@@ -42,6 +43,7 @@ def start(folder):
     _folder = folder
     bpy.context.preferences.view.show_splash = False
     bpy.ops.preferences.addon_disable(module=MODULE)
+    bpy.types.SpaceView3D.draw_handler_add(lambda: _draws.append(1), (), "HEADER", "POST_PIXEL")
     draw_handlers = Counted()
     bpy.ops.preferences.addon_enable(module=MODULE)
 
@@ -112,6 +114,14 @@ def until(condition, limit: float = 30.0):
     began = time.monotonic()
     while not condition() and time.monotonic() - began < limit:
         yield 0.2
+
+
+def drawn():
+    """Have the viewport drawn anew; wait until that is done, and what it left to a timer, however slow the machine."""
+    before = len(_draws)
+    view_3d().tag_redraw()
+    yield from until(lambda: len(_draws) > before)
+    yield 0.5  # a later round of Blender's loop than the drawing: its timers have run
 
 
 def key(name: str):

@@ -166,7 +166,7 @@ def build():
 
 
 def painted():
-    """Paint the map while the animation is played: whether it counts at once, and in the end; whether the painting is undone so."""
+    """Paint the map while the animation is played: whether it counts soon, and whether painting it back does in the end."""
     trajectory_of, image = overlay().trajectory_of, settings().map_image
     world = trajectory_of(scene()).world
     pixels = image.pixels[:]
@@ -174,14 +174,14 @@ def painted():
         bpy.ops.screen.animation_play()
     yield 1.5
     image.pixels[:] = pixels[4:] + pixels[:4]
-    soon = []
-    yield from robot.until(lambda: soon.append(trajectory_of(scene()).world is world) or not soon[-1])
+    yield from robot.until(lambda: trajectory_of(scene()).world is not world)
+    other = trajectory_of(scene()).world is not world
     with robot.over():
         bpy.ops.screen.animation_cancel(restore_frame=True)
     image.pixels[:] = pixels
     scene().frame_set(90)
     labels = trajectory_of(scene()).world.labels
-    return {"looks": len(soon), "other": not soon[-1], "again": labels.tobytes() == world.labels.tobytes()}
+    return {"other": other, "again": labels.tobytes() == world.labels.tobytes()}
 
 
 def points():
@@ -241,7 +241,7 @@ def breakage():
     module.drawing_of = broken
     scene().frame_set(61)
     yield from robot.until(lambda: module.problem(scene()))
-    yield 1.0
+    yield from robot.drawn()
     found = {"problem": module.problem(scene()), "handlers": robot.draw_handlers.count}
     yield from robot.picture("12_broken")
     module.drawing_of = real
