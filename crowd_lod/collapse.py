@@ -21,22 +21,27 @@ SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
 PASSES = 6  # choices of edges in a round
 
 
-def quadrics_of(points: np.ndarray, triangles: np.ndarray, seams: np.ndarray, hold: float = 1.0) -> np.ndarray:
+def held_sides(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(which sides of the triangles (m, 3), side i from corner i to the next, are open borders or `seams` (k, 2), as 3 t + i (h,);
+    which of these are borders (h,) bool)."""
+    keys = edge_keys(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).T, n)
+    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+    border = count[inverse] != 2
+    held = np.flatnonzero(border | np.isin(keys, edge_keys(seams.T, n)))
+    return held, border[held]
+
+
+def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarray, np.ndarray], hold: float = 1.0) -> np.ndarray:
     """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its triangles by
-    their areas, and of the planes upright on its open borders and `seams` (k, 2), by length squared, those on seams times
-    `hold`."""
-    n = len(points)
+    their areas, and of the planes upright on their `held_sides`, by length squared, those on seams times `hold`."""
+    n, (side, border) = len(points), held
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, area = _unit(np.cross(b - a, c - a))
     total = _spread(_planes(normal, a, area / 2), triangles.T, n)
-    half = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-    keys = edge_keys(half.T, n)
-    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    border = count[inverse] != 2
-    held = border | np.isin(keys, edge_keys(seams.T, n))
-    start, end = half[held].T
-    side, length = _unit(np.cross(points[end] - points[start], np.repeat(normal, 3, axis=0)[held]))
-    total[:10] += _spread(_planes(side, points[start], np.where(border[held], 1, hold) * length**2)[:10], (start, end), n)
+    face, turn = np.divmod(side, 3)
+    start, end = triangles[face, turn], triangles[face, (turn + 1) % 3]
+    upright, length = _unit(np.cross(points[end] - points[start], normal[face]))
+    total[:10] += _spread(_planes(upright, points[start], np.where(border, 1, hold) * length**2)[:10], (start, end), n)
     return total
 
 
@@ -69,16 +74,23 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
     bent, follows = [each.take(own, 1) for each in bent], own.copy()
     landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
+    keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
     while corners.shape[1] > target:
-        keys, edges, faces = edges_of(corners, n)
-        at, cost = place(points, quadrics, *edges)
-        cost[bridges(edges, faces, n) | np.isin(keys, refused)] = np.inf
+        before, (keys, edges, faces) = keys, edges_of(corners, n)
+        # of each edge where it would collapse to, its cost at rest and, if known, its error in the poses: most stay as they were
+        known = _taken_over(before, known, keys, changed[edges].any(axis=0))
+        new = np.flatnonzero(np.isnan(known[3]))
+        known[:3, new], known[3, new] = place(points, quadrics, *edges.take(new, 1))
+        at, barred = known[:3], bridges(edges, faces, n) | np.isin(keys, refused)
+        cost = np.where(barred, np.inf, known[3])
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
-        follow = follows[edges[0]]
+
+        def follow(some, at=at, edges=edges):
+            one, other = follows[edges.take(some, 1)]
+            return skin.nearer(at.take(some, 1), one, other) if bent else one
+
         if bent:
-            follow = skin.nearer(at, *follows[edges])
-            weight = (quadrics[10].take(edges).sum(axis=0) + 1e-300) ** MEAN
-            _add_bent(skin, bent, follow, edges, at, weight, most, cost)
+            cost = _with_poses(skin, bent, follow, edges, at, quadrics[10], most, cost, known[4])
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else PASSES
@@ -89,13 +101,15 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
                 break
             if thorough:
                 refused, facing = refused[:0], FOLDED
-            thorough = not thorough
+            thorough, changed = not thorough, np.zeros(n, bool)
             continue
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
         keep, gone = ends = edges[:, chosen]
-        changed = _ring(corners, ends, n)
-        refused, thorough = refused[~changed[np.stack(np.divmod(refused, n))].any(axis=0)], False
-        points[:, keep], follows[keep] = at.take(chosen, 1), follow[chosen]
+        around = _ring(corners, ends, n)
+        refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
+        points[:, keep], follows[keep] = at.take(chosen, 1), follow(chosen)
+        changed = np.zeros(n, bool)
+        changed[keep] = True
         for each in (quadrics, normals, *bent):
             each[:, keep] += each[:, gone]
         move = np.arange(n)
@@ -113,6 +127,17 @@ def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.nd
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     faces, keys = np.diff(first, append=len(keys)), keys[first]
     return keys, np.stack(np.divmod(keys, n)), faces
+
+
+def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray) -> np.ndarray:
+    """What was `known` (r, j) of the edges `before` (j,), for those of `keys` (k,) that are among them and not `changed` (k,);
+    NaN for others, (r, k). Both in order."""
+    found = np.full((len(known), len(keys)), np.nan)
+    if len(before):
+        at = np.minimum(np.searchsorted(before, keys), len(before) - 1)
+        same = np.flatnonzero((before[at] == keys) & ~changed)
+        found[:, same] = known.take(at[same], 1)
+    return found
 
 
 def bridges(edges: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
@@ -192,15 +217,22 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return middle + step, cost / (area + 1e-300) ** MEAN
 
 
-def _add_bent(skin: Skin, bent, follow, edges, at, weight, most: int, cost: np.ndarray) -> None:
-    """Add to the `cost` (k,) of the edges (2, k), which collapse to `at` (3, k) and would `follow` (k,), the error in all poses, over
-    the `weight` (k,): of the `most` cheapest and whichever else might be one of these."""
-    known, limit = np.zeros(len(cost), bool), np.partition(cost, most - 1)[most - 1]
+def _with_poses(skin: Skin, bent, follow, edges, at, area, most: int, cost, error) -> np.ndarray:
+    """The `cost` (k,) of the edges (2, k), which collapse to `at` (3, k), with the error in all poses: of the `most` cheapest and
+    whichever else might be one of these. error: (k,) those known from before, or NaN; takes up what is new. follow: the
+    points that some edges' would move with; area: (n,) of the points."""
+    known = ~np.isnan(error)
+    cost[known] += error[known]
+    limit = np.partition(cost, most - 1)[most - 1]
     for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
         some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
-        cost[some] += _bent_error(skin, bent, follow[some], edges.take(some, 1), at.take(some, 1)) / weight[some]
+        ends = edges.take(some, 1)
+        found = _bent_error(skin, bent, follow(some), ends, at.take(some, 1))
+        error[some] = found / (area.take(ends).sum(axis=0) + 1e-300) ** MEAN
+        cost[some] += error[some]
         known[some] = True
         limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
+    return cost
 
 
 def _bent_error(skin: Skin, bent, follow, edges, at) -> np.ndarray:
@@ -265,10 +297,9 @@ def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> n
     was_size, size = length(was), length(now)
     was_long, long = (sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a)) for a, b, c in (old, new))
     thin = (size < THIN * long) & (size * was_long <= was_size * long)
-    outward = normals.copy()
-    outward[:, ends] = normals[:, ends].sum(axis=1, keepdims=True)
-    outward /= length(outward) + 1e-300
-    stands_for = sum(outward.take(corner, 1) for corner in rest)
+    merged = normals[:, ends].sum(axis=1)
+    outward = [np.where(m >= 0, merged.take(edge, 1), normals.take(c, 1)) for m, c in zip(mine, rest, strict=True)]
+    stands_for = sum(each / (length(each) + 1e-300) for each in outward)
     turned = (np.einsum("dn,dn->n", was, now) / (was_size * size + 1e-300) < facing) & (was_size > 0)
     turned |= np.einsum("dn,dn->n", stands_for, now) / (length(stands_for) * size + 1e-300) < facing
     good[edge[thin | turned]] = False

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .collapse import collapse, edge_keys, normals_of, quadrics_of
+from .collapse import collapse, edge_keys, held_sides, normals_of, quadrics_of
 from .errors import CrowdError
 from .parts import parts_of, within
 from .refine import FINE, Fit
@@ -129,8 +129,9 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     straight elbow first: it goes less far, in the pose that bends most."""
     part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
     hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
-    quadrics = quadrics_of(points, triangles, seams, hold)
-    bent = [quadrics_of(place, triangles, seams, HELD) for place in (skin.place if skin else ())]
+    sides = held_sides(triangles, seams, len(points))
+    quadrics = quadrics_of(points, triangles, sides, hold)
+    bent = [quadrics_of(place, triangles, sides, HELD) for place in (skin.place if skin else ())]
     spared = BENT if bent else SEAMED if len(seams) else 0
     yield
     most = max(int(BULK * target + REST * len(triangles)), spared)
@@ -139,7 +140,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
     if len(some) < len(triangles) and not bent:
         # of a flat face all points may have landed far from its corners, which must not forget it
-        rows[:11] += LEFT * quadrics_of(start, some, landed[seams], hold)
+        rows[:11] += LEFT * quadrics_of(start, some, held_sides(some, landed[seams], len(start)), hold)
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)

@@ -61,8 +61,8 @@ class Walkable:
     def doubt(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, count: int = DOUBTED) -> None:
         """Seek those of `others` that are farthest from `face` and `weights` again, on all triangles near enough."""
         sorted_by, along, middle, radius = self.spheres
+        distance = length(others - self.at(face, weights))
         for _ in range(DOUBTS if len(face) else 0):
-            distance = length(others - self.at(face, weights))
             far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
             far = far[distance[far] > distance[far].max() / 2]
             some, most = others.take(far, 1), distance[far] + 1e-6
@@ -82,7 +82,8 @@ class Walkable:
             better = away[best] < 0.99 * distance[far[which]]
             if not better.any():
                 break
-            face[far[which[better]]], weights[:, far[which[better]]] = found[best[better]], at.take(best[better], 1)
+            best, far = best[better], far[which[better]]
+            face[far], weights[:, far], distance[far] = found[best], at.take(best, 1), away[best]
 
     def beyond(self, least: float, face: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(which of `others` (3, k) are farther than `least`, the triangles nearest to these, the weights on them), by walks

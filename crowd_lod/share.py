@@ -3,7 +3,7 @@ many triangles collapse elsewhere."""
 
 import numpy as np
 
-from .collapse import FACING, PASSES, bridges, choose, edge_keys, edges_of, normals_of, place, quadrics_of
+from .collapse import FACING, PASSES, bridges, choose, edge_keys, edges_of, held_sides, normals_of, place, quadrics_of
 from .nearest import Walkable, distances, length, normals, ranges
 from .refine import Fit, sides_of_two
 
@@ -142,7 +142,7 @@ def _cheapest(fit: Fit, errors, halves, count: int) -> tuple[np.ndarray, np.ndar
     copies, points, corners, seams = fit.copies, fit.points, fit.corners, fit.copies.one(fit.seams)
     n, m = points.shape[1], corners.shape[1]
     _, edges, faces = edges_of(corners, n)
-    quadrics = quadrics_of(points.T, corners.T, seams.T, fit.hold)
+    quadrics = quadrics_of(points.T, corners.T, held_sides(corners.T, seams.T, n), fit.hold)
     at, cost = place(points, quadrics, *edges)
     off, busy, seam = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool)
     for corner in corners:
