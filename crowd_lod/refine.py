@@ -7,6 +7,7 @@ import numpy as np
 from .collapse import edge_keys, normals_of
 from .nearest import Walkable, distances, length, normals, ranges
 from .patch import Patch
+from .samples import between, lattice
 from .skin import Copies, Skin
 
 KEEP = 0.8  # of a sample's weight for the next move
@@ -22,10 +23,12 @@ WORSE = 1.05  # times the worst distance that flips together may lead to, or non
 FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is flipped
 WATCHED = 0.6  # of the worst distance: where samples are as far off, what lies between them is looked at as well
 STEEP = 0.5  # least cosine between a triangle and what it is nearest to: where it is less, the same
+FEW = 2  # samples along a side, with which the same holds for all triangles of the LOD
 SEEN = 0.9  # of the worst distance: those as far off as this count from then on
 POSED = 3_000  # of the source's points that count in each pose, about
 SAMPLES = 15_000  # of the LOD's surface, about
 FINEST = 5  # samples along a side, at most
+MIDDLES = lattice(2)  # of a triangle and its sides
 
 
 class Fit:
@@ -64,7 +67,7 @@ class Fit:
         # a grid on each of the LOD's triangles, then the LOD's points
         n, m = self.lod.points.shape[1], self.lod.corners.shape[1]
         self.fine = int(np.clip(np.round(np.sqrt(2 * SAMPLES / m)), 1, FINEST))
-        self.grid = _grid(self.fine)
+        self.grid = lattice(self.fine)
         own = self.spread()
         near = np.empty(n, np.intp)
         near[landed[landed >= 0]] = np.flatnonzero(landed >= 0)
@@ -167,7 +170,7 @@ class Fit:
         some = np.flatnonzero((away > WATCHED * self.worst) & (near >= 0).all(axis=0))
         a, b, c = self.face[near[:, some]]
         some = some[(a != b) | (b != c)]  # near a single triangle nothing is farther than the corners
-        face, grid = _between(self.source.corners, some, GRID)
+        face, grid = between(self.source.corners, some, MIDDLES)
         there = self.source.at(face, grid)
         far, face, weights = self.lod.beyond(SEEN * self.worst, self.face[near[grid.argmax(axis=0), face]], there)
         if not len(far):
@@ -183,8 +186,8 @@ class Fit:
         if self.fine == FINEST:
             return False
         every = np.arange(self.lod.corners.shape[1])
-        some = np.flatnonzero((self.errors() > WATCHED * self.worst) | (self.lean(every) < STEEP))
-        face, grid = _between(self.lod.corners, some, _grid(min(2 * self.fine, FINEST))[:, 1:])
+        some = (self.errors() > WATCHED * self.worst) | (self.lean(every) < STEEP) | (self.fine <= FEW)
+        face, grid = between(self.lod.corners, np.flatnonzero(some), lattice(min(2 * self.fine, FINEST), whole=True)[:, 1:])
         here = self.lod.at(face, grid)
         far, hit, weights = self.source.beyond(SEEN * self.worst, self.hit[face], here)
         if not len(far):
@@ -359,25 +362,6 @@ def sides_of_two(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
     double = first[count == 2]
     return order[double], order[double + 1], keys
-
-
-def _grid(fine: int) -> np.ndarray:
-    """Barycentric weights (3, g): the middle of a triangle, points inside it, and those on its sides up to their middles."""
-    inside = [(i, j, fine - i - j) for i in range(1, fine) for j in range(1, fine - i) if 3 * i != fine or 3 * j != fine]
-    sides = [np.roll((fine - i, i, 0), k) for k in range(3) for i in range(1, fine // 2 + 1)]
-    return np.concatenate([[(1 / 3, 1 / 3, 1 / 3)], np.reshape([*inside, *sides], (-1, 3)) / fine]).T
-
-
-def _between(corners, faces, grid) -> tuple[np.ndarray, np.ndarray]:
-    """(triangles (k,), weights (3, k)) of the points of `grid` (3, g) on the triangles `faces`, those on sides only as their
-    first corner comes before the next: once where two triangles meet."""
-    face, weights = np.tile(faces, grid.shape[1]), np.repeat(grid, len(faces), axis=1)
-    side = weights.argmin(axis=0)
-    once = (weights > 0).all(axis=0) | (corners[side - 2, face] < corners[side - 1, face])
-    return face[once], weights[:, once]
-
-
-GRID = _grid(2)
 
 
 def _unfolded(old, new, corners, facing) -> np.ndarray:

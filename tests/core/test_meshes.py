@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod import meshes
-from crowd_lod_extension.crowd_lod.collapse import quadrics_of
+from crowd_lod_extension.crowd_lod.collapse import held_sides, quadrics_of
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.meshes import decimate
 
@@ -200,8 +200,9 @@ def test_far_lods_spend_no_more_on_many_seams_than_they_must():
 def test_seams_weigh_as_much_as_they_hold_and_borders_in_full():
     points, triangles = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]), np.array([(0, 1, 2), (0, 2, 3)])
     seam = np.array([(0, 2)])
-    none, some, all_of_it = (quadrics_of(points, triangles, seam, hold)[:10] for hold in (0, 0.25, 1))
-    assert (none == quadrics_of(points, triangles, seam[:0])[:10]).all()
+    bare, held = (held_sides(triangles, each, len(points)) for each in (seam[:0], seam))
+    none, some, all_of_it = (quadrics_of(points, triangles, held, hold)[:10] for hold in (0, 0.25, 1))
+    assert (none == quadrics_of(points, triangles, bare)[:10]).all()
     assert np.allclose(some - none, (all_of_it - none) / 4) and (all_of_it != none).any()
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.collapse import collapse, normals_of, quadrics_of
+from crowd_lod_extension.crowd_lod.collapse import collapse, held_sides, normals_of, quadrics_of
 from crowd_lod_extension.crowd_lod.refine import Fit
 from crowd_lod_extension.crowd_lod.share import share
 from crowd_lod_extension.crowd_lod.steps import finished
@@ -13,7 +13,7 @@ from .test_meshes import edge_counts, hausdorff, sphere, terrain
 def fitted(points, triangles, target, seams=()):
     """A Fit of the mesh collapsed to `target` triangles."""
     seams = np.reshape(seams, (-1, 2)).astype(int)
-    rows = quadrics_of(points, triangles, seams), normals_of(points, triangles)
+    rows = quadrics_of(points, triangles, held_sides(triangles, seams, len(points))), normals_of(points, triangles)
     new_points, new_triangles, landed, _ = finished(collapse(points, triangles, *rows, target))
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
     index = np.full(len(points), -1)
