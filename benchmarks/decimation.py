@@ -79,6 +79,49 @@ def loose(points, triangles, count: int = 200) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(copies), np.concatenate([triangles + k * len(points) for k in range(count)])
 
 
+def knot(p: int, q: int, along: int, around: int) -> tuple[np.ndarray, np.ndarray]:
+    """A tube about the torus knot (p, q)."""
+    u, v = (np.linspace(0, 2 * np.pi, n, endpoint=False) for n in (along, around))
+
+    def path(u):
+        return np.stack([(2 + np.cos(q * u)) * np.cos(p * u), (2 + np.cos(q * u)) * np.sin(p * u), -np.sin(q * u)], -1)
+
+    ahead = path(u + 1e-4) - path(u - 1e-4)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    out = np.stack([np.cos(q * u) * np.cos(p * u), np.cos(q * u) * np.sin(p * u), -np.sin(q * u)], -1)
+    out -= ahead * (out * ahead).sum(axis=1, keepdims=True)
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    ring = np.cos(v)[:, None] * out[:, None] + np.sin(v)[:, None] * np.cross(ahead, out)[:, None]
+    a = np.arange(along * around).reshape(along, around)
+    b, d = np.roll(a, -1, axis=0), np.roll(a, -1, axis=1)
+    c = np.roll(b, -1, axis=1)
+    triangles = [np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]
+    return (path(u)[:, None] + 0.4 * ring).reshape(-1, 3), np.concatenate(triangles)
+
+
+def other_meshes() -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Those that are hard in some way."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    mesh, found = bpy.ops.mesh, {}
+    kinds = {
+        "UV spheres": lambda: mesh.primitive_uv_sphere_add(segments=16, ring_count=10),
+        "icospheres": lambda: mesh.primitive_ico_sphere_add(subdivisions=2),
+        "tori": lambda: mesh.primitive_torus_add(major_segments=16, minor_segments=10),
+        "cylinders": lambda: mesh.primitive_cylinder_add(vertices=24),
+        "cubes": mesh.primitive_cube_add,
+        "Suzannes": mesh.primitive_monkey_add,
+    }
+    for name, add in kinds.items():
+        count = 60 if name == "Suzannes" else 200
+        found[f"{count} {name}"] = loose(*added(add), count)
+    found["knot (2, 3)"], found["knot (3, 5)"] = knot(2, 3, 600, 50), knot(3, 5, 400, 30)
+    found["UV sphere"] = added(mesh.primitive_uv_sphere_add)
+    found["torus, small"] = added(lambda: mesh.primitive_torus_add(major_segments=80, minor_segments=48))
+    points, triangles = found["remeshed"] = added(mesh.primitive_monkey_add, "REMESH", mode="VOXEL", voxel_size=0.017)
+    found["with noise"] = points + np.random.default_rng(0).normal(scale=0.002, size=points.shape), triangles
+    return found
+
+
 def meshes(files: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     mesh = bpy.ops.mesh
@@ -100,10 +143,10 @@ def meshes(files: list[str]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return found
 
 
-def main(picture: Path | None, files: list[str]) -> None:
+def main(picture: Path | None, files: list[str], other: bool) -> None:
     rows = []
     print(f"{'mesh':14} {'ratio':>5}  {'method':20} {'triangles':>9} {'ms':>7} {'distance %':>10} {'x':>6}")
-    for name, (points, triangles) in meshes(files).items():
+    for name, (points, triangles) in (other_meshes() if other else meshes(files)).items():
         source, diagonal = Surface(points, triangles), np.linalg.norm(np.ptp(points, axis=0))
         for ratio in RATIOS:
             base = None
@@ -138,5 +181,6 @@ if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("files", nargs="*", metavar="FILE.glb", help="more meshes: the largest of each file")
     parser.add_argument("--picture", type=Path, metavar="PICTURE.png", help="draw the distances against the run times")
+    parser.add_argument("--other", action="store_true", help="other meshes: many parts, knots, scans")
     args = parser.parse_args()
-    main(args.picture, args.files)
+    main(args.picture, args.files, args.other)
