@@ -16,6 +16,7 @@ GAP = 22  # pixels
 LETTER = 15  # pixels high
 PAPER, INK = (0.94, 0.945, 0.955), (0.13, 0.14, 0.17)
 CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
+DECADES = 3  # of distances that the colours tell apart, by their logarithm: a fine LOD's show beside a coarse one's
 LIGHT = np.array([0.35, 0.45, 0.82])  # right, up, towards the eye
 # viridis, which reads alike for colour-blind eyes and in grey (van der Walt, Smith)
 RAMP = np.array([(68, 1, 84), (72, 40, 120), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98), (173, 220, 48), (253, 231, 37)]) / 255  # fmt: skip
@@ -55,7 +56,7 @@ def draw(
     for k, (caption, (pixel, _, _, shade, edge), off) in enumerate(zip(captions, looks, away, strict=True)):
         left = GAP + k * cell + (cell - GAP - width) // 2
         clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[:, None]
-        tinted = ramp(metres * off / most if most else off) * (0.75 + 0.25 * shade[:, None])
+        tinted = ramp(1 + np.log10(np.maximum(metres * off / (most or 1.0), 1e-9)) / DECADES) * (0.75 + 0.25 * shade[:, None])
         for row, colours in ((height + 2 * GAP, clay), (GAP, tinted)):
             _paste(sheet, row, left, pixel, colours, (height, width))
         middle = GAP + k * cell + (cell - GAP) / 2
@@ -63,8 +64,10 @@ def draw(
         write(sheet, caption, middle, 2 * height + 3 * GAP + 0.5 * LETTER, LETTER, "CENTER")
     bar = int(GAP + cell * len(levels)), int(GAP + height * 0.1), int(height * 0.8)
     sheet[bar[1] : bar[1] + bar[2], bar[0] : bar[0] + LETTER] = ramp(np.linspace(0, 1, bar[2]))[:, None]
-    for part in (0, 0.5, 1):
-        write(sheet, f"{number(1000 * most * part)} mm", bar[0] + 1.5 * LETTER, bar[1] + part * bar[2] - 0.35 * LETTER, LETTER)
+    for decade in range(DECADES + 1):
+        words, part = f"{number(1000 * most / 10**decade)} mm", 1 - decade / DECADES
+        words = f"< {words}" if decade == DECADES and most else words
+        write(sheet, words, bar[0] + 1.5 * LETTER, bar[1] + part * bar[2] - 0.35 * LETTER, LETTER)
     pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
     pixels[..., :3] = np.rint(sheet * 255)
     return pixels, most
