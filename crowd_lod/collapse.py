@@ -84,13 +84,8 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         at, barred = known[:3], bridges(edges, faces, n) | np.isin(keys, refused)
         cost = np.where(barred, np.inf, known[3])
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
-
-        def follow(some, at=at, edges=edges):
-            one, other = follows[edges.take(some, 1)]
-            return skin.nearer(at.take(some, 1), one, other) if bent else one
-
         if bent:
-            cost = _with_poses(skin, bent, follow, edges, at, quadrics[10], most, cost, known[4])
+            cost = _with_poses(skin, bent, follows, edges, at, quadrics[10], most, cost, known[4])
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else PASSES
@@ -107,7 +102,8 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         keep, gone = ends = edges[:, chosen]
         around = _ring(corners, ends, n)
         refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
-        points[:, keep], follows[keep] = at.take(chosen, 1), follow(chosen)
+        points[:, keep] = at.take(chosen, 1)
+        follows[keep] = skin.nearer(points[:, keep], *follows[ends]) if bent else follows[keep]
         changed = np.zeros(n, bool)
         changed[keep] = True
         for each in (quadrics, normals, *bent):
@@ -217,17 +213,18 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return middle + step, cost / (area + 1e-300) ** MEAN
 
 
-def _with_poses(skin: Skin, bent, follow, edges, at, area, most: int, cost, error) -> np.ndarray:
+def _with_poses(skin: Skin, bent, follows, edges, at, area, most: int, cost, error) -> np.ndarray:
     """The `cost` (k,) of the edges (2, k), which collapse to `at` (3, k), with the error in all poses: of the `most` cheapest and
-    whichever else might be one of these. error: (k,) those known from before, or NaN; takes up what is new. follow: the
-    points that some edges' would move with; area: (n,) of the points."""
+    whichever else might be one of these. error: (k,) those known from before, or NaN; takes up what is new. follows, area: (n,)
+    of the points."""
     known = ~np.isnan(error)
     cost[known] += error[known]
     limit = np.partition(cost, most - 1)[most - 1]
     for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
         some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
         ends = edges.take(some, 1)
-        found = _bent_error(skin, bent, follow(some), ends, at.take(some, 1))
+        there = at.take(some, 1)
+        found = _bent_error(skin, bent, skin.nearer(there, *follows[ends]), ends, there)
         error[some] = found / (area.take(ends).sum(axis=0) + 1e-300) ** MEAN
         cost[some] += error[some]
         known[some] = True
