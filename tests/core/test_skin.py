@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod import collapse
 from crowd_lod_extension.crowd_lod.meshes import decimate
 from crowd_lod_extension.crowd_lod.refine import Fit
 from crowd_lod_extension.crowd_lod.share import share
@@ -146,3 +147,27 @@ def test_moves_bring_a_lod_nearer_in_all_its_poses():
     assert max(after[1:]) < 0.6 * max(before[1:]) and after[0] < before[0]
     # what is measured is all there is, but for what lies between the samples
     assert fit.worst >= max(fit.copies.rest * after[0], *after[1:]) * 0.999
+
+
+@pytest.mark.parametrize("posed", [False, True])
+def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, monkeypatch):
+    points, triangles = tube()
+    points = points + np.random.default_rng(0).normal(scale=0.002, size=points.shape)
+    skin = bent(points, [-0.5, 1.0, 2.0]) if posed else None
+    took, taken_over = [], collapse._taken_over
+
+    def counted(*arguments):
+        took.append(taken_over(*arguments))
+        return took[-1]
+
+    def nothing(_, known, keys, changed):
+        return np.full((len(known), len(keys)), np.nan)
+
+    lods = []
+    for way in (counted, nothing):
+        monkeypatch.setattr(collapse, "_taken_over", way)
+        lods.append(decimate(points, triangles, 0.1, "tube", skin=skin, effort=0.05))
+    assert (~np.isnan(took[-1][3])).mean() > 0.5  # most is taken over, and with poses errors, too
+    assert not posed or any((~np.isnan(each[4])).any() for each in took)
+    for one, other in zip(*(vars(lod).values() for lod in lods), strict=True):
+        assert np.array_equal(one, other)
