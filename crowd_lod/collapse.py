@@ -21,10 +21,15 @@ SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
 PASSES = 6  # choices of edges in a round
 
 
+def half_edges(triangles: np.ndarray) -> np.ndarray:
+    """The sides (3 m, 2) of triangles (m, 3): side 3 t + i of triangle t from its corner i to the next."""
+    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
 def held_sides(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(which sides of the triangles (m, 3), side i from corner i to the next, are open borders or `seams` (k, 2), as 3 t + i (h,);
-    which of these are borders (h,) bool)."""
-    keys = edge_keys(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).T, n)
+    """(which of the `half_edges` of triangles (m, 3) between n points are open borders or `seams` (k, 2), (h,); which of these are
+    borders, (h,) bool)."""
+    keys = edge_keys(half_edges(triangles).T, n)
     _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
     border = count[inverse] != 2
     held = np.flatnonzero(border | np.isin(keys, edge_keys(seams.T, n)))
@@ -38,9 +43,8 @@ def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarra
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, area = _unit(np.cross(b - a, c - a))
     total = _spread(_planes(normal, a, area / 2), triangles.T, n)
-    face, turn = np.divmod(side, 3)
-    start, end = triangles[face, turn], triangles[face, (turn + 1) % 3]
-    upright, length = _unit(np.cross(points[end] - points[start], normal[face]))
+    start, end = half_edges(triangles)[side].T
+    upright, length = _unit(np.cross(points[end] - points[start], normal[side // 3]))
     total[:10] += _spread(_planes(upright, points[start], np.where(border, 1, hold) * length**2)[:10], (start, end), n)
     return total
 
@@ -85,7 +89,7 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         cost = np.where(barred, np.inf, known[3])
         most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
         if bent:
-            cost = _with_poses(skin, bent, follows, edges, at, quadrics[10], most, cost, known[4])
+            _add_bent(skin, bent, follows, edges, at, quadrics[10], most, cost, known[4])
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else PASSES
@@ -213,8 +217,8 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return middle + step, cost / (area + 1e-300) ** MEAN
 
 
-def _with_poses(skin: Skin, bent, follows, edges, at, area, most: int, cost, error) -> np.ndarray:
-    """The `cost` (k,) of the edges (2, k), which collapse to `at` (3, k), with the error in all poses: of the `most` cheapest and
+def _add_bent(skin: Skin, bent, follows, edges, at, area, most: int, cost: np.ndarray, error: np.ndarray) -> None:
+    """Add to the `cost` (k,) of the edges (2, k), which collapse to `at` (3, k), the error in all poses: of the `most` cheapest and
     whichever else might be one of these. error: (k,) those known from before, or NaN; takes up what is new. follows, area: (n,)
     of the points."""
     known = ~np.isnan(error)
@@ -229,7 +233,6 @@ def _with_poses(skin: Skin, bent, follows, edges, at, area, most: int, cost, err
         cost[some] += error[some]
         known[some] = True
         limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
-    return cost
 
 
 def _bent_error(skin: Skin, bent, follow, edges, at) -> np.ndarray:

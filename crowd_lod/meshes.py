@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .collapse import collapse, edge_keys, held_sides, normals_of, quadrics_of
+from .collapse import collapse, edge_keys, half_edges, held_sides, normals_of, quadrics_of
 from .errors import CrowdError
 from .parts import parts_of, within
 from .refine import FINE, Fit
@@ -129,7 +129,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     straight elbow first: it goes less far, in the pose that bends most."""
     part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
     hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
-    sides = held_sides(triangles, seams, len(points))
+    held, border = sides = held_sides(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)
     bent = [quadrics_of(place, triangles, sides, HELD) for place in (skin.place if skin else ())]
     spared = BENT if bent else SEAMED if len(seams) else 0
@@ -150,8 +150,8 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     index[kept] = np.arange(len(kept))
     landed = index[landed]
     yield
-    keys, times = np.unique(edge_keys(_half_edges(triangles).T, len(points)), return_counts=True)
-    inside = np.isin(edge_keys(seams.T, len(points)), keys[times == 2])  # open borders may move along themselves
+    inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
+    inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
     fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], hold, skin, follows[kept])
     left = max(effort * EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles)
     left -= COLLAPSED * (1 + PER_POSE * len(bent)) * (len(some) - target)
@@ -218,12 +218,8 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
 
 def _uneven(triangles: np.ndarray, part: np.ndarray) -> np.ndarray:
     """How many edges of each part have not two triangles, (n,) at its first point."""
-    keys, count = np.unique(edge_keys(_half_edges(triangles).T, len(part)), return_counts=True)
+    keys, count = np.unique(edge_keys(half_edges(triangles).T, len(part)), return_counts=True)
     return np.bincount(part[keys[count != 2] // len(part)], minlength=len(part))
-
-
-def _half_edges(triangles: np.ndarray) -> np.ndarray:
-    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
 def _without_flat_and_doubled(triangles: np.ndarray) -> np.ndarray:
@@ -238,7 +234,7 @@ def _without_flat_and_doubled(triangles: np.ndarray) -> np.ndarray:
 def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(the point that each is joined to (n,), the edges (k, 2) that were open): open borders at the same points, such as
     glTF has along UV seams, become one, or else they would part; not where an edge would get more than two triangles."""
-    n, half = len(points), _half_edges(triangles)
+    n, half = len(points), half_edges(triangles)
     joined = np.arange(n)
     _, inverse, count = np.unique(edge_keys(half.T, n), return_inverse=True, return_counts=True)
     border = half[count[inverse] == 1]
