@@ -50,7 +50,7 @@ def draw(
     most = metres * max((float(d.max(initial=0)) for d in away), default=0.0)
 
     cell = max(width, 10 * LETTER) + GAP
-    head, canvas_width = 4 * LETTER, GAP + cell * len(levels) + 7 * LETTER
+    head, canvas_width = 4 * LETTER, GAP + cell * len(levels) + 9 * LETTER
     sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
     sheet[:] = PAPER
     for k, (caption, (pixel, _, _, shade, edge), off) in enumerate(zip(captions, looks, away, strict=True)):
