@@ -166,22 +166,25 @@ def build():
 
 
 def painted():
-    """Paint the map while the animation is played: whether it counts soon, and whether painting it back does in the end."""
+    """Paint the map while the animation is played: whether it counts at once, and in the end; whether the painting is undone so."""
     trajectory_of, image = overlay().trajectory_of, settings().map_image
     world = trajectory_of(scene()).world
     pixels = image.pixels[:]
     with robot.over():
         bpy.ops.screen.animation_play()
     yield 1.5
-    image.pixels[:] = pixels[4:] + pixels[:4]
-    yield from robot.until(lambda: trajectory_of(scene()).world is not world)
-    other = trajectory_of(scene()).world is not world
+    moved = pixels[4:] + pixels[:4]
+    time.sleep(overlay().LOOK_AGAIN)
+    trajectory_of(scene())  # looks now, and so not again at once, however slow the machine
+    image.pixels[:] = moved
+    soon = []
+    yield from robot.until(lambda: soon.append(trajectory_of(scene()).world is world) or not soon[-1])
     with robot.over():
         bpy.ops.screen.animation_cancel(restore_frame=True)
     image.pixels[:] = pixels
     scene().frame_set(90)
     labels = trajectory_of(scene()).world.labels
-    return {"other": other, "again": labels.tobytes() == world.labels.tobytes()}
+    return {"looks": len(soon), "other": not soon[-1], "again": labels.tobytes() == world.labels.tobytes()}
 
 
 def points():
