@@ -10,6 +10,7 @@ import hashlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -48,10 +49,10 @@ def main(arguments: list) -> None:
         run(PYTHON, "-m", "pytest", "-n", "auto", "--maxprocesses", "4", "--dist", "loadfile", *rest)
     elif command == "bench":
         run(PYTHON, ROOT / "benchmarks" / "bench.py", *rest)
-    elif command == "package":
-        run(PYTHON, ROOT / "package.py", *rest)
     else:
-        run(SCRIPTS / "crowd-lod", *arguments)
+        hold(signal.SIG_BLOCK)  # until these heed it themselves, first thing
+        program = [PYTHON, ROOT / "package.py", *rest] if command == "package" else [SCRIPTS / "crowd-lod", *arguments]
+        run(*program)
 
 
 def install() -> None:
@@ -133,12 +134,19 @@ def run(*command) -> None:
     os.execv(command[0], command)
 
 
+def hold(how: int) -> None:
+    """Let Ctrl-C wait, or no longer: while Python starts it would be a traceback."""
+    if os.name != "nt":
+        signal.pthread_sigmask(how, {signal.SIGINT})
+
+
 def say(message: str) -> None:
     print(f"crowd-lod: {message}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":
     try:
+        hold(signal.SIG_UNBLOCK)
         main(sys.argv[1:])
     except Failure as failure:
         say(f"{failure}.")
@@ -147,4 +155,6 @@ if __name__ == "__main__":
         say(f"cannot make its environment in {ROOT}: {error}.")
         sys.exit(1)
     except KeyboardInterrupt:
+        hold(signal.SIG_BLOCK)
+        say("stopped.")
         sys.exit(130)

@@ -6,11 +6,16 @@ Blender that the environment variable BLENDER names, or else the copy that ships
 
 import argparse
 import os
+import signal
 import subprocess
 import sys
 import tomllib
 from importlib.util import find_spec
 from pathlib import Path
+
+from crowd_lod_extension.crowd_lod import interrupt
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.report import staged
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"
@@ -27,23 +32,28 @@ def main() -> None:
 
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
     fetch([Path(wheel).name for wheel in manifest["wheels"]])
-    out.mkdir(parents=True, exist_ok=True)
-    archive = out / f"{manifest['id']}-{manifest['version']}.zip"
     extension_tool("validate", ROOT)
-    extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
-    extension_tool("validate", archive)
-    print(archive)
+    with staged(out) as stage:
+        archive = stage / f"{manifest['id']}-{manifest['version']}.zip"
+        extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
+        extension_tool("validate", archive)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left to do takes no time
+    print(out / archive.name)
 
 
 def fetch(names: list[str]) -> None:
     """Make the folder of wheels hold these files and no others."""
-    WHEELS.mkdir(exist_ok=True)
-    for stale in WHEELS.iterdir():
+    missing = [name for name in names if not (WHEELS / name).exists()]
+    if missing:
+        with staged(WHEELS) as stage:
+            download(missing, stage)
+    for stale in WHEELS.glob("*.whl"):
         if stale.name not in names:
             stale.unlink()
+
+
+def download(names: list[str], folder: Path) -> None:
     for name in names:
-        if (WHEELS / name).exists():
-            continue
         package, version, python, abi, platforms = name.removesuffix(".whl").split("-")
         target = [f"--platform={platform}" for platform in platforms.split(".")]
         if abi != "none":  # a compiled wheel; a pure one fits every Python
@@ -51,9 +61,9 @@ def fetch(names: list[str]) -> None:
         run(
             f"could not fetch {name}; is the network there?",
             *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"),
-            *(*target, f"--dest={WHEELS}", f"{package}=={version}"),
+            *(*target, f"--dest={folder}", f"{package}=={version}"),
         )
-        if not (WHEELS / name).exists():
+        if not (folder / name).exists():
             raise Failure(f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}")
 
 
@@ -86,6 +96,11 @@ def run(failure: str, *command: str) -> None:
 
 if __name__ == "__main__":
     try:
+        if os.name != "nt":
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # environment.py holds it back while Python starts
         main()
-    except (Failure, OSError) as failure:
+    except (Failure, CrowdError, OSError) as failure:
         sys.exit(f"crowd-lod package: {failure}")
+    except KeyboardInterrupt:  # it ends the tool that runs, too, unlike interrupt.heed
+        print("crowd-lod: stopped; nothing on disk was changed.", file=sys.stderr)
+        sys.exit(interrupt.STOPPED)

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from . import interrupt
 from .errors import CrowdError
 from .frame import Frame
 
@@ -21,23 +22,34 @@ PLAN_VERSION = 1
 @contextmanager
 def staged(folder: Path) -> Iterator[Path]:
     """A folder to write in, beside `folder`'s files; when the block ends well its files are renamed into `folder`, one
-    replacing another of its name. After an error or Esc `folder` is as it was."""
+    replacing another of its name. After an error, Esc or Ctrl-C `folder` is as it was."""
     made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=".crowd-lod-", dir=folder))
-    except OSError as error:
+    stage = None
+
+    def clean():
+        if stage is not None:
+            shutil.rmtree(stage, ignore_errors=True)
         _remove_empty(made)
-        raise CrowdError(f"The output folder {folder} cannot be written ({error.strerror}): choose another with --out.") from None
-    try:
-        yield stage
-        for path in sorted(stage.iterdir()):
-            os.replace(path, folder / path.name)
-    except OSError as error:
-        raise CrowdError(f"Writing to {folder} failed ({error.strerror}): free space there, or choose another folder.") from None
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-        _remove_empty(made)
+
+    with interrupt.unfinished(clean):
+        try:
+            with interrupt.held():
+                folder.mkdir(parents=True, exist_ok=True)
+                stage = Path(tempfile.mkdtemp(prefix=".crowd-lod-", dir=folder))
+        except OSError as error:
+            raise CrowdError(
+                f"The output folder {folder} cannot be written ({error.strerror}): choose another with --out."
+            ) from None
+        try:
+            yield stage
+            with interrupt.held():
+                for path in sorted(stage.iterdir()):
+                    os.replace(path, folder / path.name)
+                interrupt.too_late(f"the output in {folder} is complete")
+        except OSError as error:
+            raise CrowdError(
+                f"Writing to {folder} failed ({error.strerror}): free space there, or choose another folder."
+            ) from None
 
 
 def _remove_empty(folders: list[Path]) -> None:

@@ -3,7 +3,6 @@
 import contextlib
 import json
 import os
-import signal
 import sys
 import time as clock
 from pathlib import Path
@@ -11,7 +10,7 @@ from pathlib import Path
 import bpy
 
 from .. import sample_scenes
-from ..crowd_lod import extremes
+from ..crowd_lod import extremes, interrupt
 from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.shot import parse_frames
@@ -25,13 +24,15 @@ from .verify import Verify, to_text, verify
 
 def from_blender(argv: list[str]) -> int:
     """`blender [FILE] --command crowd_lod ARGV`: the exit code. Without a SCENE the file that is open is meant."""
+    interrupt.heed()
     return _run(argv, "blender -b [FILE] --command crowd_lod")
 
 
 def main(argv: list[str] | None = None) -> int:
-    """`crowd-lod ARGV` in the shell: the exit code."""
+    """`crowd-lod ARGV` in the shell, once start.py has seen to Ctrl-C: the exit code."""
     from .. import register, unregister
 
+    interrupt.heed()
     register()
     try:
         return _run(sys.argv[1:] if argv is None else argv, "crowd-lod")
@@ -45,13 +46,11 @@ def _run(argv: list[str], program: str) -> int:
     except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
         return int(end.code or 0)
     try:
-        result = COMMANDS[args.does](args, [program, *argv])
+        with interrupt.work():
+            result = COMMANDS[args.does](args, [program, *argv])
     except CrowdError as error:
         print(f"crowd-lod: {error}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("crowd-lod: stopped; the output folder is as it was.", file=sys.stderr)
-        return 130
     try:
         print(json.dumps(result, allow_nan=False) if args.json else result["summary"], flush=True)
     except BrokenPipeError:  # whoever reads has seen enough
@@ -246,22 +245,26 @@ def _save(path: Path, compress: bool = False) -> None:
     """Write what is open beside `path`, and rename it."""
     beside = path.with_name(f".{path.name}.part")
     try:
-        with io.quiet():
-            bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True, compress=compress)
-        beside.replace(path)
+        with interrupt.unfinished(lambda: _remove(beside)):
+            with io.quiet():
+                bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True, compress=compress)
+            with interrupt.held():
+                beside.replace(path)
+                interrupt.too_late(f"the output {path} is complete")
     except (RuntimeError, OSError) as error:
-        with contextlib.suppress(OSError):
-            beside.unlink()
         raise CrowdError(f"The file {path} cannot be written: {_first_line(error)}") from None
 
 
+def _remove(beside: Path) -> None:
+    """Remove the file, and the one that Blender writes before it has that name."""
+    for path in beside, beside.with_name(f"{beside.name}@"):
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
 def _finish(steps, what: str, quiet: bool):
-    """Run the generator of progress to its end with a bar on stderr; what it returns. Ctrl-C ends it at its next step,
-    with its own clean-up: an exception in the middle of Blender's work would be swallowed there."""
-    stopped = []
-    before = signal.signal(signal.SIGINT, lambda *_: stopped.append(True))
+    """Run the generator of progress to its end with a bar on stderr; what it returns."""
     with contextlib.ExitStack() as stack:
-        stack.callback(signal.signal, signal.SIGINT, before or signal.SIG_DFL)  # None: not Python's
         stack.callback(steps.close)
         bar = None
         if not quiet:
@@ -269,15 +272,16 @@ def _finish(steps, what: str, quiet: bool):
                 from tqdm import tqdm
 
                 looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+                stack.callback(setattr, interrupt, "line", interrupt.line)
                 bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
-        while not stopped:
+                interrupt.line = "\n"
+        while True:
             try:
                 progress = next(steps)
             except StopIteration as end:
                 return end.value
             if bar is not None:
                 bar.update(100 * progress - bar.n)
-        raise KeyboardInterrupt
 
 
 COMMANDS = {
