@@ -13,6 +13,8 @@ cells touch at their corners only. A timer that ends within a step cuts it too.
 
 import operator
 import threading
+import time as clock
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
@@ -25,6 +27,7 @@ from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
+from .steps import aside, breath
 from .within import Tables, mended, within
 
 # A step may cross this many cells; one that would cross more is refused, it would seem to hang.
@@ -41,6 +44,8 @@ SHUTTER = 2
 ORDERED = 4
 # Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
+# Seconds of a long way to a frame after which others, the drawing of a viewport among them, have their turn, and how many of it.
+TURN, REST = 0.1, 0.001
 
 
 @dataclass(frozen=True)
@@ -118,6 +123,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
     cell = np.array(world.cell)[:, None]
     timed = machine.timed
     while len(rest):
+        breath()
         if timed:
             _time_out(machine, agents, state, wait, key)
         old = state[agents]
@@ -276,6 +282,19 @@ class Trajectory:
             self._ground = (crowd.x, z) if STILL in self.left_out else (None, None)
         return replace(crowd, z=z)
 
+    def approach(self, time: float) -> Iterator[float]:
+        """Make what `at` and `blocks` say of `time`, in frames, so that they know it. Yields the progress, 0 to 1, where that
+        takes long, and may be closed at any time."""
+        target = int(max(time - self.first_frame, 0.0))
+        with self._lock:
+            begun = self._nearest(target)[0]
+
+        def go() -> None:
+            self.at(time)
+            self.blocks(time)
+
+        yield from aside(go, lambda: min(max(self._recent[0][0] - begun, 0) / max(target - begun, 1), 1.0))
+
     def blocks(self, time: float) -> tuple[int, blocks.Blocks] | None:
         """(the frame they were made at, the crowd's blocks) for `time`, in frames, after `at` was asked for it; of a small
         crowd None. They are made anew at certain frames, so they are the same whichever frame came before."""
@@ -371,19 +390,33 @@ class Trajectory:
                     del self._kept[kept]
 
     def _at_whole(self, target: int) -> Crowd:
-        with self._lock:
-            nearest = max(kept for kept in self._kept if kept <= target)
-            known = [(nearest, self._kept[nearest]), *self._recent]
-            latest, looked_back = self._recent[0], self._recent[0][0] - target == 1
-            self._looks_back |= looked_back
-            frame, crowd = max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
-            while frame < target:
-                before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
-                if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
-                    self._keep(frame, crowd)
-                    if self._ahead[1] is None:
-                        self._ahead = None, None  # to look again
-                self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
-            if looked_back:
-                self._recent = latest, (frame, crowd)
-            return crowd
+        latest, own = self._recent[0], ()
+        while True:
+            with self._lock:
+                looked_back = latest[0] - target == 1
+                self._looks_back |= looked_back
+                frame, crowd = self._onward(target, own)
+                if frame == target:
+                    if looked_back:
+                        self._recent = latest, (frame, crowd)
+                    return crowd
+            own = ((frame, crowd),)  # what others ask for in between does not throw it back
+            clock.sleep(REST)
+
+    def _nearest(self, target: int, *own: tuple[int, Crowd]) -> tuple[int, Crowd]:
+        """(frame, crowd) of the last frame up to `target`, counted from 0, that is known, or `own`."""
+        nearest = max(kept for kept in self._kept if kept <= target)
+        known = (nearest, self._kept[nearest]), *self._recent, *own
+        return max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
+
+    def _onward(self, target: int, own: tuple[tuple[int, Crowd], ...]) -> tuple[int, Crowd]:
+        """(frame, crowd) at the frame `target`, or at the one that is reached by the end of a TURN."""
+        (frame, crowd), until = self._nearest(target, *own), clock.monotonic() + TURN
+        while frame < target and clock.monotonic() < until:
+            before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
+            if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
+                self._keep(frame, crowd)
+                if self._ahead[1] is None:
+                    self._ahead = None, None  # to look again
+            self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
+        return frame, crowd

@@ -71,6 +71,7 @@ def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterat
     with _evaluated(scene) as depsgraph_at:
         for done, number in enumerate(frames):
             time = io.remapped(render, number)
+            yield from share(trajectory.approach(time), done / len(frames), (done + 0.9) / len(frames))
             with io.stage() as at:
                 around = lights.read_surroundings(scene, depsgraph_at(number), time, at=at)
                 film, shutter = cameras.camera_at(scene, time, at), cameras.read_shutter(scene, time, at)

@@ -17,7 +17,7 @@ from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
 from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from ..crowd_lod.shadows import Surroundings, surround
-from ..crowd_lod.steps import finished, share
+from ..crowd_lod.steps import aside, finished, share
 from . import scene as io
 from .cameras import read_cameras, read_shutter
 from .movers import action_range, armatures_of
@@ -339,7 +339,7 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
         settings = context.scene.crowd_lod
         groups = yield from measuring_groups(context.scene)
         trajectory = trajectory_of(context.scene, groups)
-        troubles = find(trajectory)
+        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
         store_groups(settings, groups)
         settings.overlay, settings.trouble = True, troubles.sentence
         if troubles.found:

@@ -18,6 +18,7 @@ from ..crowd_lod.frame import Frame, deviations
 from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
+from ..crowd_lod.steps import aside, share, standing
 from . import above, build, cameras, follow, lights, lods
 from . import scene as io
 from .deviation import measure_levels
@@ -41,6 +42,7 @@ from .trouble import find
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
 COLOURS = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
+BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
 LEVELS, PREPARED, DRAWN = 0.1, 0.02, 0.9  # of the progress: LODs made or measured, the crowd built, all frames drawn
 GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
@@ -78,6 +80,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         layer = stage.view_layers[0]
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
+        yield from standing(trajectory_of(stage).approach(io.time_of(stage)), 0.0)
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         ready = 0.0
         if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
@@ -95,8 +98,11 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         stage.collection.objects.link(drawing)
         centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
+        each = (DRAWN - ready) / len(wanted.frames)
         for done, number in enumerate(wanted.frames):
-            stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
+            time, begun = io.remapped(scene.render, number), ready + each * done
+            yield from share(trajectory.approach(time), begun, begun + BEHAVIOUR * each)
+            stage.camera = cameras.bound_camera(scene, time)
             drawing.hide_render = drawing.hide_viewport = True
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph, around=lights.read_surroundings(stage, layer.depsgraph, number))
@@ -125,9 +131,10 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             rows.append(report.row(number, frame, dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))))
             pictures.append((main, folder / f"above_{number:04d}.png"))
             first = first or frame
-            yield ready + (DRAWN - ready) * (done + 1) / len(wanted.frames)
+            yield ready + each * (done + 1)
         told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
-        plan = _plan(stage, scene, wanted, size, command, rows, (yield from told), shots.notes)
+        told = yield from told
+        plan = yield from standing(_plan(stage, scene, wanted, size, command, rows, told, shots.notes), 0.95)
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
@@ -266,13 +273,13 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
 
 def _plan(
     stage, scene, wanted: Preview, size: tuple[int, int], command: list[str], rows: list[dict], characters: list[dict], notes
-) -> dict:
-    """All that is needed to repeat the run, and what came of it."""
+) -> Iterator[float]:
+    """A generator that returns the dict of all that is needed to repeat the run, and of what came of it."""
     settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
     machine = machine_of(settings)
     labels = trajectory.world.labels
     area = trajectory.world.area
-    troubles = find(trajectory)
+    troubles = yield from aside(lambda: find(trajectory))
     file = Path(bpy.data.filepath) if bpy.data.filepath else None
     return {
         "version": report.PLAN_VERSION,
@@ -332,20 +339,22 @@ def _plan(
             "colour": wanted.colour,
             "notes": list(notes),
         },
-        "left_out": _left_out(stage, wanted),
+        "left_out": (yield from _left_out(stage, wanted)),
         "frames": rows,
     }
 
 
-def _left_out(stage: bpy.types.Scene, wanted: Preview) -> list[dict]:
-    """What the scene did not need, why, and the milliseconds that this saves in the last frame, where they are measured."""
+def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Iterator[float]:
+    """A generator that returns a dict each for what the scene did not need: why, and the milliseconds that this saves in the last
+    frame, where they are measured."""
     number, stage.render.engine = wanted.frames[-1], ENGINES[wanted.engine]
     trajectory, settings = trajectory_of(stage), stage.crowd_lod
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings, trajectory.world.area)
     time = max(float(number), trajectory.first_frame + 2.0)
-    found = savings(trajectory, eyes, policy_of(settings), time, (), bias)
+    policy = policy_of(settings)
+    found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
     measured = [
         {"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3), "ms_spread": round(found.spread[item], 3)}
         for item, ms in found.items.items()

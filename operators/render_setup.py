@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator
 
 import bpy
 
-from ..crowd_lod.steps import share
+from ..crowd_lod.steps import share, standing
+from . import scene as io
 from .bake import bake
 from .build import build, remove_build
 from .follow import update
@@ -20,7 +21,9 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Ite
     layer.update()
     known, made = groups_of(settings), settings.levels is None
     groups = known or measure_groups(scene)
-    frame_of(scene, layer.depsgraph, trajectory=trajectory_of(scene, groups))  # what is wrong is said before the work begins
+    trajectory = trajectory_of(scene, groups)
+    yield from standing(trajectory.approach(io.time_of(scene)), 0.0)
+    frame_of(scene, layer.depsgraph, trajectory=trajectory)  # what is wrong is said before the work begins
     done = False
     try:
         if made:

@@ -30,6 +30,11 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
         frames = parse_frames(scene.crowd_lod.frames, scene.crowd_lod.step)
         chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, VIEWS).round().astype(int)})
         seen = cameras.cameras_at(scene, chosen)
+        begun = 0.0
+        for k, frame in enumerate(chosen):
+            for part in trajectory.approach(frame):
+                begun = 0.5 * (k + part) / len(chosen)
+                yield begun
         views = [(precision.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
         centre = np.array([group.centre for group in trajectory.groups])
         radius = np.array([group.radius for group in trajectory.groups])
@@ -49,7 +54,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
             tables[name] = []
             for row in rows:
                 tables[name].append(row)
-                yield min(done + share * len(tables[name]) / about, 0.99)
+                yield begun + (1 - begun) * min(done + share * len(tables[name]) / about, 0.99)
             done += share
         machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {repeats} runs"
         for name, rows in tables.items():

@@ -11,6 +11,7 @@ from ..crowd_lod import difference, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.sorting import sort
+from ..crowd_lod.steps import share, standing
 from ..crowd_lod.stereo import EYES
 from . import bake, build, cameras, lights
 from . import scene as io
@@ -57,6 +58,8 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         layer = stage.view_layers[0]
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
+        trajectory = trajectory_of(stage)
+        yield from standing(trajectory.approach(io.time_of(stage)), 0.0)
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if stage.crowd_lod.levels is None:
             for part in make_levels(stage):
@@ -69,8 +72,11 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         outline = _outline(stage, top)
         _twin(stage, top)
         rows, sheet = [], []
+        each = 0.85 / len(wanted.frames)
         for number in wanted.frames:
-            outline.camera = stage.camera = cameras.bound_camera(scene, io.remapped(stage.render, number))
+            time, begun = io.remapped(stage.render, number), 0.1 + each * len(rows)
+            yield from share(trajectory.approach(time), begun, begun + each / (2 * len(PICTURES)))
+            outline.camera = stage.camera = cameras.bound_camera(scene, time)
             stage.frame_set(number)
             row, pictures = yield from _frame(stage, layer.depsgraph, top, outline, number, wanted, folder, len(rows))
             rows.append(row)
