@@ -7,7 +7,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +28,10 @@ def staged(folder: Path) -> Iterator[Path]:
 
     def clean():
         if stage is not None:
+            gone = stage.with_name(f"{stage.name}-gone")  # under its own name, work that goes on would fill it meanwhile
+            with suppress(OSError):
+                stage.rename(gone)
+            shutil.rmtree(gone, ignore_errors=True)
             shutil.rmtree(stage, ignore_errors=True)
         _remove_empty(made)
 

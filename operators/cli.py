@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import sys
+import threading
 import time as clock
 from pathlib import Path
 
@@ -271,6 +272,7 @@ def _finish(steps, what: str, quiet: bool):
             with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
                 from tqdm import tqdm
 
+                tqdm.set_lock(threading.RLock())  # its own is of processes, and one of Python's would complain that it is left
                 looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
                 stack.callback(setattr, interrupt, "line", interrupt.line)
                 bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
