@@ -5,6 +5,7 @@ the overlay on, after Render Viewport Image and Preview. A crash ends Blender be
 """
 
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import bpy
@@ -53,7 +54,7 @@ def session():
 
 def saved(path: str):
     """A small plaza with a build, played through its camera, in a file."""
-    sys.modules[f"{robot.MODULE}.sample_scenes.body"].SUBDIVISIONS = 1  # rough characters
+    import_module(f"{robot.MODULE}.sample_scenes.body").SUBDIVISIONS = 1  # rough characters
     yield from robot.press("crowd_lod.sample", name="plaza")
     settings = robot.settings()
     settings.count, settings.frames, settings.width, settings.folder = AGENTS, "1,5", 64, str(FOLDER / "undo_preview")
