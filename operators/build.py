@@ -9,6 +9,7 @@ import numpy as np
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.poses import Library
 from . import scene as io
+from .collection_caches import note_change
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
 from .populate import home_of, policy_of
@@ -189,6 +190,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
                 home.objects.link(item)
             if number >= len(homes):
                 shelves[level].children.link(home)
+    note_change(top, library, *shelves.values())
     for block, name in posed.names.items():
         block.name = name
 
