@@ -15,7 +15,7 @@ from pathlib import Path
 
 from crowd_lod_extension.crowd_lod import interrupt
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.report import staged
+from crowd_lod_extension.crowd_lod.outputs import staged
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"

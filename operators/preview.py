@@ -12,13 +12,14 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..crowd_lod import __version__, report
+from ..crowd_lod import __version__, outputs, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, deviations
 from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
 from ..crowd_lod.steps import aside, share, standing
+from ..crowd_lod.words import printable
 from . import above, build, cameras, follow, lights, lods
 from . import scene as io
 from .deviation import measure_levels
@@ -67,7 +68,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
     command: what plan.json says the run was started with.
     """
-    with report.staged(wanted.folder) as folder, io.scratch(), contextlib.ExitStack() as opened:
+    with outputs.staged(wanted.folder) as folder, io.scratch(), contextlib.ExitStack() as opened:
         started = clock.perf_counter()
         cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
         drawn = wanted.engine == "OVERLAY"
@@ -252,10 +253,8 @@ def _shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
 def _render(stage: bpy.types.Scene, path: Path) -> None:
     stage.render.filepath = str(path)
     # by override: with the operator's own argument `scene`, Blender renders the frame of the scene in the window
-    with io.quiet(), bpy.context.temp_override(scene=stage):
+    with io.writing(path), bpy.context.temp_override(scene=stage):
         bpy.ops.render.render(write_still=True)
-    if not path.is_file():
-        raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
 
 
 def _caption(frame: Frame) -> str:
@@ -292,7 +291,7 @@ def _plan(
         },
         "scene": {
             "name": scene.name,
-            "file": str(file) if file else None,
+            "file": printable(file) if file else None,
             "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else None,
         },
         "crowd": {
@@ -384,7 +383,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
-        return f"{len(wanted.frames)} frames are in {wanted.folder}."
+        return f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."
 
 
 CLASSES = (CROWDLOD_OT_preview,)

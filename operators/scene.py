@@ -7,11 +7,13 @@ import tempfile
 import time as clock
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout
+from pathlib import Path
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..crowd_lod import whole
 from ..crowd_lod.errors import CrowdError
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
@@ -79,16 +81,29 @@ def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
     return image
 
 
-def save_png(path, pixels: np.ndarray) -> None:
+def save_png(path: Path, pixels: np.ndarray) -> None:
     """Write (rows, columns, 4) uint8, bottom row first, as a PNG with these very values."""
     rows, columns = pixels.shape[:2]
     image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
     try:
         image.pixels.foreach_set((pixels / np.float32(255)).ravel())
         image.filepath_raw, image.file_format = str(path), "PNG"
-        image.save()
+        with writing(path):
+            image.save()
     finally:
         bpy.data.images.remove(image)
+
+
+@contextmanager
+def writing(path: Path):
+    """In this block Blender writes the file `path`; CrowdError if it leaves nothing or a part, with or without saying so."""
+    try:
+        with quiet():
+            yield
+    except RuntimeError:
+        whole.check(path)
+        raise
+    whole.check(path)
 
 
 def load_pixels(path) -> np.ndarray:
@@ -318,7 +333,7 @@ def let_go(scene: bpy.types.Scene, name: str) -> None:
 NOISE = b"EGL Error (0x3009)"
 
 
-def _flush() -> None:
+def flush() -> None:
     """Let go what Python and what Blender's C library hold back."""
     sys.stdout.flush()
     sys.stderr.flush()
@@ -329,7 +344,7 @@ def _flush() -> None:
 def quiet():
     """Blender's own lines of progress, which it writes past Python and through it, go nowhere: stdout is the command's.
     What it writes to stderr comes out afterwards, but for NOISE."""
-    _flush()
+    flush()
     kept = [os.dup(1), os.dup(2)]
     with open(os.devnull, "w") as nowhere, tempfile.TemporaryFile() as errors:
         try:
@@ -338,7 +353,7 @@ def quiet():
             with redirect_stdout(nowhere):
                 yield
         finally:
-            _flush()
+            flush()
             for number, copy in enumerate(kept, start=1):
                 os.dup2(copy, number)
                 os.close(copy)

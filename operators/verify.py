@@ -7,8 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..crowd_lod import difference, report
-from ..crowd_lod.errors import CrowdError
+from ..crowd_lod import difference, outputs, report, whole
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.sorting import sort
 from ..crowd_lod.steps import share, standing
@@ -52,7 +51,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
 
     All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
     """
-    with report.staged(wanted.folder) as folder, io.scratch():
+    with outputs.staged(wanted.folder) as folder, io.scratch():
         cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
         stage = _stage(scene, wanted)
         layer = stage.view_layers[0]
@@ -256,12 +255,12 @@ def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
     values, shown = [], []
     for view in _views(render):
         raw, seen = Path(f"{stem}{view}.exr"), Path(f"{stem}{view}.png")
-        if not raw.is_file():
-            raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
+        whole.check(raw)
         image = bpy.data.images.load(str(raw))
         try:
             values.append(io.read_values(image))
-            image.save_render(str(seen), scene=stage)
+            with io.writing(seen):
+                image.save_render(str(seen), scene=stage)
             shown.append(io.load_pixels(seen))
         finally:
             bpy.data.images.remove(image)

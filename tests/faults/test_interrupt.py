@@ -50,7 +50,7 @@ import sys, time
 from pathlib import Path
 from crowd_lod_extension.crowd_lod import interrupt
 interrupt.heed()
-from crowd_lod_extension.crowd_lod.report import staged
+from crowd_lod_extension.crowd_lod.outputs import staged
 with interrupt.work(), staged(Path(sys.argv[1])) as stage:
     for k in range({FILES}):
         if k == {FILES} - 10:
