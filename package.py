@@ -5,10 +5,16 @@ Blender that the environment variable BLENDER names, or else the copy that ships
 """
 
 import argparse
+import base64
+import csv
+import hashlib
 import os
+import re
 import subprocess
 import sys
 import tomllib
+import zipfile
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -32,7 +38,7 @@ def main() -> None:
     extension_tool("validate", ROOT)
     extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
     extension_tool("validate", archive)
-    print(archive)
+    os.write(1, os.fsencode(f"{archive}\n"))  # at once, and in any encoding: a full stdout is an error here, not at exit
 
 
 def fetch(names: list[str]) -> None:
@@ -42,8 +48,9 @@ def fetch(names: list[str]) -> None:
         if stale.name not in names:
             stale.unlink()
     for name in names:
-        if (WHEELS / name).exists():
+        if whole(WHEELS / name):
             continue
+        (WHEELS / name).unlink(missing_ok=True)  # cut, or changed: an earlier download was stopped, a disk was full
         package, version, python, abi, platforms = name.removesuffix(".whl").split("-")
         target = [f"--platform={platform}" for platform in platforms.split(".")]
         if abi != "none":  # a compiled wheel; a pure one fits every Python
@@ -55,6 +62,24 @@ def fetch(names: list[str]) -> None:
         )
         if not (WHEELS / name).exists():
             raise Failure(f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}")
+        if not whole(WHEELS / name):
+            raise Failure(f"{WHEELS / name} is not whole, as pip fetched it; empty its cache (pip cache purge) and try again")
+
+
+def whole(wheel: Path) -> bool:
+    """Whether the wheel is there with all its files as its own list, RECORD, has them."""
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            names = {name for name in archive.namelist() if not name.endswith("/")}
+            (record,) = (name for name in names if re.fullmatch(r"[^/]+\.dist-info/RECORD", name))
+            for name, digest, _ in csv.reader(archive.read(record).decode().splitlines()):
+                kind, _, value = digest.partition("=")
+                if digest and hashlib.new(kind, archive.read(name)).digest() != base64.urlsafe_b64decode(value + "=="):
+                    return False
+                names.discard(name)
+            return not names
+    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
+        return False
 
 
 def extension_tool(action: str, *arguments: str | Path) -> None:
@@ -76,7 +101,9 @@ def bundled_tool() -> Path:
 
 def run(failure: str, *command: str) -> None:
     try:
-        result = subprocess.run(command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=ROOT)
+        result = subprocess.run(
+            command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", cwd=ROOT
+        )
     except OSError as error:
         raise Failure(f"could not start {command[0]} ({error.strerror})") from error
     if result.returncode:
@@ -87,5 +114,7 @@ def run(failure: str, *command: str) -> None:
 if __name__ == "__main__":
     try:
         main()
-    except (Failure, OSError) as failure:
+    except OSError as error:
+        sys.exit(f"crowd-lod package: {error.strerror}" + (f": {error.filename}" if error.filename else ""))
+    except Failure as failure:
         sys.exit(f"crowd-lod package: {failure}")
