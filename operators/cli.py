@@ -2,7 +2,6 @@
 
 import contextlib
 import json
-import os
 import signal
 import sys
 import time as clock
@@ -11,9 +10,10 @@ from pathlib import Path
 import bpy
 
 from .. import sample_scenes
-from ..crowd_lod import extremes
+from ..crowd_lod import extremes, streams
 from ..crowd_lod.agents import MOST_AGENTS
-from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.errors import FAULTS, CrowdError, sentence
+from ..crowd_lod.paths import output
 from ..crowd_lod.shot import parse_frames
 from . import bake, build, report
 from . import scene as io
@@ -40,22 +40,26 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(argv: list[str], program: str) -> int:
+    with streams.ready():
+        return _tell(argv, program)
+
+
+def _tell(argv: list[str], program: str) -> int:
     try:
-        args = parser(program).parse_args(argv)
-    except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
-        return int(end.code or 0)
-    try:
+        streams.put("")  # a closed stream is no place for a result
+        try:
+            args = parser(program).parse_args(argv)
+        except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
+            streams.put("")
+            return int(end.code or 0)
         result = COMMANDS[args.does](args, [program, *argv])
-    except CrowdError as error:
-        print(f"crowd-lod: {error}", file=sys.stderr)
+        streams.put(json.dumps(result, allow_nan=False) if args.json else result["summary"])
+    except FAULTS as fault:
+        print(f"crowd-lod: {sentence(fault)}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("crowd-lod: stopped; the output folder is as it was.", file=sys.stderr)
         return 130
-    try:
-        print(json.dumps(result, allow_nan=False) if args.json else result["summary"], flush=True)
-    except BrokenPipeError:  # whoever reads has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0 if result.get("ok", True) else 1
 
 
@@ -108,7 +112,7 @@ def _preview(args, command: list[str]) -> dict:
             raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
         settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
     stem = _stem(args)
-    folder = (args.out or Path(f"{stem}_preview")).absolute()
+    folder = output(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
     colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
     if engine != "OVERLAY" and colour not in COLOURS:
@@ -144,7 +148,7 @@ def _verify(args, command: list[str]) -> dict:
     stem = _stem(args)
     wanted = Verify(
         frames=_frames(args, settings),
-        folder=(args.out or Path(f"{stem}_verify")).absolute(),
+        folder=output(args.out or Path(f"{stem}_verify")),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),
         bounces=_within("number of bounces", args.bounces, 0, 64),
@@ -166,7 +170,7 @@ def _report_error(args, command: list[str]) -> dict:
     if args.seed is not None:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
     stem = _stem(args)
-    folder = (args.out or Path(f"{stem}_error")).absolute()
+    folder = output(args.out or Path(f"{stem}_error"))
     result = _finish(report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
     tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
     summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), str(folder))))
@@ -175,7 +179,7 @@ def _report_error(args, command: list[str]) -> dict:
 
 def _report_extremes(args, command: list[str]) -> dict:
     most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
-    rows = _finish(report.cases(most, seed, args.out and args.out.absolute()), "extreme cases", args.quiet)
+    rows = _finish(report.cases(most, seed, args.out and output(args.out)), "extreme cases", args.quiet)
     found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
     return {"cases": found, "summary": extremes.to_text(rows)}
 
@@ -235,7 +239,7 @@ def _blend(path: Path) -> Path:
     """The path, absolute; CrowdError if it is no .blend file's, or has no folder, before any work is done for it."""
     if path.suffix != ".blend":
         raise CrowdError(f"The file {path.name} must end in .blend.")
-    path = path.absolute()
+    path = output(path)
     if path.is_dir() or not path.parent.is_dir():
         what = f"there is no folder {path.parent}" if not path.is_dir() else "it is a folder"
         raise CrowdError(f"The file {path} cannot be written: {what}.")
