@@ -16,6 +16,7 @@ from ..crowd_lod import __version__, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, deviations
 from ..crowd_lod.page import page
+from ..crowd_lod.paths import output
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
 from . import above, build, cameras, follow, lights, lods
@@ -369,7 +370,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             )
         wanted = Preview(
             frames=parse_frames(settings.frames, settings.step),
-            folder=Path(bpy.path.abspath(settings.folder)),
+            folder=output(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,
             colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,
