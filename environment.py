@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -81,7 +81,8 @@ def check() -> None:
     code = "import bpy, ctypes, sys"
     if sys.platform == "linux":  # what bpy opens only when it renders
         code += "; ctypes.CDLL('libGL.so.1'); ctypes.CDLL('libEGL.so.1')"
-    trial = subprocess.run([PYTHON, "-c", code], check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    how = {"stdin": subprocess.DEVNULL, "capture_output": True, "text": True, "errors": "replace"}
+    trial = subprocess.run([PYTHON, "-c", code], check=False, **how)
     if trial.returncode == 0:
         return mark("checked")
     missing = re.search(r"(\S+\.so\S*): cannot open shared object file", trial.stderr)
@@ -141,7 +142,8 @@ def hold(how: int) -> None:
 
 
 def say(message: str) -> None:
-    print(f"crowd-lod: {message}", file=sys.stderr, flush=True)
+    with suppress(OSError):  # a stderr that is full, or closed
+        os.write(2, f"crowd-lod: {message}\n".encode(errors="backslashreplace"))
 
 
 if __name__ == "__main__":

@@ -5,11 +5,17 @@ Blender that the environment variable BLENDER names, or else the copy that ships
 """
 
 import argparse
+import base64
+import csv
+import hashlib
 import os
+import re
 import signal
 import subprocess
 import sys
 import tomllib
+import zipfile
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -38,12 +44,12 @@ def main() -> None:
         extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
         extension_tool("validate", archive)
         signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left to do takes no time
-    print(out / archive.name)
+    os.write(1, os.fsencode(f"{out / archive.name}\n"))  # at once, and in any encoding: a full stdout is an error here, not at exit
 
 
 def fetch(names: list[str]) -> None:
     """Make the folder of wheels hold these files and no others."""
-    missing = [name for name in names if not (WHEELS / name).exists()]
+    missing = [name for name in names if not whole(WHEELS / name)]  # a cut one is fetched anew
     if missing:
         with staged(WHEELS) as stage:
             download(missing, stage)
@@ -65,6 +71,24 @@ def download(names: list[str], folder: Path) -> None:
         )
         if not (folder / name).exists():
             raise Failure(f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}")
+        if not whole(folder / name):
+            raise Failure(f"{name} is not whole, as pip fetched it; empty its cache (pip cache purge) and try again")
+
+
+def whole(wheel: Path) -> bool:
+    """Whether the wheel is there with all its files as its own list, RECORD, has them."""
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            names = {name for name in archive.namelist() if not name.endswith("/")}
+            (record,) = (name for name in names if re.fullmatch(r"[^/]+\.dist-info/RECORD", name))
+            for name, digest, _ in csv.reader(archive.read(record).decode().splitlines()):
+                kind, _, value = digest.partition("=")
+                if digest and hashlib.new(kind, archive.read(name)).digest() != base64.urlsafe_b64decode(value + "=="):
+                    return False
+                names.discard(name)
+            return not names
+    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
+        return False
 
 
 def extension_tool(action: str, *arguments: str | Path) -> None:
@@ -86,7 +110,9 @@ def bundled_tool() -> Path:
 
 def run(failure: str, *command: str) -> None:
     try:
-        result = subprocess.run(command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=ROOT)
+        result = subprocess.run(
+            command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", cwd=ROOT
+        )
     except OSError as error:
         raise Failure(f"could not start {command[0]} ({error.strerror})") from error
     if result.returncode:
@@ -99,7 +125,9 @@ if __name__ == "__main__":
         if os.name != "nt":
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # environment.py holds it back while Python starts
         main()
-    except (Failure, CrowdError, OSError) as failure:
+    except OSError as error:
+        sys.exit(f"crowd-lod package: {error.strerror}" + (f": {error.filename}" if error.filename else ""))
+    except (Failure, CrowdError) as failure:
         sys.exit(f"crowd-lod package: {failure}")
     except KeyboardInterrupt:  # it ends the tool that runs, too, unlike interrupt.heed
         print("crowd-lod: stopped; nothing on disk was changed.", file=sys.stderr)

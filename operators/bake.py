@@ -12,7 +12,7 @@ from ..crowd_lod.poses import Library
 from ..crowd_lod.steps import share
 from . import cameras, lights
 from . import scene as io
-from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
+from .build import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
 from .populate import frame_of, trajectory_of
 from .poses import Posed, make_poses
@@ -31,6 +31,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     """
     io.check_own(scene)
     check_levels(scene)
+    check_build(scene)
     if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= LONGEST:
         raise CrowdError(
             f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "

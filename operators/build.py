@@ -1,14 +1,17 @@
 """The render set-up: a point object a bucket, whose instances, by geometry nodes, show the poses of their phases."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.poses import Library
+from ..crowd_lod.levels import MOST_LEVELS
+from ..crowd_lod.poses import MOST_RATES, Library
 from . import scene as io
+from . import stored
 from .collection_caches import note_change
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
@@ -23,16 +26,22 @@ MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes t
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
 BLURRED = "crowd_lod_blurred"  # of the build's collection: its poses' limbs are blurred
+REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
 
 def library_of(points: bpy.types.Object, groups: int) -> Library:
     """The poses that a point object shows of so many `groups`; one each in a build from before there were poses."""
-    counts = np.array(points.get(POSES) or [1] * groups)
-    rates = np.reshape(points.get(RATES) or [0.0] * len(counts), (len(counts), -1))
-    coarse, bent = (np.array(points.get(name) or [none] * len(counts)) for name, none in ((COARSE, np.inf), (BENT, 0.0)))
-    return Library(counts, rates, coarse, bent, np.array(points.get(CLOSED) or [False] * len(counts)))
+
+    def column(key: str, kind: type, missing, least: float = 0, counts: Sequence[int] = (groups,)) -> np.ndarray:
+        bounds = least, np.inf
+        return np.array(stored.read(points, key, kind, REMEDY, counts, bounds) if key in points else [missing] * groups, kind)
+
+    rates = column(RATES, float, 0.0, counts=range(groups, groups * MOST_RATES + 1, groups)).reshape(groups, -1)
+    return Library(
+        column(POSES, int, 1, least=1), rates, column(COARSE, float, np.inf), column(BENT, float, 0.0), column(CLOSED, bool, False)
+    )
 
 
 @dataclass(frozen=True)
@@ -65,8 +74,9 @@ def check_levels(scene: bpy.types.Scene) -> int:
             f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do not fit the settings "
             f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
         )
-    for g, group in enumerate(settings.groups):
-        home_of(levels[0], g, group.name)
+    for level in levels[:count]:
+        for g, group in enumerate(settings.groups):
+            home_of(level, g, group.name)
     return count
 
 
@@ -84,6 +94,7 @@ def build(scene: bpy.types.Scene) -> Iterator[float]:
     """
     io.check_own(scene)
     check_levels(scene)
+    check_build(scene)
     posed = yield from make_poses(scene)
     install(scene, posed)
     return posed
@@ -104,7 +115,8 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
-        points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
+        points[LEVEL], points[BUCKET] = bucket.level, bucket.name
+        points[POSES] = posed.counts[:, bucket.level].tolist()
         points[RATES] = posed.rates.ravel().tolist()
         points[COARSE], points[BENT] = (each[:, bucket.level].tolist() for each in (posed.coarse, posed.bent))
         points[CLOSED] = posed.closed.tolist()
@@ -125,7 +137,6 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
     mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
     points = bpy.data.objects.new(mesh.name, mesh)
     mesh[OWNED] = points[OWNED] = True
-    points[LEVEL] = bucket.level
     points.color = (*TINTS[bucket.level], 1.0)  # instances are drawn in the object colour of their instancer
     for ray in bucket.unseen_by:
         setattr(points, f"visible_{ray}", False)  # their instances, too
@@ -137,14 +148,16 @@ def dress_all(scene: bpy.types.Scene) -> None:
     """Give the point objects of the scene's build our modifier, with its inputs. A build from before there were poses
     shows each group's LOD itself, as it then did."""
     top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
+    stored.check(scene.crowd_lod)
     inputs = {"Turn": float(io.rotation(scene.crowd_lod.forward))}
     if BAKED in top:
-        tree, (inputs["Rate"], inputs["Opens"], *_) = baked.baked(), top[BAKED]
+        inputs["Rate"], inputs["Opens"], *_ = baked_of(top)
+        tree = baked.baked()
     else:
         tree = instances.instances()
-    shelves = {child[LIBRARY]: child for child in top.children_recursive if LIBRARY in child}
+    shelves = _shelves(top)
     for points in points_of(top).values():
-        level = points[LEVEL]
+        level = _level(points, LEVEL)
         if level not in shelves and (levels is None or level >= len(levels.children)):
             continue
         modifier = next((m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
@@ -165,7 +178,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             _exclude(view_layer.layer_collection, library)
-    shelves = {child[LIBRARY]: child for child in library.children if LIBRARY in child}
+    shelves = _shelves(top)
     gone, spare = bpy.data.collections.new("Crowd LOD"), {}
     scene.collection.children.link(gone)  # what the user put into poses is to stay in this scene
     for level, shelf in list(shelves.items()):
@@ -273,7 +286,7 @@ def remove_build(settings) -> None:
 @bpy.app.handlers.persistent
 def upgrade(*_) -> None:
     """load_post: where the file holds our node groups in another version, rebuild them, and give the builds that use
-    them their inputs."""
+    them their inputs, unless these are spoilt: then Build says so."""
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
         both = trees.made(baked.NAME)
         if both is not None:
@@ -282,10 +295,41 @@ def upgrade(*_) -> None:
         if both is not None:
             baked.baked()
         for scene in bpy.data.scenes:
-            if scene.crowd_lod.build is not None:
-                dress_all(scene)
+            with suppress(CrowdError):
+                if scene.crowd_lod.build is not None:
+                    dress_all(scene)
 
 
 def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
     """The point objects of the build `top` by bucket. (In a file from before there were buckets, by LOD.)"""
-    return {item.get(BUCKET) or f"LOD {item[LEVEL]}": item for item in top.objects if LEVEL in item}
+    found = {}
+    for item in top.objects:
+        if LEVEL in item and item.type == "MESH":
+            level = _level(item, LEVEL)
+            found[stored.read(item, BUCKET, str, REMEDY) if BUCKET in item else f"LOD {level}"] = item
+    return found
+
+
+def _level(block: bpy.types.ID, key: str) -> int:
+    """The LOD that the custom property `key`, LEVEL or LIBRARY, of a block of the build names."""
+    return stored.read(block, key, int, REMEDY, bounds=(0, MOST_LEVELS - 1))
+
+
+def check_build(scene: bpy.types.Scene) -> None:
+    """CrowdError if what the scene's build holds of ours cannot be read, before any work is done."""
+    top = scene.crowd_lod.build
+    if top is not None:
+        points_of(top), _shelves(top)
+        if BAKED in top:
+            baked_of(top)
+
+
+def baked_of(top: bpy.types.Collection) -> list[float]:
+    """Rate, Opens, first and last frame of the baked build `top`."""
+    return stored.read(top, BAKED, float, REMEDY, (4,))
+
+
+def _shelves(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
+    """The collections of each LOD's poses of the build `top`."""
+    inside = [child for child in top.children_recursive if LIBRARY in child and child != _library_of(top)]
+    return {_level(child, LIBRARY): child for child in inside}

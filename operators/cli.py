@@ -11,9 +11,9 @@ from pathlib import Path
 import bpy
 
 from .. import sample_scenes
-from ..crowd_lod import extremes, interrupt, outputs
+from ..crowd_lod import extremes, interrupt, outputs, streams
 from ..crowd_lod.agents import MOST_AGENTS
-from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.errors import FAULTS, CrowdError, sentence
 from ..crowd_lod.shot import parse_frames
 from ..crowd_lod.words import printable
 from . import bake, build, report
@@ -46,21 +46,25 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(argv: list[str], program: str) -> int:
+    with streams.ready():
+        return _tell(argv, program)
+
+
+def _tell(argv: list[str], program: str) -> int:
     try:
-        args = parser(program).parse_args(argv)
-    except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
-        return int(end.code or 0)
-    try:
+        streams.put("")  # a closed stream is no place for a result
+        try:
+            args = parser(program).parse_args(argv)
+        except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
+            streams.put("")
+            return int(end.code or 0)
         with interrupt.work():
             result = COMMANDS[args.does](args, [program, *map(printable, argv)])
-    except CrowdError as error:
-        print(f"crowd-lod: {error}", file=sys.stderr)
+        io.flush()  # what Blender holds back would come after the JSON
+        streams.put(json.dumps(result, allow_nan=False) if args.json else result["summary"])
+    except FAULTS as fault:
+        print(f"crowd-lod: {sentence(fault)}", file=sys.stderr)
         return 1
-    io.flush()  # what Blender holds back would come after the JSON
-    try:
-        print(json.dumps(result, allow_nan=False) if args.json else result["summary"], flush=True)
-    except BrokenPipeError:  # whoever reads has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0 if result.get("ok", True) else 1
 
 

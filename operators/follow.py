@@ -18,7 +18,7 @@ from ..crowd_lod.lean import FLAT
 from ..crowd_lod.poses import Library, beside, nearest_rate, pixels_per_metre, played, pose_of, rounded, shared
 from . import cameras, lights
 from . import scene as io
-from .build import BAKED, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
+from .build import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
 from .populate import frame_of, trajectory_of
 from .threads import on_main_thread
 
@@ -178,10 +178,11 @@ def _empty(mesh: bpy.types.Mesh) -> bool:
 
 
 def empty(top: bpy.types.Collection) -> None:
-    """Take all points out of the build `top`."""
-    for points in points_of(top).values():
-        points.data.clear_geometry()
-        points.data.update_tag()
+    """Take all points out of the build `top`, also where what it holds of ours is spoilt."""
+    for points in top.objects:
+        if LEVEL in points and points.type == "MESH":
+            points.data.clear_geometry()
+            points.data.update_tag()
 
 
 @dataclass(frozen=True)

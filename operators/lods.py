@@ -78,7 +78,7 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "measured_px": None,
         "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,
         "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
-        "ms": sum(map(float, told["ms"])) if told["ms"] else None,
+        "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,
     }
 
 

@@ -2,7 +2,7 @@
 
 import time as clock
 
-from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.errors import FAULTS, sentence
 from ..crowd_lod.steps import finished
 
 TICK = 0.1  # seconds of work between two drawings of the window
@@ -18,16 +18,16 @@ def left_words(progress: float, seconds: float) -> str:
 
 
 class Reporting:
-    """Mix-in: `run(context)` does the work and returns the message for the status bar; a CrowdError is reported and the
-    operator is cancelled."""
+    """Mix-in: `run(context)` does the work and returns the message for the status bar; an ordinary fault is
+    reported and the operator is cancelled."""
 
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
         try:
             message = self.run(context)
-        except CrowdError as error:
-            self.report({"ERROR"}, str(error))
+        except FAULTS as fault:
+            self.report({"ERROR"}, sentence(fault))
             return {"CANCELLED"}
         self.report({"INFO"}, message)
         return {"FINISHED"}
@@ -66,9 +66,9 @@ class Stepwise(Reporting):
             self._end(context)
             self.report({"INFO"}, end.value)
             return {"FINISHED"}
-        except CrowdError as error:
+        except FAULTS as fault:
             self._end(context)
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, sentence(fault))
             return {"CANCELLED"}
         except BaseException:
             self._end(context)

@@ -3,6 +3,7 @@
 import hashlib
 import time as clock
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import bpy
@@ -15,10 +16,11 @@ from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
-from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from ..crowd_lod.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from ..crowd_lod.shadows import Surroundings, surround
 from ..crowd_lod.steps import aside, finished, share
 from . import scene as io
+from . import stored
 from .cameras import read_cameras, read_shutter
 from .movers import action_range, armatures_of
 from .operator import Stepwise
@@ -42,6 +44,7 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
 
     A group is a child collection of the characters' collection, or one of its objects with all that is parented to it.
     """
+    stored.check(scene.crowd_lod)
     top = scene.crowd_lod.characters
     if top is None:
         raise CrowdError(
@@ -76,7 +79,9 @@ def measuring_groups(scene: bpy.types.Scene) -> Iterator[float]:
     progress, 0 to 1, and returns the groups."""
     settings = scene.crowd_lod
     fps = scene.render.fps / scene.render.fps_base
-    known = {group.name: group for group in groups_of(settings)}
+    known = {}
+    with suppress(CrowdError):  # what is spoilt is measured anew
+        known = {group.name: group for group in groups_of(settings)}
     measured, characters = [], characters_of(scene)
     for g, (name, objects, origin) in enumerate(characters):
         first, last = action_range(objects)
@@ -149,12 +154,9 @@ def _bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
 def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
     """The custom property `key` of the group called `name`, or 0."""
     owner = top.children.get(name) or top.objects.get(name)
-    value = owner.get(key, 0.0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
-        raise CrowdError(
-            f'The custom property "{key}" of the character group {name} is {value!r}: set a number of metres, or remove it.'
-        )
-    return float(value)
+    if key not in owner:
+        return 0.0
+    return float(stored.read(owner, key, float, "set a number of metres, or remove it", bounds=(0, FARTHEST)))
 
 
 def machine_of(settings) -> machines.StateMachine:
@@ -168,6 +170,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     """The label map of the settings."""
     (x, y, z), (width, depth) = settings.centre, settings.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
+    _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
     if settings.map_image is None:
         return edge_map(area, machine.labels)
     pixels = io.read_pixels(settings.map_image)[..., :3]
@@ -178,7 +181,26 @@ def heights_of(settings, area: Area) -> HeightMap | None:
     """The height map of the settings, or None."""
     if settings.height_image is None:
         return None
-    return HeightMap(io.read_values(settings.height_image)[..., 0] * np.float32(settings.height_scale), area)
+    values, scale = io.read_values(settings.height_image)[..., :1], settings.height_scale
+    io.check_finite(settings.height_image, values)
+    highest = float(np.abs(values).max()) * abs(scale) + abs(area.z)
+    _check_reach(f"The ground of the height map {settings.height_image.name}", highest, "pixels or the setting Height")
+    return HeightMap(values[..., 0] * np.float32(scale), area)
+
+
+def check_maps(settings) -> None:
+    """CrowdError if the state machine or a map of the settings cannot be used, before any work is done for them."""
+    stored.check(settings)
+    area = world_of(settings, machine_of(settings)).area
+    heights_of(settings, area), bias_of(settings, area)
+
+
+def _check_reach(what: str, reach: float, setting: str) -> None:
+    if reach > FARTHEST:
+        raise CrowdError(
+            f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions are too coarse to show a walk: "
+            f"change its {setting} so that it stays within {FARTHEST:,.0f} m."
+        )
 
 
 def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
@@ -205,7 +227,7 @@ def _group(entry, count: int) -> Group:
     """What the settings' `entry` holds of a group, with at most `count` LODs."""
     made = sum(n > 0 for n in entry.triangles[:count])
     measured = made if entry.diagonal else 0
-    return Group(
+    group = Group(
         entry.name,
         entry.centre,
         entry.radius,
@@ -218,6 +240,10 @@ def _group(entry, count: int) -> Group:
         worst=tuple(entry.worst[:measured]),
         diagonal=entry.diagonal,
     )
+    sizes = (group.radius, group.stride, group.period, group.diagonal, *group.deviations, *group.rms, *group.vertices)
+    if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.centre, *group.worst]).all():
+        raise CrowdError(f"What was measured of the character group {group.name} is spoilt: press Populate, and Make LOD Meshes.")
+    return group
 
 
 def count_of(settings) -> int:
@@ -230,7 +256,7 @@ def count_of(settings) -> int:
 def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collection:
     """The collection of the character group `name`, the g-th, in the collection `level` of all groups' LODs of one level."""
     home = level.children[g] if g < len(level.children) else None
-    if home is None or home.get(GROUP, name) != name:
+    if home is None or not home.objects or home.get(GROUP, name) != name:
         raise CrowdError(f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again.")
     return home
 
@@ -267,6 +293,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     """The crowd of the scene over time, kept as long as nothing it depends on changes; of `groups`, or of those that
     the settings hold."""
     settings = scene.crowd_lod
+    stored.check(settings, ("map_image", "height_image", "machine"))  # read at each call; all else where something has changed
     groups = groups or groups_of(settings)
     if not groups:
         raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
@@ -279,6 +306,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     before = _latest.get(scene.session_uid)
     if before is not None and before[0] == asked and all(a is b for a, b in zip(before[1], images, strict=True)):
         return before[2]
+    stored.check(settings)
     machine = machine_of(settings)
     world = world_of(settings, machine)
     heights = heights_of(settings, world.area)
@@ -337,6 +365,7 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
 
     def steps(self, context):
         settings = context.scene.crowd_lod
+        check_maps(settings)
         groups = yield from measuring_groups(context.scene)
         trajectory = trajectory_of(context.scene, groups)
         troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)

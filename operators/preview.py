@@ -377,7 +377,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             )
         wanted = Preview(
             frames=parse_frames(settings.frames, settings.step),
-            folder=Path(bpy.path.abspath(settings.folder)),
+            folder=outputs.absolute(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,
             colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,

@@ -5,11 +5,12 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ..crowd_lod.steps import share, standing
+from . import lights
 from . import scene as io
 from .bake import bake
 from .build import build, remove_build
 from .follow import update
-from .levels import make_levels, remove_owned
+from .levels import make_levels
 from .operator import Reporting, Stepwise
 from .populate import frame_of, groups_of, measure_groups, store_groups, trajectory_of
 
@@ -19,27 +20,27 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Ite
     and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
     settings, layer = scene.crowd_lod, scene.view_layers[0]
     layer.update()
-    known, made = groups_of(settings), settings.levels is None
+    known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
     groups = known or measure_groups(scene)
     trajectory = trajectory_of(scene, groups)
     yield from standing(trajectory.approach(io.time_of(scene)), 0.0)
-    frame_of(scene, layer.depsgraph, trajectory=trajectory)  # what is wrong is said before the work begins
+    around = lights.read_surroundings(scene, layer.depsgraph, io.time_of(scene))
+    frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around)  # what is wrong is said before the work begins
     done = False
     try:
-        if made:
-            yield from share(make_levels(scene), 0.0, 0.3)
-        elif not known:
-            store_groups(settings, groups)
-        found = yield from share(work(), 0.3 if made else 0.0, 1.0)
-        update(scene, layer.depsgraph)
-        done = True
-        return found
+        with io.all_or_nothing():
+            if made:
+                yield from share(make_levels(scene), 0.0, 0.3)
+            elif not known:
+                store_groups(settings, groups)
+            found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+            update(scene, layer.depsgraph)
+            done = True
+            return found
     finally:
-        if not done and made and settings.levels is not None:
-            levels, settings.levels = settings.levels, None
-            remove_owned(levels)
         if not done:
             store_groups(settings, known)
+            settings.dropped = dropped
 
 
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):

@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time as clock
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
 import bpy
@@ -27,7 +27,12 @@ LOOK_AGAIN = 1.0  # seconds between two looks at what has no cheap mark of chang
 
 def read_values(image: bpy.types.Image) -> np.ndarray:
     """The image's own values as (rows, columns, channels) float32, bottom row first, read-only: the same array as before
-    if they are the same. CrowdError if it has no pixels."""
+    if they are the same. CrowdError if it has no pixels, or is more than one picture."""
+    if image.source not in ("FILE", "GENERATED"):
+        kind = {"TILED": "made of UDIM tiles", "MOVIE": "a movie", "SEQUENCE": "a sequence"}.get(image.source, "a render")
+        raise CrowdError(
+            f"The image {image.name} is {kind}, where a still is needed: set its Source to Single Image, or choose another image."
+        )
     width, height = image.size
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
@@ -59,14 +64,26 @@ def forget() -> None:
 
 
 def read_pixels(image: bpy.types.Image) -> np.ndarray:
-    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels."""
+    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels, or some at NaN
+    or infinity."""
     values = read_values(image)
+    check_finite(image, values[..., :3])
     height, width, channels = values.shape
     if channels < 3:
         values = values[..., :1].repeat(3, axis=2)
     pixels = np.full((height, width, 4), 255, np.uint8)
     pixels[..., : values.shape[2]] = np.rint(values.clip(0, 1) * 255)
     return pixels
+
+
+def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
+    """CrowdError if one of the image's `values` (rows, columns, channels) is NaN or infinite, which in bytes none can be."""
+    if image.is_float and not np.isfinite(values).all():
+        wrong = np.argwhere(~np.isfinite(values).all(axis=2))
+        raise CrowdError(
+            f"The image {image.name} holds {len(wrong)} pixels at NaN or infinity, the first at column {wrong[0][1]}, row "
+            f"{wrong[0][0]} from the bottom: paint them anew."
+        )
 
 
 def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
@@ -280,6 +297,17 @@ def scratch():
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
 
 
+@contextmanager
+def all_or_nothing():
+    """Everything that is made inside, of whatever kind, is gone again if it ends with an error, or is closed early."""
+    before = {block.session_uid for block in bpy.data.user_map()}
+    try:
+        yield
+    except BaseException:
+        bpy.data.batch_remove([block for block in bpy.data.user_map() if block.session_uid not in before])
+        raise
+
+
 def check_own(scene: bpy.types.Scene) -> None:
     """CrowdError if nothing can be put into the scene: Blender lets nobody."""
     if scene.library is not None:
@@ -316,9 +344,14 @@ def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:
-    """Whether another scene, of which this may be a linked copy, has the same collection in its setting `name`."""
+    """Whether the collection in the setting `name` is another scene's too, of which this may be a linked copy, or another
+    file's."""
     top = getattr(scene.crowd_lod, name)
-    return top is not None and any(other != scene and getattr(other.crowd_lod, name) == top for other in bpy.data.scenes)
+    return top is not None and (top.library is not None or _of_others(scene, name, top))
+
+
+def _of_others(scene: bpy.types.Scene, name: str, top: bpy.types.Collection) -> bool:
+    return any(other != scene and getattr(other.crowd_lod, name) == top for other in bpy.data.scenes)
 
 
 def let_go(scene: bpy.types.Scene, name: str) -> None:
@@ -335,8 +368,9 @@ NOISE = b"EGL Error (0x3009)"
 
 def flush() -> None:
     """Let go what Python and what Blender's C library hold back."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        with suppress(OSError):  # where it is full: what is to be read there is printed by streams.put
+            stream.flush()
     (ctypes.cdll.ucrtbase if os.name == "nt" else ctypes.CDLL(None)).fflush(None)
 
 
@@ -360,4 +394,5 @@ def quiet():
             errors.seek(0)
             for line in errors:
                 if not line.startswith(NOISE):
-                    os.write(2, line)
+                    with suppress(OSError):  # a full stderr
+                        os.write(2, line)
