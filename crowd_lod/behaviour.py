@@ -100,7 +100,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
     area = world.area
     x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
     heading, state, phase = crowd.heading.copy(), crowd.state.copy(), crowd.phase.copy()
-    wait, key, mirror = crowd.wait.astype(np.float64), crowd.key, crowd.mirror
+    wait, key, mirror = crowd.wait.copy(), crowd.key, crowd.mirror
     draws, reflects = machine.timed or machine.chancy, machine.edge == "reflect"
     key = key.copy() if draws else key
     mirror = mirror.copy() if reflects else mirror
@@ -199,7 +199,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
             agents, goes = agents[~gives_up[goes]], goes & ~gives_up
         rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
     phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
-    wait = wait.astype(np.float32) if timed else crowd.wait
+    wait = wait if timed else crowd.wait
     moved = replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase, wait=wait, key=key, mirror=mirror)
     return moved, Tally(reads, held)
 

@@ -105,7 +105,7 @@ def drift(
     After 1e6 steps (11.6 hours at 24 frames a second), mean and worst of 64 agents:
         float64   at the origin 2.9e-11 and 7.6e-11 m   at 10 km 1.4e-8 and 4.1e-8 m
         float32   at the origin 0.013 and 0.045 m       at 10 km 7.4 and 21.8 m
-    So positions are float64: float32 would save 12 of 47 bytes an agent, and lose centimetres at the origin and the whole
+    So positions are float64: float32 would save 12 of 51 bytes an agent, and lose centimetres at the origin and the whole
     scene far from it. In float64 the error is far below a pixel of any picture, so nothing is gained by keeping the start
     and the time of every straight stretch besides, to form start + velocity * time instead of the sum.
     """
