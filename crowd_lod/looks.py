@@ -46,7 +46,7 @@ class Test:
         self.reach = camera.pad + (look.grown if margin is None else 0.0)
         self.radius = 1.0 if margin is None else 0.0
         about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
-        self.slack = SLACK * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
+        self.slack = (SLACK + 6 * camera.grain) * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
         away = np.abs(offsets)
         # of a plane so far beyond all boxes that none comes near, as a far one may be, roundings decide nothing
         self.slack += 1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + TINY
