@@ -24,14 +24,13 @@ import numpy as np
 from . import blocks, borders, chance, curve
 from .agents import Crowd, Group
 from .ahead import look, onward, opened
-from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
+from .speeds import check_speeds
+from .speeds import courant as courant
 from .within import Tables, mended, within
 
-# A step may cross this many cells; one that would cross more is refused, it would seem to hang.
-MOST_CELLS = 65_536
 # An agent that crosses HOLD borders in a row without progress is sent to and fro by the table; it stands until the step ends.
 # (In a dead end random turns need several.)
 HOLD = 32
@@ -81,24 +80,6 @@ def step(
         return advance(crowd, machine, world, cycles, seconds, leave=leave)[0]
     moved, rest = within(crowd, machine, world, tables or Tables(machine, cycles, seconds), leave)
     return mended(moved, crowd, rest, lambda some: advance(some, machine, world, cycles, seconds, leave=leave)[0])
-
-
-def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
-    """(S, L) float64: the cell borders that each state on each label crosses in `seconds`, along x and y together."""
-    with np.errstate(over="ignore"):
-        return np.abs(machine.velocity / np.array(world.cell)).sum(axis=2) * seconds
-
-
-def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None:
-    """CrowdError names the state and the label if the table moves more than MOST_CELLS cells in `seconds`."""
-    cells = courant(machine, world, seconds)
-    s, label = np.unravel_index(cells.argmax(), cells.shape)
-    if not cells[s, label] <= MOST_CELLS:
-        raise CrowdError(
-            f"The state machine {machine.name} moves {cells[s, label]:.3g} cells of the map in one step of {seconds:.3g} s "
-            f"in the state {machine.states[s]!r} on {machine.labels[label]!r}; {MOST_CELLS} are allowed: give it a lower "
-            "speed, or the map fewer pixels."
-        )
 
 
 def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False, leave=NOTHING):

@@ -7,7 +7,7 @@ import numpy as np
 from .camera import Camera, planes, stretch
 
 # Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
-# rounds at each of the at most MOST_CELLS borders a step. What it leaves open costs time, not truth.
+# rounds at each of the at most speeds.MOST_CELLS borders a step. What it leaves open costs time, not truth.
 SLACK = 1e-8
 # NumPy's matrix product takes several threads for more columns than this: it costs them more to start than they save.
 COLUMNS = 2048
