@@ -48,9 +48,9 @@ class Crowd:
 
     x, y, z: (n,) float64, the feet, metres. heading: (n,) float32, radians from +x, counter-clockwise seen from above.
     state, group: (n,) uint8. phase: (n,) float32 in [0, 1), the place in the action's cycle.
-    wait: (n,) float32, seconds until the state's timer ends the state, inf without one. key: (n,) uint64, what the
+    wait: (n,) float64, seconds until the state's timer ends the state, inf without one. key: (n,) uint64, what the
     agent's random draws hash (chance.py). mirror: (n,) uint8, whether the map's edge has reflected the agent's way in
-    x (1) and y (2). 47 bytes an agent in all. The last three may be left out: no timer runs, seed 0, not reflected.
+    x (1) and y (2). 51 bytes an agent in all. The last three may be left out: no timer runs, seed 0, not reflected.
     """
 
     x: np.ndarray
@@ -67,7 +67,7 @@ class Crowd:
     def __post_init__(self):
         n = len(self.x)
         if self.wait is None:
-            object.__setattr__(self, "wait", np.full(n, np.inf, np.float32))
+            object.__setattr__(self, "wait", np.full(n, np.inf))
         if self.key is None:
             object.__setattr__(self, "key", chance.keys(0, n))
         if self.mirror is None:

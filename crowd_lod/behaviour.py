@@ -9,6 +9,9 @@ listing again, with the label of the cell just entered. So no cell on an agent's
 substeps follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed
 first. The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
 cells touch at their corners only. A timer that ends within a step cuts it too.
+
+What a step may cost is bounded: cells of one label are passed at once, an agent that comes back to where it was goes on in
+whole rounds, and one that turns ever more often to get nowhere stands until the step ends (borders.Rounds).
 """
 
 import operator
@@ -23,19 +26,20 @@ import numpy as np
 from . import blocks, borders, chance, curve
 from .agents import Crowd, Group
 from .ahead import look, onward, opened
-from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
+from .speeds import check_speeds
+from .speeds import courant as courant
 from .steps import aside, breath
 from .within import Tables, mended, within
 
-# A step may cross this many cells; one that would cross more is refused, it would seem to hang.
-MOST_CELLS = 65_536
-# A way shorter than this part of a cell is no progress. An agent that crosses HOLD borders in a row without progress is
-# sent to and fro by the table; it stands until the step ends. (In a dead end random turns need several.)
-PROGRESS = 1e-9
+# An agent that crosses HOLD borders in a row without progress is sent to and fro by the table; it stands until the step ends.
+# (In a dead end random turns need several.)
 HOLD = 32
+# Times as many pieces of its way has an agent in a step, and about as many more for each cell that it walks: it is caught where
+# walls leave it next to no room, as those do that touch at a corner, and if it does not go to and fro in equal rounds it stands.
+MOST_TURNS = 8
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW = 3000
 # Frames beyond those between two makings of the blocks at which they may be asked for.
@@ -50,11 +54,13 @@ TURN, REST = 0.1, 0.001
 
 @dataclass(frozen=True)
 class Tally:
-    """What one advance took. reads: how often the table was read, over all agents; held: (n,) bool, agents that stood
-    for part of it because the table sent them to and fro without progress."""
+    """What one advance took. reads: how often the table was read, over all agents; held: (n,) bool, agents that the table
+    sent to and fro without progress, or next to none: they may have stood for part of it. pieces: of the way of the agent
+    that took most, but those gone in whole rounds."""
 
     reads: int
     held: np.ndarray
+    pieces: int
 
 
 def step(
@@ -81,31 +87,13 @@ def step(
     return mended(moved, crowd, rest, lambda some: advance(some, machine, world, cycles, seconds, leave=leave)[0])
 
 
-def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
-    """(S, L) float64: the cell borders that each state on each label crosses in `seconds`, along x and y together."""
-    with np.errstate(over="ignore"):
-        return np.abs(machine.velocity / np.array(world.cell)).sum(axis=2) * seconds
-
-
-def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None:
-    """CrowdError names the state and the label if the table moves more than MOST_CELLS cells in `seconds`."""
-    cells = courant(machine, world, seconds)
-    s, label = np.unravel_index(cells.argmax(), cells.shape)
-    if not cells[s, label] <= MOST_CELLS:
-        raise CrowdError(
-            f"The state machine {machine.name} moves {cells[s, label]:.3g} cells of the map in one step of {seconds:.3g} s "
-            f"in the state {machine.states[s]!r} on {machine.labels[label]!r}; {MOST_CELLS} are allowed: give it a lower "
-            "speed, or the map fewer pixels."
-        )
-
-
 def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False, leave=NOTHING):
     """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
     further than out of the cell on whose border it stands, and reads the table again (walk.py)."""
     area = world.area
     x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
     heading, state, phase = crowd.heading.copy(), crowd.state.copy(), crowd.phase.copy()
-    wait, key, mirror = crowd.wait.astype(np.float64), crowd.key, crowd.mirror
+    wait, key, mirror = crowd.wait.copy(), crowd.key, crowd.mirror
     draws, reflects = machine.timed or machine.chancy, machine.edge == "reflect"
     key = key.copy() if draws else key
     mirror = mirror.copy() if reflects else mirror
@@ -114,6 +102,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
     held, reads = np.zeros(len(x), bool), 0
     # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
     repeats, met = not (exact or draws or reflects), None
+    rounds, pieces = borders.Rounds(MOST_TURNS * patience, area), 0
     agents = slice(None)  # those still on the move; their own arrays follow
     column, row = world.cells(x, y)
     rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
@@ -135,7 +124,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
             new = machine.following(old, label, key[agents])
             changed = new != old
             state[agents] = new
-        reads += len(rest)
+        read = np.ones(len(rest), np.intp)
         if reflects:
             velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)])
             mirror[agents] *= ~changed
@@ -163,11 +152,13 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
             if machine.edge != "clamp":
                 on = on[~borders.outside(to_x[on], to_y[on], area)]
             column[on], row[on], leaves[on] = to_column[on], to_row[on], False
-            reads += len(on)
+            read[on] += 1
             c = np.flatnonzero(leaves)
         if len(c):
+            past = ~changed[c] * borders.past(column[c], row[c], velocity[:, c], span[c], world)
             at = x[agents][c], y[agents][c], column[c], row[c], velocity[:, c], span[c]
-            span[c], to_x[c], to_y[c], column[c], row[c], flips = borders.to_border(*at, world, machine.edge)
+            span[c], to_x[c], to_y[c], column[c], row[c], flips, crossed = borders.to_border(*at, world, machine.edge, past)
+            read[c] += crossed
             if reflects:
                 mirror[np.arange(len(x))[agents][c]] ^= flips
             if draws:
@@ -179,13 +170,14 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
         speed = np.hypot(*velocity)
         heading[agents] = np.where(speed > 0, np.arctan2(velocity[1], velocity[0]), heading[agents])
         group = 0 if ONE_ACTION in leave else crowd.group[agents]
-        phase[agents] = (phase[agents] + span * (per_metre[group] * speed + per_second[group])) % 1.0
+        plays = span * (per_metre[group] * speed + per_second[group])
+        phase[agents] = (phase[agents] + plays) % 1.0
         if timed:
             wait[agents] -= span
         rest = rest - span
         # who goes on, and who has been at it too long without getting anywhere
         j = np.flatnonzero(leaves | changed) if exact else c
-        slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= PROGRESS
+        slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= borders.PROGRESS
         before, idle = idle, np.zeros(len(idle), np.int32)
         if slow.any():
             idle[j] = np.where(slow, before[j] + 1, 0)
@@ -195,19 +187,30 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
                 skipped = borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
                 idle[j] += skipped
                 reads += int(skipped.sum())
+        pieces, reads, stands = pieces + 1, reads + int(read.sum()), False
+        if pieces >= borders.MANY:
+            now = None if draws else np.array([x[agents], y[agents], state[agents], mirror[agents], column, row])
+            gone = np.array([span * np.abs(velocity / cell).max(axis=0), plays, read])
+            times, took, (_, plays, more), caught, stands = rounds.piece(pieces, now, rest, gone)
+            rest = np.maximum(rest - times * took, 0)
+            phase[agents] = (phase[agents] + times * plays) % 1.0
+            reads += int(times @ more)
+            held[agents[caught]] = True
         goes = rest > 0
-        gives_up = goes & (idle >= patience)
+        gives_up = goes & ((idle >= patience) | stands)
         agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]
         if gives_up.any():
-            stands = agents[gives_up[goes]]
-            held[stands] = True
-            wait[stands] -= rest[gives_up]
+            stand = agents[gives_up[goes]]
+            held[stand] = True
+            wait[stand] -= rest[gives_up]
             agents, goes = agents[~gives_up[goes]], goes & ~gives_up
+        if pieces >= borders.MANY:
+            rounds.keep(goes)
         rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
     phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
-    wait = wait.astype(np.float32) if timed else crowd.wait
+    wait = wait if timed else crowd.wait
     moved = replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase, wait=wait, key=key, mirror=mirror)
-    return moved, Tally(reads, held)
+    return moved, Tally(reads, held, pieces)
 
 
 def _time_out(machine: StateMachine, agents, state, wait, key) -> None:

@@ -8,6 +8,10 @@ import numpy as np
 
 from .errors import CrowdError
 
+# How far pictures may draw an agent from where it stands, relative to the coordinates of agent and camera. Blender's positions
+# are float32, which rounds by half an epsilon; the rest is for what renderers round who move meshes and rays by matrices of it.
+GRAIN = 4 * float(np.finfo(np.float32).eps)
+
 
 @dataclass(frozen=True)
 class Window:
@@ -33,7 +37,8 @@ class Camera:
     pad, turn: what else moves a camera's rays, as bounds: every sphere is taken for larger by `pad` metres and `turn`
     metres a metre of distance (see `lens_blur`, `opened`, stereo.py). density: pixels per unit of the window, PANO:
     per radian in the middle; None derives it from pixels and window. rays: near and far are where rays begin and end,
-    as in Cycles, not planes; it matters only where the camera is sheared (see `planes`).
+    as in Cycles, not planes; it matters only where the camera is sheared (see `planes`). grain: metres a metre of the
+    coordinates, their own and the camera's, by which spheres are taken for larger still (see `pictured`).
     """
 
     kind: str
@@ -50,6 +55,7 @@ class Camera:
     turn: float = 0.0
     density: float | None = None
     rays: bool = False
+    grain: float = 0.0
 
     @property
     def pixels_per_unit(self) -> float:
@@ -119,6 +125,12 @@ def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
     aperture |1 - z / focus| beside the pinhole's, which is at most aperture (1 + z / focus).
     """
     return replace(camera, pad=camera.pad + aperture, turn=camera.turn + aperture / focus)
+
+
+def pictured(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+    """The cameras as Blender's pictures have them, of agents in float32: at 1e6 m from the origin these stand up to 0.03 m, along each axis, beside
+    their float64 positions, and are drawn with further roundings (GRAIN)."""
+    return tuple(replace(camera, grain=GRAIN) for camera in cameras)
 
 
 def stretch(camera: Camera) -> tuple[float, float]:
