@@ -11,7 +11,7 @@ from ..crowd_lod.poses import Library
 from . import scene as io
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
-from .populate import home_of, policy_of
+from .populate import groups_of, home_of, policy_of
 from .poses import Posed, make_poses
 
 # Custom properties. Of a point object: its LOD, its bucket, and what a Library holds.
@@ -72,7 +72,8 @@ def check_levels(scene: bpy.types.Scene) -> int:
 def made_from(scene: bpy.types.Scene) -> str:
     """What tells the scene's LOD meshes from others, at a glance."""
     objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
-    return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH")
+    sizes = [f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH"]
+    return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
 
 
 def build(scene: bpy.types.Scene) -> Iterator[float]:
