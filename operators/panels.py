@@ -97,6 +97,7 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
         for name in ("chapter", "plaza"):
             row.operator("crowd_lod.sample", text=name.capitalize()).name = name
         layout.prop(settings, "characters")
+        layout.prop(settings, "keep_characters")
         layout.prop(settings, "forward")
         layout.prop(settings, "count")
         layout.prop(settings, "seed")

@@ -76,6 +76,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Characters",
         description="Collection whose children, collections or objects, are the character groups",
     )
+    keep_characters: BoolProperty(
+        name="Keep in Renders",
+        description="Build and Preview leave the characters themselves in the picture, where they stand, besides the crowd",
+    )
     forward: EnumProperty(
         name="Forward",
         description="The way the characters face where they stand",
