@@ -6,6 +6,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import follow, populate
 from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.levels import make_levels
+from mathutils import Matrix
 
 from .characters import character, new, rig, skin, tube
 from .test_movers import keyed
@@ -147,6 +149,22 @@ def test_a_sphere_holds_all_that_a_render_shows(case, tmp_path):
     shown = np.linalg.norm(lit(tmp_path, group.feet + group.centre, range(1, 10, 4)), axis=1).max()
     assert bare.radius + 0.2 < shown <= group.radius + WIDTH / PIXELS
     assert group.radius < 1.6 * shown, "and not much more"
+
+
+def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
+    body = new("body", tube("body", 8, 8))
+    home, scene = character(body), bpy.context.scene
+    scene.crowd_lod.level_count, scene.crowd_lod.way = 2, "PRECISE"
+    list(make_levels(scene))
+    level = scene.crowd_lod.levels.children[1].children[0].objects[0]
+    level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
+    bpy.ops.crowd_lod.measure_levels()
+    (group,) = populate.trajectory_of(scene).groups
+    home.hide_render = True
+    scene.collection.objects.link(level)
+    shown = np.linalg.norm(lit(tmp_path, group.feet + group.centre), axis=1).max()
+    assert 2.5 < shown <= group.radius + WIDTH / PIXELS
+    assert populate.measure_groups(scene)[0].radius == pytest.approx(1.02, abs=0.01)  # of the character alone
 
 
 def asks_is_viewport(body):
