@@ -45,6 +45,11 @@ class Group:
     on_ground: bool = False
 
     @property
+    def reach(self) -> float:
+        """Metres, the radius of the sphere that holds the LODs as well, which lie off the character by their deviations."""
+        return self.radius + max(self.deviations, default=0.0)
+
+    @property
     def feet(self) -> float:
         """Metres from the group's origin up to what stands on the ground."""
         return self.lowest if self.on_ground else 0.0

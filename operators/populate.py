@@ -269,7 +269,6 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
     digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + relief).digest()
     if digest not in _trajectories:
-        groups = tuple(replace(group, radius=group.radius + max(group.deviations, default=0.0)) for group in groups)  # LODs, too
         if settings.tilt and heights is not None:
             groups = leaning(groups, heights)
         start = populate(settings.count, settings.seed, len(groups), machine, world)
