@@ -22,7 +22,8 @@ class Group:
     centre, radius: the bounding sphere over the whole action, metres: its centre stands on the agent's vertical axis
     at the height `centre` above the feet, so that it holds for every heading. stride: metres walked in one cycle of
     the action, 0 if the action plays by time. period: seconds in one cycle. vertices, triangles: of each LOD mesh,
-    finest first; a group with fewer LODs than others repeats its last.
+    finest first; a group with fewer LODs than others repeats its last. lowest: metres from the group's origin up to its
+    lowest point over the action, 0 if near; on_ground: whether that point is its feet, and not its origin.
 
     Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the Hausdorff distance of its surface
     from the character's; rms: metres, the root mean square of the distances; worst: the frame
@@ -40,6 +41,18 @@ class Group:
     rms: tuple[float, ...] = ()
     worst: tuple[float, ...] = ()
     diagonal: float = 0.0
+    lowest: float = 0.0
+    on_ground: bool = False
+
+    @property
+    def reach(self) -> float:
+        """Metres, the radius of the sphere that holds the LODs as well, which lie off the character by their deviations."""
+        return self.radius + max(self.deviations, default=0.0)
+
+    @property
+    def feet(self) -> float:
+        """Metres from the group's origin up to what stands on the ground."""
+        return self.lowest if self.on_ground else 0.0
 
 
 @dataclass(frozen=True)
@@ -87,12 +100,13 @@ def runs(group: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[:-1], edges[1:], strict=True))
 
 
-def bounding_sphere(points: np.ndarray) -> tuple[float, float]:
+def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
     """(centre, radius) of the smallest sphere on the z axis, up to the centre's choice at half height, that holds the
-    points (n, 3), metres: it holds them under every rotation about z."""
-    low, high = points[:, 2].min(), points[:, 2].max()
+    points (n, 3), metres, and all within `reach`, metres, (n,) or one, of each: it holds them under every rotation about z."""
+    low, high = (points[:, 2] - reach).min(), (points[:, 2] + reach).max()
     centre = (low + high) / 2
-    return float(centre), float(np.sqrt((points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - centre) ** 2).max()))
+    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - centre) ** 2)
+    return float(centre), float((away + reach).max())
 
 
 def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap) -> Crowd:

@@ -229,7 +229,7 @@ def surround(
     begun = clock.perf_counter()
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
     centre = np.array([group.centre for group in trajectory.groups])
-    radius = np.array([group.radius for group in trajectory.groups])
+    radius = np.array([group.reach for group in trajectory.groups])
     grown = radius + most_moved(trajectory, [time for time, _ in shutter])
     moments = [(frame.time, frame.crowd, cameras, radius), *((time, trajectory.at(time), eyes, grown) for time, eyes in shutter)]
     unseen = ~frame.visible

@@ -15,7 +15,7 @@ from . import stored
 from .collection_caches import note_change
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
-from .populate import home_of, policy_of
+from .populate import groups_of, home_of, policy_of
 from .poses import Posed, make_poses
 
 # Custom properties. Of a point object: its LOD, its bucket, and what a Library holds.
@@ -25,6 +25,7 @@ LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's 
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
+HIDDEN = "crowd_lod_hidden"  # of the build's collection: the characters' collection, if the build hides it from renders
 BLURRED = "crowd_lod_blurred"  # of the build's collection: its poses' limbs are blurred
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
@@ -83,7 +84,8 @@ def check_levels(scene: bpy.types.Scene) -> int:
 def made_from(scene: bpy.types.Scene) -> str:
     """What tells the scene's LOD meshes from others, at a glance."""
     objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
-    return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH")
+    sizes = [f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH"]
+    return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
 
 
 def build(scene: bpy.types.Scene) -> Iterator[float]:
@@ -123,6 +125,62 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
+
+
+def hide_characters(scene: bpy.types.Scene) -> None:
+    """Hide the characters themselves from renders, which show the build, if nothing stands against it."""
+    top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
+    _show_characters(top)
+    if shows_characters(scene) and not scene.crowd_lod.keep_characters and not _shown_for(scene):
+        characters.hide_render, top[HIDDEN] = True, characters
+
+
+def shows_characters(scene: bpy.types.Scene) -> bool:
+    """Whether renders of `scene` show the characters themselves, by their own collection."""
+
+    def shows(place: bpy.types.LayerCollection, inside: bool) -> bool:
+        inside = inside or place.collection == scene.crowd_lod.characters
+        below = any(shows(child, inside) for child in place.children)
+        return not place.collection.hide_render and (below or (inside and not place.exclude))
+
+    return any(shows(layer.layer_collection, False) for layer in scene.view_layers if layer.use)
+
+
+def _show_characters(top: bpy.types.Collection) -> None:
+    """Show again in renders what the build `top` hides, unless another scene's build of the same characters is there: it is
+    that one's then."""
+    hidden = top.pop(HIDDEN, None)
+    if not isinstance(hidden, bpy.types.Collection):  # a script may have put anything there
+        return
+    others = [scene.crowd_lod.build for scene in bpy.data.scenes if scene.crowd_lod.characters == hidden]
+    others = [other for other in others if other not in (None, top)]
+    if others:
+        others[0][HIDDEN] = hidden
+    else:
+        hidden.hide_render = False
+
+
+def _shown_for(scene: bpy.types.Scene) -> str:
+    """Why the characters' collection of `scene` is not to be hidden as a whole; "" if it may."""
+    characters = scene.crowd_lod.characters
+    if characters.library is not None:
+        return f"the collection is linked from {characters.library.filepath}; hide it there, or exclude it from the view layers"
+    users = bpy.data.user_map(subset={characters})[characters]
+    names = [user.name for user in users if isinstance(user, bpy.types.Object | bpy.types.NodeTree)]
+    others = (other for other in bpy.data.scenes if other.crowd_lod.characters != characters)
+    names += [other.name for other in others if characters in other.collection.children_recursive]
+    return f"{' and '.join(sorted(names))} would no longer show them" if names else ""
+
+
+def told_of_characters(scene: bpy.types.Scene) -> str:
+    """A sentence on the characters themselves in renders of the built scene; "" if Build left them as they were."""
+    characters = scene.crowd_lod.characters
+    if HIDDEN in scene.crowd_lod.build:
+        lamps = [item.name for item in characters.all_objects if item.type == "LIGHT"]
+        return f"The characters in {characters.name} are hidden from renders{', with ' + ' and '.join(lamps) if lamps else ''}."
+    if scene.crowd_lod.keep_characters or not shows_characters(scene):
+        return ""
+    return f"The characters in {characters.name} stay in renders: {_shown_for(scene)}."
 
 
 def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
@@ -177,7 +235,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
         library.hide_render = library.hide_viewport = True  # else a view layer that the user adds later would show them
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
-            _exclude(view_layer.layer_collection, library)
+            exclude(view_layer.layer_collection, library)
     shelves = _shelves(top)
     gone, spare = bpy.data.collections.new("Crowd LOD"), {}
     scene.collection.children.link(gone)  # what the user put into poses is to stay in this scene
@@ -231,11 +289,12 @@ def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.C
     return made
 
 
-def _exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
+def exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
+    """Exclude the `collection` from the view layer, wherever it is in `layer`."""
     for child in layer.children:
         if child.collection == collection:
             child.exclude = True
-        _exclude(child, collection)
+        exclude(child, collection)
 
 
 def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
@@ -276,6 +335,7 @@ def remove_build(settings) -> None:
     """Remove the build: points, poses, and the node groups that nothing else uses."""
     top, settings.build = _own(settings.id_data), None
     if top is not None:
+        _show_characters(top)
         remove_owned(top)
     for kind in (baked.NAME, instances.NAME):  # the one holds the other
         tree = trees.made(kind)

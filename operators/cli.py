@@ -133,7 +133,7 @@ def _preview(args, command: list[str]) -> dict:
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
-    warning = f"{plan['trouble_says']}\n" if plan["trouble_says"] else ""
+    told = "".join(f"{each}\n" for each in (plan["trouble_says"], *plan["preview"]["notes"]) if each)
     least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
     return {
         "out": printable(folder),
@@ -142,7 +142,7 @@ def _preview(args, command: list[str]) -> dict:
         "trouble": plan["trouble"],
         "summary": (
             f"{len(rows)} frames of {rows[0]['agents']:,} agents in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
-            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{warning}{printable(folder)}"
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{told}{printable(folder)}"
         ),
     }
 
@@ -215,6 +215,7 @@ def _build(args, command: list[str]) -> dict:
         if args.view_layer:
             build.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
+        told = build.told_of_characters(scene)
         _save(part, path, compress=True)  # poses share most of what they hold
     size = path.stat().st_size
     started = clock.perf_counter()
@@ -232,7 +233,7 @@ def _build(args, command: list[str]) -> dict:
         "points": points,
         "bytes": size,
         "load_seconds": round(seconds, 3),
-        "summary": f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.\n{printable(path)}",
+        "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", told, printable(path)))),
     }
 
 

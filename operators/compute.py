@@ -75,7 +75,7 @@ class Planner:
         area = trajectory.world.area
         self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
         groups = trajectory.groups
-        self.spheres = np.array([group.centre for group in groups]), np.array([group.radius for group in groups])
+        self.spheres = np.array([group.centre for group in groups]), np.array([group.reach for group in groups])
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
 

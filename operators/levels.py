@@ -124,10 +124,10 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         tuple(ladder.name for ladder in ladders if not ladder.homes),
         tuple(edited),
     )
-    for (_, _, origin), chosen in zip(characters, homes, strict=True):
+    for (_, _, origin), group, chosen in zip(characters, groups, homes, strict=True):
         for k, level in enumerate(levels):
             home = chosen[min(k, len(chosen) - 1)]
-            home.instance_offset = origin
+            home.instance_offset = (*origin[:2], origin[2] + group.feet)
             for other in earlier.children if earlier is not None and home in before else ():
                 if home.name in other.children:
                     other.children.unlink(home)

@@ -38,7 +38,7 @@ def tables(
         found.append(entry)
         if g >= MOST_SHOWN:
             continue
-        centre = np.array(origin) + (0, 0, group.centre)
+        centre = np.array(origin) + (0, 0, group.feet + group.centre)
         with Posed(objects, meshes) as posed:
             for k in range(1, len(rows)):
                 distance = _distance(camera, begins[g][k - 1], group.radius)

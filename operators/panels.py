@@ -98,6 +98,7 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
         for name in ("chapter", "plaza"):
             row.operator("crowd_lod.sample", text=name.capitalize()).name = name
         layout.prop(settings, "characters")
+        layout.prop(settings, "keep_characters")
         layout.prop(settings, "forward")
         layout.prop(settings, "count")
         layout.prop(settings, "seed")
@@ -107,6 +108,8 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
         if len(settings.groups):
             rows = [(g.name, _length(context, g.radius), _length(context, g.stride)) for g in settings.groups]
             _table(layout, ("Group", "Radius", "Stride"), rows)
+        for group in [group for group in settings.groups if group.lowest][:MOST_ROWS]:
+            layout.prop(group, "on_ground", text=f"{group.name} Stands on Ground")
 
 
 class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):

@@ -47,6 +47,7 @@ BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
 LEVELS, PREPARED, DRAWN = 0.1, 0.02, 0.9  # of the progress: LODs made or measured, the crowd built, all frames drawn
 GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
+LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
 
@@ -135,7 +136,8 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             yield ready + each * (done + 1)
         told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
         told = yield from told
-        plan = yield from standing(_plan(stage, scene, wanted, size, command, rows, told, shots.notes), 0.95)
+        notes = shots.notes + (LEFT_OUT,) * leaves_out(scene)
+        plan = yield from standing(_plan(stage, scene, wanted, size, command, rows, told, notes), 0.95)
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
@@ -176,11 +178,15 @@ class Rendered:
 
 
 def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
-    """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
+    """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build, and without the
+    characters themselves if they are not kept."""
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
     stage.timeline_markers.clear()  # they would take the camera back in the picture from above
     io.let_go(stage, "build")
+    for layer in stage.view_layers if leaves_out(stage) else ():
+        layer.update()
+        build.exclude(layer.layer_collection, stage.crowd_lod.characters)
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
     render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
@@ -205,6 +211,11 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
         stage.cycles.samples = min(stage.cycles.samples, 16)
         stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.colour == "LOD" else 4)
     return stage
+
+
+def leaves_out(scene: bpy.types.Scene) -> bool:
+    """Whether the characters themselves, which renders of `scene` show, are not in the pictures."""
+    return not scene.crowd_lod.keep_characters and build.shows_characters(scene)
 
 
 @contextlib.contextmanager
@@ -383,7 +394,8 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
-        return f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."
+        said = f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."
+        return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
 
 
 CLASSES = (CROWDLOD_OT_preview,)

@@ -8,7 +8,7 @@ from ..crowd_lod.steps import share, standing
 from . import lights
 from . import scene as io
 from .bake import bake
-from .build import build, remove_build
+from .build import build, hide_characters, remove_build, told_of_characters
 from .follow import update
 from .levels import make_levels
 from .operator import Reporting, Stepwise
@@ -34,6 +34,7 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Ite
             elif not known:
                 store_groups(settings, groups)
             found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+            hide_characters(scene)
             update(scene, layer.depsgraph)
             done = True
             return found
@@ -57,7 +58,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         frame = frame_of(scene, context.evaluated_depsgraph_get())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
         poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.off:.2g} pixels off"
-        return f"{seen}; {poses}." if posed.off else f"{seen}."
+        return " ".join(filter(None, (f"{seen}; {poses}." if posed.off else f"{seen}.", told_of_characters(scene))))
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
@@ -70,7 +71,8 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         yield from prepared(scene, lambda: bake(scene, frames))
-        return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        baked = f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        return " ".join(filter(None, (baked, told_of_characters(scene))))
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
