@@ -203,6 +203,7 @@ def _build(args, command: list[str]) -> dict:
     if args.view_layer:
         build.show_in(scene, args.view_layer)
     points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
+    unbaked = f"{io.unbaked(scene)}\n" if args.bake and io.unbaked(scene) else ""
     _save(path, compress=True)  # poses share most of what they hold
     size = path.stat().st_size
     started = clock.perf_counter()
@@ -220,7 +221,7 @@ def _build(args, command: list[str]) -> dict:
         "points": points,
         "bytes": size,
         "load_seconds": round(seconds, 3),
-        "summary": f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.\n{path}",
+        "summary": f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.\n{unbaked}{path}",
     }
 
 

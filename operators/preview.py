@@ -95,8 +95,11 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         stage.collection.objects.link(drawing)
         centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
+        at = opened.enter_context(io.stepped(scene))
         for done, number in enumerate(wanted.frames):
-            stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
+            filming = cameras.bound_camera(scene, io.remapped(scene.render, number))
+            stage.camera = cameras.still(filming, at((), io.remapped(scene.render, number)))
+            scene.update_tag()  # what is driven by the scene follows it in the stage, too
             drawing.hide_render = drawing.hide_viewport = True
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph, around=lights.read_surroundings(stage, layer.depsgraph, number))
@@ -127,7 +130,9 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             first = first or frame
             yield ready + (DRAWN - ready) * (done + 1) / len(wanted.frames)
         told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
-        plan = _plan(stage, scene, wanted, size, command, rows, (yield from told), shots.notes)
+        notes = (*shots.notes, *filter(None, [io.unbaked(scene)]))
+        plan = _plan(stage, scene, wanted, size, command, rows, (yield from told), notes)
+        plan["camera"] = filming.name
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
@@ -157,13 +162,13 @@ class Rendered:
         self.stage.crowd_lod.build = None
 
     def main(self, path: Path, caption: str) -> None:
-        self.stage.render.engine, self.layer.material_override = ENGINES[self.wanted.engine], self.tint
-        _render(self.stage, path)
+        self.layer.material_override = self.tint
+        _render(self.stage, path, ENGINES[self.wanted.engine])
 
     def above(self, path: Path, caption: str) -> None:
-        self.stage.render.engine, self.layer.material_override = ENGINES["WORKBENCH"], None  # it is a diagram
+        self.layer.material_override = None  # it is a diagram
         self.built.hide_render = True
-        _render(self.stage, path)
+        _render(self.stage, path, ENGINES["WORKBENCH"])
         self.built.hide_render = False
 
 
@@ -173,6 +178,12 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     stage.name = "Crowd LOD preview"
     stage.timeline_markers.clear()  # they would take the camera back in the picture from above
     io.let_go(stage, "build")
+    set_up(stage, wanted)
+    return stage
+
+
+def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
+    """Set `stage` to render the wanted pictures."""
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
     render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
@@ -196,7 +207,6 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     if wanted.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
         stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.colour == "LOD" else 4)
-    return stage
 
 
 @contextlib.contextmanager
@@ -242,11 +252,12 @@ def _shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
     shading.show_specular_highlight = False
 
 
-def _render(stage: bpy.types.Scene, path: Path) -> None:
-    stage.render.filepath = str(path)
+def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
+    own, stage.render.engine, stage.render.filepath = stage.render.engine, engine, str(path)
     # by override: with the operator's own argument `scene`, Blender renders the frame of the scene in the window
     with io.quiet(), bpy.context.temp_override(scene=stage):
         bpy.ops.render.render(write_still=True)
+    stage.render.engine = own  # the plan is that of the scene's own renders
     if not path.is_file():
         raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
 
@@ -310,7 +321,7 @@ def _plan(
         "machine": json.loads(machine.text),
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
-        "camera": stage.camera.name,
+        "camera": None,
         "levels": {
             "metric": policy.metric,
             "margin": policy.margin,

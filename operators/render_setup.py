@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ..crowd_lod.steps import share
+from . import scene as io
 from .bake import bake
 from .build import build, remove_build
 from .follow import update
@@ -66,7 +67,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         yield from prepared(scene, lambda: bake(scene, frames))
-        return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}. {io.unbaked(scene)}".strip()
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):

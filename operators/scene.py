@@ -6,7 +6,7 @@ import sys
 import tempfile
 import time as clock
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 
 import bpy
 import numpy as np
@@ -298,6 +298,78 @@ def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
     finally:
         if kept is None and made:  # asked to remove nothing, Blender goes through all the file, too
             bpy.data.scenes.remove(*made)
+
+
+_stepped: set[int] = set()  # the session_uids of the scenes that are stepped now
+
+
+def is_stepped(scene: bpy.types.Scene) -> bool:
+    """Whether the scene goes through frames that are read, not shown: its build has no need to follow."""
+    return scene.session_uid in _stepped
+
+
+@contextmanager
+def stepped(scene: bpy.types.Scene) -> Iterator[At]:
+    """The objects of `scene` at other times, by its own frame changes, as in a playback and in a render: with all that
+    drivers, physics and other add-ons make of them, which a `stage` does not show. Afterwards the scene is back at its frame.
+
+    Rigid bodies have no place at a frame before those up to it were played, in order; so they are, where no cache is baked.
+    """
+    render, was = scene.render, (scene.frame_current, scene.frame_subframe)
+    outer, now, world = is_stepped(scene), None, scene.rigidbody_world
+    played = world.point_cache.frame_start - 1 if unbaked(scene) else None
+
+    def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
+        nonlocal now, played
+        frame = round(time * render.frame_map_new / render.frame_map_old, 9)
+        if frame != now:
+            while played is not None and played < frame:  # also the whole frame after a part of one
+                played += 1
+                scene.frame_set(played)
+            scene.frame_set(int(frame // 1), subframe=frame % 1)
+            now = frame
+        return scene.view_layers[0].depsgraph
+
+    _stepped.add(scene.session_uid)
+    try:
+        yield at
+    finally:
+        scene.frame_set(was[0], subframe=was[1])
+        if not outer:
+            _stepped.discard(scene.session_uid)
+
+
+def unbaked(scene: bpy.types.Scene) -> str:
+    """What is to be known of rigid bodies that are not baked, a sentence, or nothing."""
+    world = scene.rigidbody_world
+    if world is None or not world.enabled or world.collection is None or world.point_cache.is_baked:
+        return ""
+    start = world.point_cache.frame_start
+    return (
+        f"The rigid bodies of {scene.name} are as played from frame {start} on: bake their cache, or render from that frame on, "
+        "for renders to show the same."
+    )
+
+
+@contextmanager
+def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
+    """What is set in `owners`, of their own values, is afterwards as it was."""
+    with quiet():  # asked for its device, Cycles looks for all that there are, and says so
+        own = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
+        names = [(owner, prop.identifier) for owner, prop in own if not prop.is_readonly and prop.type != "COLLECTION"]
+        before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]
+    try:
+        yield
+    finally:
+        for _ in range(2):  # which values one of them may have depends on others
+            for owner, name, value in before:
+                if _plain(getattr(owner, name)) != value:
+                    with suppress(TypeError):
+                        setattr(owner, name, value)
+
+
+def _plain(value):
+    return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str | set | bpy.types.bpy_struct) else value
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:

@@ -1,6 +1,7 @@
 """The proof that culling and LOD change nothing they should not: the same frames rendered with and without them."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -16,8 +17,8 @@ from . import bake, build, cameras, lights
 from . import scene as io
 from .follow import Held, held_by, members
 from .levels import OWNED, make_levels
-from .populate import characters_of, frame_of, measure_groups, store_groups, trajectory_of
-from .preview import Preview, stage_of
+from .populate import characters_of, frame_of, groups_of, measure_groups, store_groups, trajectory_of
+from .preview import Preview, set_up
 
 # The pictures of a frame. The third is the culled one without those whom the camera does not see itself.
 PICTURES = {
@@ -49,33 +50,41 @@ class Verify:
 def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterator[float]:
     """Write the proof for `scene` into the wanted folder; yields the progress, 0 to 1, and returns the dict of verify.json.
 
-    All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
+    The scene itself is stepped and rendered, for no copy has all that its frames show; afterwards it is as it was. The folder
+    gets its files at the end, all or none.
     """
-    with report.staged(wanted.folder) as folder, io.scratch():
-        cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
-        stage = _stage(scene, wanted)
-        layer = stage.view_layers[0]
+    own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
+    with ExitStack() as opened:
+        folder = opened.enter_context(report.staged(wanted.folder))
+        opened.callback(store_groups, own, groups)
+        opened.enter_context(io.scratch())
+        layer = scene.view_layers[0]
+        lent = scene.render, scene.render.image_settings, scene.cycles, scene.display, scene.view_settings, own, *scene.view_layers
+        opened.enter_context(io.lent(*lent, *([own.build] if own.build else [])))
+        opened.callback(setattr, scene, "world", scene.world)
+        cameras.active_camera(scene), characters_of(scene)  # what is missing is named before anything is set
+        left_out = _never_shown(scene)
+        _set_up(scene, wanted)
         layer.update()
-        store_groups(stage.crowd_lod, measure_groups(stage))
-        frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
-        if stage.crowd_lod.levels is None:
-            for part in make_levels(stage):
+        store_groups(own, measure_groups(scene))
+        frame_of(scene, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
+        if own.levels is None:
+            for part in make_levels(scene):
                 yield 0.05 * part
-        for part in build.build(stage):
+        for part in build.build(scene):
             yield 0.05 + 0.05 * part
-        bake.mark(stage, wanted.frames)  # with motion blur its points move by themselves
-        build.dress_all(stage)
-        top, stage.crowd_lod.build = stage.crowd_lod.build, None  # it holds what is written here, not what the frame asks
-        outline = _outline(stage, top)
-        _twin(stage, top)
+        bake.mark(scene, wanted.frames)  # with motion blur its points move by themselves
+        build.dress_all(scene)
+        top, own.build = own.build, None  # it holds what is written here, not what the frame asks
+        outline = _outline(scene, top)
+        _twin(scene, top)
         rows, sheet = [], []
+        at = opened.enter_context(io.stepped(scene))
         for number in wanted.frames:
-            outline.camera = stage.camera = cameras.bound_camera(scene, io.remapped(stage.render, number))
-            stage.frame_set(number)
-            row, pictures = yield from _frame(stage, layer.depsgraph, top, outline, number, wanted, folder, len(rows))
+            row, pictures = yield from _frame(scene, at, top, outline, number, wanted, folder, len(rows))
             rows.append(row)
             sheet.append(pictures)
-        result = _result(rows, wanted, command, _left_out(scene, stage, rows, wanted))
+        result = _result(rows, wanted, command, left_out + _left_out(scene, rows, wanted))
         (folder / "verify.json").write_text(report.to_json(result), encoding="utf-8")
         (folder / "verify.csv").write_text(report.to_csv(rows), encoding="utf-8")
         chosen = np.unique(np.linspace(0, len(sheet) - 1, min(len(sheet), MOST_IN_SHEET)).round().astype(int))
@@ -85,25 +94,25 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         return result
 
 
-def _stage(scene: bpy.types.Scene, wanted: Verify) -> bpy.types.Scene:
-    """A copy of the scene in which Cycles' picture depends on what its rays meet and on nothing else: one seed, no samples
-    saved where the picture is smooth, no lamp drawn by its share of the light, no denoiser, pixels that do not overlap."""
-    stage = stage_of(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
-    stage.name = "Crowd LOD verify"
-    render, cycles, own = stage.render, stage.cycles, scene.render
-    render.use_motion_blur, render.use_multiview = own.use_motion_blur, own.use_multiview and PAIRS
-    render.motion_blur_shutter = min(own.motion_blur_shutter, LONGEST_SHUTTER)
-    render.use_border = own.use_border and scene.crowd_lod.cull_to_border
+def _set_up(scene: bpy.types.Scene, wanted: Verify) -> None:
+    """Have Cycles' picture of the scene depend on what its rays meet and on nothing else: one seed, no samples saved where the
+    picture is smooth, no lamp drawn by its share of the light, no denoiser. The pixel filter stays the scene's own."""
+    if scene.crowd_lod.build is not None:
+        scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
+    render, cycles = scene.render, scene.cycles
+    filmed = render.use_motion_blur, render.use_multiview and PAIRS, render.use_border and scene.crowd_lod.cull_to_border
+    set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
+    render.use_motion_blur, render.use_multiview, render.use_border = filmed
+    render.motion_blur_shutter = min(render.motion_blur_shutter, LONGEST_SHUTTER)
     render.image_settings.views_format = "INDIVIDUAL"
     render.engine, cycles.device = "CYCLES", "CPU"
     render.use_stamp = render.use_persistent_data = render.use_simplify = False
     cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = cycles.use_guiding = False
-    cycles.use_fast_gi, cycles.time_limit, cycles.pixel_filter_type = False, 0, "BOX"
+    cycles.use_fast_gi, cycles.time_limit = False, 0
     render.image_settings.color_mode = "RGBA"
-    for layer in stage.view_layers:
+    for layer in scene.view_layers:
         layer.samples = 0
-    return stage
 
 
 def _light(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
@@ -143,30 +152,48 @@ def _twin(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
 
 
 def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
-    """A scene of nothing but the build and the cameras, whose pictures' alpha is the crowd's silhouette."""
+    """A scene of nothing but the build, whose pictures' alpha is the crowd's silhouette; sharp, as LODs are measured."""
     outline = stage.copy()
+    outline.timeline_markers.clear()
     for child in outline.collection.children:
         outline.collection.children.unlink(child)
     for item in outline.collection.objects:
         outline.collection.objects.unlink(item)
-    for item in (*build.points_of(top).values(), *(item for item in stage.objects if item.type == "CAMERA")):
+    for item in build.points_of(top).values():
         outline.collection.objects.link(item)
-    outline.render.film_transparent, outline.world = True, None
-    outline.cycles.samples, outline.cycles.max_bounces = SILHOUETTE_SAMPLES, 0
+    outline.render.film_transparent, outline.render.use_motion_blur, outline.world = True, False, None
+    outline.cycles.samples, outline.cycles.max_bounces, outline.cycles.pixel_filter_type = SILHOUETTE_SAMPLES, 0, "BOX"
     return outline
 
 
-def _frame(stage, depsgraph, top, outline, number: int, wanted: Verify, folder: Path, done: int):
+def _film(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Have `outline` filmed by the cameras of `scene` as `depsgraph` has them."""
+    for item in [item for item in outline.collection.objects if item.type == "CAMERA"]:
+        outline.collection.objects.unlink(item)
+    for camera in [item for item in scene.objects if item.type == "CAMERA"]:
+        still = cameras.still(camera, depsgraph)
+        outline.collection.objects.link(still)
+        if camera == scene.camera:
+            outline.camera = still
+
+
+def _frame(scene, at: io.At, top, outline, number: int, wanted: Verify, folder: Path, done: int):
     """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
-    around, trajectory = lights.read_surroundings(stage, depsgraph, io.time_of(stage)), trajectory_of(stage)
-    planned = frame_of(stage, depsgraph, around=around)
-    frames = _variants(planned, frame_of(stage, depsgraph, around=replace(around, level=0)))
+    trajectory, time = trajectory_of(scene), io.remapped(scene.render, number)
+    film = cameras.camera_at(scene, time, at)
+    around = lights.read_surroundings(scene, at((), time), time, at=at)
+    shutter = cameras.read_shutter(scene, time, at)
+    depsgraph = at((), time)
+    planned, full = (
+        frame_of(scene, depsgraph, time, film, trajectory, each, shutter) for each in (around, replace(around, level=0))
+    )
+    frames = _variants(planned, full)
+    _film(outline, scene, depsgraph)
     outline.frame_set(number)
     total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
-    at = done * total / len(wanted.frames)
-    film = cameras.read_cameras(stage, depsgraph)
-    held = held_by(stage, trajectory, number, planned.crowd, film)
-    worlds = stage.world, _dark(stage.world)
+    so_far = done * total / len(wanted.frames)
+    held = held_by(scene, trajectory, number, planned.crowd, film)
+    worlds = scene.world, _dark(scene.world)
     row = {
         "frame": number,
         "agents": len(planned.crowd),
@@ -176,16 +203,16 @@ def _frame(stage, depsgraph, top, outline, number: int, wanted: Verify, folder: 
     }
     sheet, masks = [], {}
     for bounces in (0, wanted.bounces)[: 1 + (wanted.bounces > 0)]:
-        _light(stage, bounces, worlds)
+        _light(scene, bounces, worlds)
         ending = "_bounces" if bounces else ""
         shot = {}
         for name, frame in frames.items():
-            _write(stage, top, trajectory, frame, number, held)
-            shot[name] = _render(stage, folder / f"frame_{number:04d}_{name}{ending}.png")
+            _write(scene, top, trajectory, frame, number, held)
+            shot[name] = _render(scene, folder / f"frame_{number:04d}_{name}{ending}.png")
             if not bounces and name in ("a", "c"):
                 masks[name] = _render(outline, folder / "outline.png")[..., 3]
-            at += 1
-            yield 0.1 + 0.85 * at / total
+            so_far += 1
+            yield 0.1 + 0.85 * so_far / total
         for name in ("b", "bare", "c"):
             found = difference.between(shot["a"], shot[name])
             row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
@@ -194,9 +221,9 @@ def _frame(stage, depsgraph, top, outline, number: int, wanted: Verify, folder: 
         pictures = [io.load_pixels(folder / f"frame_{number:04d}_{name}{ending}.png") for name in frames]
         pictures += [io.load_pixels(folder / f"frame_{number:04d}_a_{name}{ending}.png") for name in ("b", "bare", "c")]
         sheet += pictures
-    stage.world = worlds[0]
+    scene.world = worlds[0]
     (folder / "outline.png").unlink()
-    eyes = len(_views(stage.render))
+    eyes = len(_views(scene.render))
     shift = max(difference.shift(*pair) for pair in zip(*(np.split(masks[name], eyes, axis=1) for name in "ac"), strict=True))
     each = [difference.predicted(replace(planned, camera=camera), trajectory.groups) for camera in film]
     predicted = None if None in each else max(each)
@@ -274,18 +301,24 @@ def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return shown
 
 
-def _left_out(scene: bpy.types.Scene, stage: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
-    """What the pictures do not prove of a render of `scene`, a sentence each."""
-    said = []
-    if scene.render.use_motion_blur and scene.render.motion_blur_shutter > LONGEST_SHUTTER:
-        said.append(f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {scene.render.motion_blur_shutter:g}.")
+def _never_shown(scene: bpy.types.Scene) -> list[str]:
+    """What the pictures cannot prove of a render of `scene` as it is set, a sentence each."""
+    said, shutter = [], scene.render.motion_blur_shutter
+    if scene.render.use_motion_blur and shutter > LONGEST_SHUTTER:
+        said.append(f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {shutter:g}.")
     if scene.render.use_multiview and not PAIRS:
         said.append("One eye was looked at: this Blender does not read back pictures of two.")
+    return said + list(filter(None, [io.unbaked(scene)]))
+
+
+def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
+    """What the pictures do not prove, a sentence each."""
+    said = []
     if any(row["predicted_shift"] is None for row in rows):
         said.append(
             "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture."
         )
-    mirrors = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, io.time_of(stage)).mirrors
+    mirrors = lights.read_surroundings(scene, scene.view_layers[0].depsgraph, io.time_of(scene)).mirrors
     if wanted.bounces > 1 and len(mirrors) > 1:
         said.append("What one mirror shows in another is not looked for: there pixels may differ.")
     return said
