@@ -14,13 +14,14 @@ from .. import sample_scenes
 from ..crowd_lod import extremes
 from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.proof import to_text
 from ..crowd_lod.shot import parse_frames
 from . import bake, build, report
 from . import scene as io
 from .arguments import parser
 from .preview import COLOURS, Preview, preview
 from .render_setup import prepared
-from .verify import Verify, to_text, verify
+from .verify import Verify, verify
 
 
 def from_blender(argv: list[str]) -> int:
