@@ -320,7 +320,8 @@ def _read_shutters() -> float | None:
         key, _ = _asked.pop(scene.session_uid, (None, None))
         if key is not None:
             try:
-                _shutters[scene.session_uid] = key, read_shutter(scene, key[0])
+                with io.stage() as at:  # stepped, the scene would lose what the user has not keyed yet
+                    _shutters[scene.session_uid] = key, read_shutter(scene, key[0], at)
             except CrowdError:  # the drawing itself says so
                 _shutters[scene.session_uid] = key, ()
     _asked.clear()

@@ -21,7 +21,8 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Ite
     layer.update()
     known, made = groups_of(settings), settings.levels is None
     groups = known or measure_groups(scene)
-    frame_of(scene, layer.depsgraph, trajectory=trajectory_of(scene, groups))  # what is wrong is said before the work begins
+    # what is wrong is said before the work begins
+    frame_of(scene, layer.depsgraph, trajectory=trajectory_of(scene, groups), shutter=())
     done = False
     try:
         if made:
@@ -51,7 +52,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         if not len(scene.crowd_lod.groups):
             trajectory_of(scene)  # says to populate first
         posed = yield from prepared(scene, lambda: build(scene))
-        frame = frame_of(scene, context.evaluated_depsgraph_get())
+        frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
         poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.off:.2g} pixels off"
         return f"{seen}; {poses}." if posed.off else f"{seen}."
