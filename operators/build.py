@@ -131,8 +131,13 @@ def hide_characters(scene: bpy.types.Scene) -> None:
     """Hide the characters themselves from renders, which show the build, if nothing stands against it."""
     top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
     _show_characters(top)
-    if shows_characters(scene) and not scene.crowd_lod.keep_characters and not _shown_for(scene):
+    if hides_characters(scene):
         characters.hide_render, top[HIDDEN] = True, characters
+
+
+def hides_characters(scene: bpy.types.Scene) -> bool:
+    """Whether the characters' collection of `scene`, which renders show, may and should be hidden from them."""
+    return shows_characters(scene) and not scene.crowd_lod.keep_characters and not _shown_for(scene)
 
 
 def shows_characters(scene: bpy.types.Scene) -> bool:

@@ -14,14 +14,15 @@ from .. import sample_scenes
 from ..crowd_lod import extremes, interrupt, outputs, streams
 from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.errors import FAULTS, CrowdError, sentence
+from ..crowd_lod.proof import to_text
 from ..crowd_lod.shot import parse_frames
 from ..crowd_lod.words import printable
-from . import bake, build, report
+from . import bake, build, report, stepping
 from . import scene as io
 from .arguments import parser
 from .preview import COLOURS, Preview, preview
 from .render_setup import prepared
-from .verify import Verify, to_text, verify
+from .verify import Verify, verify
 
 
 def from_blender(argv: list[str]) -> int:
@@ -215,7 +216,7 @@ def _build(args, command: list[str]) -> dict:
         if args.view_layer:
             build.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
-        told = build.told_of_characters(scene)
+        told = build.told_of_characters(scene), args.bake and stepping.unbaked(scene)
         _save(part, path, compress=True)  # poses share most of what they hold
     size = path.stat().st_size
     started = clock.perf_counter()
@@ -233,7 +234,7 @@ def _build(args, command: list[str]) -> dict:
         "points": points,
         "bytes": size,
         "load_seconds": round(seconds, 3),
-        "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", told, printable(path)))),
+        "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
     }
 
 

@@ -9,6 +9,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.lean import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WORKBENCH
 from ..crowd_lod.shadows import Light, Mirror, Surroundings
 from . import scene as io
+from . import stepping
 from .cameras import shutter_times
 from .scenery import SOLID, Placed, casts, emits, matrix_of, scenery_of
 
@@ -21,12 +22,12 @@ def read_surroundings(
     depsgraph: bpy.types.Depsgraph | None,
     time: float,
     times: Sequence[float] | None = None,
-    at: io.At | None = None,
+    at: stepping.At | None = None,
 ) -> Surroundings:
     """What the crowd of `scene` shadows and is mirrored by at `time` (see scene.time_of), which `depsgraph` has evaluated.
 
     With motion blur lights and mirrors hold for the whole shutter of the frame at `time`, or for other `times`, whatever the
-    time of `depsgraph`. What shadows may fall on is then not bounded, nor without a depsgraph. at: of an open scene.stage.
+    time of `depsgraph`. What shadows may fall on is then not bounded, nor without a depsgraph. at: of an open stepping.stage.
     """
     settings, engine = scene.crowd_lod, scene.render.engine
     if not settings.shadows:
@@ -143,14 +144,14 @@ def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
 
 
 def _through(
-    lamps, panes, makers: set[bpy.types.Object], times: Sequence[float], engine: str, at: io.At | None
+    lamps, panes, makers: set[bpy.types.Object], times: Sequence[float], engine: str, at: stepping.At | None
 ) -> tuple[list[Light], list[Mirror]]:
     """The lights, each so wide that it holds itself at all of `times`, and the mirrors as they are at each."""
     items = {part for thing, inside in (*lamps, *panes) for part in (thing, *inside)} | makers
     if not items:
         return [], []
     if at is None:
-        with io.stage() as at:
+        with stepping.stage() as at:
             return _through(lamps, panes, makers, times, engine, at)
     found, made = [], {}
     for time in times:

@@ -20,7 +20,7 @@ from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
 from ..crowd_lod.steps import aside, share, standing
 from ..crowd_lod.words import printable
-from . import above, build, cameras, follow, lights, lods
+from . import above, build, cameras, follow, lights, lods, stepping
 from . import scene as io
 from .deviation import measure_levels
 from .levels import TINTS, make_levels
@@ -101,10 +101,13 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
         each = (DRAWN - ready) / len(wanted.frames)
+        at = opened.enter_context(stepping.stepped(scene))
         for done, number in enumerate(wanted.frames):
             time, begun = io.remapped(scene.render, number), ready + each * done
             yield from share(trajectory.approach(time), begun, begun + BEHAVIOUR * each)
-            stage.camera = cameras.bound_camera(scene, time)
+            filming = cameras.bound_camera(scene, time)
+            stage.camera = cameras.still(filming, at((), time))
+            scene.update_tag()  # what is driven by the scene follows it in the stage, too
             drawing.hide_render = drawing.hide_viewport = True
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph, around=lights.read_surroundings(stage, layer.depsgraph, number))
@@ -136,8 +139,9 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             yield ready + each * (done + 1)
         told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
         told = yield from told
-        notes = shots.notes + (LEFT_OUT,) * leaves_out(scene)
+        notes = (*shots.notes, *filter(None, [leaves_out(scene) and LEFT_OUT, stepping.unbaked(scene)]))
         plan = yield from standing(_plan(stage, scene, wanted, size, command, rows, told, notes), 0.95)
+        plan["camera"] = filming.name
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
@@ -167,13 +171,13 @@ class Rendered:
         self.stage.crowd_lod.build = None
 
     def main(self, path: Path, caption: str) -> None:
-        self.stage.render.engine, self.layer.material_override = ENGINES[self.wanted.engine], self.tint
-        _render(self.stage, path)
+        self.layer.material_override = self.tint
+        _render(self.stage, path, ENGINES[self.wanted.engine])
 
     def above(self, path: Path, caption: str) -> None:
-        self.stage.render.engine, self.layer.material_override = ENGINES["WORKBENCH"], None  # it is a diagram
+        self.layer.material_override = None  # it is a diagram
         self.built.hide_render = True
-        _render(self.stage, path)
+        _render(self.stage, path, ENGINES["WORKBENCH"])
         self.built.hide_render = False
 
 
@@ -187,6 +191,12 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     for layer in stage.view_layers if leaves_out(stage) else ():
         layer.update()
         build.exclude(layer.layer_collection, stage.crowd_lod.characters)
+    set_up(stage, wanted)
+    return stage
+
+
+def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
+    """Set `stage` to render the wanted pictures."""
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
     render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
@@ -210,7 +220,6 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     if wanted.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
         stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.colour == "LOD" else 4)
-    return stage
 
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
@@ -261,11 +270,12 @@ def _shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
     shading.show_specular_highlight = False
 
 
-def _render(stage: bpy.types.Scene, path: Path) -> None:
-    stage.render.filepath = str(path)
+def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
+    own, stage.render.engine, stage.render.filepath = stage.render.engine, engine, str(path)
     # by override: with the operator's own argument `scene`, Blender renders the frame of the scene in the window
     with io.writing(path), bpy.context.temp_override(scene=stage):
         bpy.ops.render.render(write_still=True)
+    stage.render.engine = own  # the plan is that of the scene's own renders
 
 
 def _caption(frame: Frame) -> str:
@@ -327,7 +337,7 @@ def _plan(
         "machine": json.loads(machine.text),
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
-        "camera": stage.camera.name,
+        "camera": None,
         "levels": {
             "metric": policy.metric,
             "margin": policy.margin,

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import bpy
 
 from ..crowd_lod.steps import share, standing
-from . import lights
+from . import lights, stepping
 from . import scene as io
 from .bake import bake
 from .build import build, hide_characters, remove_build, told_of_characters
@@ -25,7 +25,8 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Ite
     trajectory = trajectory_of(scene, groups)
     yield from standing(trajectory.approach(io.time_of(scene)), 0.0)
     around = lights.read_surroundings(scene, layer.depsgraph, io.time_of(scene))
-    frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around)  # what is wrong is said before the work begins
+    # what is wrong is said before the work begins
+    frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
     done = False
     try:
         with io.all_or_nothing():
@@ -55,7 +56,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         if not len(scene.crowd_lod.groups):
             trajectory_of(scene)  # says to populate first
         posed = yield from prepared(scene, lambda: build(scene))
-        frame = frame_of(scene, context.evaluated_depsgraph_get())
+        frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
         poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.off:.2g} pixels off"
         return " ".join(filter(None, (f"{seen}; {poses}." if posed.off else f"{seen}.", told_of_characters(scene))))
@@ -72,7 +73,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         yield from prepared(scene, lambda: bake(scene, frames))
         baked = f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
-        return " ".join(filter(None, (baked, told_of_characters(scene))))
+        return " ".join(filter(None, (baked, told_of_characters(scene), stepping.unbaked(scene))))
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):

@@ -5,7 +5,7 @@ import os
 import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 
@@ -317,30 +317,25 @@ def check_own(scene: bpy.types.Scene) -> None:
         )
 
 
-# (objects, time) -> the depsgraph in which they are as at `time`, in frames of the animation
-At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
-
-
 @contextmanager
-def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
-    """Objects at other times than their scene's, in one made for it when first asked, and gone afterwards; with `kept` it stays
-    there, for the next. One for all that is asked: whenever a scene is made or goes, Blender works out anew what depends on
-    what in all others."""
-    made = [] if kept is None else kept
-
-    def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
-        if not made:
-            made.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
-        for item in set(objects).difference(made[0].collection.objects):
-            made[0].collection.objects.link(item)
-        made[0].frame_set(int(time // 1), subframe=time % 1)
-        return made[0].view_layers[0].depsgraph
-
+def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
+    """What is set in `owners`, of their own values, is afterwards as it was."""
+    with quiet():  # asked for its device, Cycles looks for all that there are, and says so
+        own = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
+        names = [(owner, prop.identifier) for owner, prop in own if not prop.is_readonly and prop.type != "COLLECTION"]
+        before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]
     try:
-        yield at
+        yield
     finally:
-        if kept is None and made:  # asked to remove nothing, Blender goes through all the file, too
-            bpy.data.scenes.remove(*made)
+        for _ in range(2):  # which values one of them may have depends on others
+            for owner, name, value in before:
+                if _plain(getattr(owner, name)) != value:
+                    with suppress(TypeError):
+                        setattr(owner, name, value)
+
+
+def _plain(value):
+    return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str | set | bpy.types.bpy_struct) else value
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:
