@@ -24,9 +24,10 @@ class Group:
     the action, 0 if the action plays by time. period: seconds in one cycle. vertices, triangles: of each LOD mesh,
     finest first; a group with fewer LODs than others repeats its last.
 
-    Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the Hausdorff distance of its surface
-    from the character's; rms: metres, the root mean square of the distances; worst: the frame
-    at which each deviates most; diagonal: metres, of the character's bounding box.
+    Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the largest distance found of its
+    surface from the character's, both ways; bounds: metres, what the Hausdorff distance is at most, the deviations where
+    nothing else is known; rms: metres, the root mean square of the distances; worst: the frame at which each deviates most;
+    diagonal: metres, of the character's bounding box.
     """
 
     name: str
@@ -37,9 +38,14 @@ class Group:
     vertices: tuple[int, ...] = ()
     triangles: tuple[int, ...] = ()
     deviations: tuple[float, ...] = ()
+    bounds: tuple[float, ...] = ()
     rms: tuple[float, ...] = ()
     worst: tuple[float, ...] = ()
     diagonal: float = 0.0
+
+    def __post_init__(self):
+        if len(self.bounds) != len(self.deviations):
+            object.__setattr__(self, "bounds", self.deviations)
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ TICK = 0.25  # seconds of measuring at a time
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
 GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
-OF_LEVELS = ("vertices", "triangles", "deviations", "rms", "worst", "diagonal")  # what is known of a group's LOD meshes
+OF_LEVELS = ("vertices", "triangles", "deviations", "bounds", "rms", "worst", "diagonal")  # what is known of a group's LOD meshes
 # Of each scene what was asked last: (numbers and texts, the images' values, the trajectory).
 _latest: dict[int, tuple] = {}
 
@@ -97,7 +97,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         entry = settings.groups.add()
         for name in ("name", "centre", "radius", "stride", "period", "diagonal"):
             setattr(entry, name, getattr(group, name))
-        for name in ("vertices", "triangles", "deviations", "rms", "worst"):
+        for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
         if group.name in own:
@@ -214,6 +214,8 @@ def _group(entry, count: int) -> Group:
         vertices=tuple(entry.vertices[:made]),
         triangles=tuple(entry.triangles[:made]),
         deviations=tuple(entry.deviations[:measured]),
+        # a file of before bounds has none
+        bounds=tuple(map(max, entry.bounds[:measured], entry.deviations[:measured])),
         rms=tuple(entry.rms[:measured]),
         worst=tuple(entry.worst[:measured]),
         diagonal=entry.diagonal,

@@ -1,11 +1,12 @@
 """Surfaces of triangles: the nearest points on one, samples of one, the distance between two."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
+from ..crowd_lod.hausdorff import Moving
 from ..crowd_lod.nearest import ranges
 
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
@@ -109,6 +110,49 @@ def has_area(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
 
 
+def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None:
+    """The surface of triangles (m, 3) of points (n, 3) in each of some poses, without faces that have no area in any; None without
+    others. Points that are one in all poses, as importers split them along seams, are one."""
+    triangles = triangles[np.any([has_area(each[triangles]) for each in points], axis=0)]
+    if not len(triangles):
+        return None
+    used, triangles = np.unique(triangles, return_inverse=True)
+    every = np.ascontiguousarray(np.stack([each[used] for each in points], axis=1).reshape(len(used), -1))
+    _, first, one = np.unique(every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True)
+    every, triangles = every[first].reshape(len(first), -1, 3), one[triangles].reshape(-1, 3)
+    surfaces = [None] * len(points)
+
+    def find(pose: int, at: np.ndarray) -> np.ndarray:
+        if surfaces[pose] is None:
+            surfaces[pose] = Surface(every[:, pose], triangles)
+        return surfaces[pose].nearest(at)[1]
+
+    return Moving(every, triangles, find)
+
+
+def otherwise_cut(points: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
+    """Metres at most between the surfaces of triangles `one` and `other`, (m, 3) both, of points (n, 3), that differ in how quads are
+    cut: Blender cuts those that a pose folds along their other diagonal. Infinite where they differ in more."""
+    if one.shape != other.shape:
+        return np.inf
+    changed = np.flatnonzero((one != other).any(axis=1))
+    if len(changed) % 2:
+        return np.inf
+    corners, diagonals = [], []
+    for each in (one, other):
+        six = np.sort(each[changed].reshape(-1, 6), axis=1)
+        twice = np.pad(six[:, 1:] == six[:, :-1], ((0, 0), (1, 0)))
+        if (twice.sum(axis=1) != 2).any():
+            return np.inf
+        corners.append(six[~twice])
+        diagonals.append(points[six[twice].reshape(-1, 2)])
+    if (corners[0] != corners[1]).any():
+        return np.inf
+    part = np.linspace(0.1, 0.9, 9)[:, None, None]
+    a, b = (ends[:, 0] + part * (ends[:, 1] - ends[:, 0]) for ends in diagonals)
+    return float(np.linalg.norm(a[:, None] - b[None], axis=3).min(axis=(0, 1)).max(initial=0.0))
+
+
 def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     """(symmetric Hausdorff distance, root mean square), metres, between two surfaces, at the vertices, the triangles' middles and
     `count` samples of each, and at more on the triangles where these are farthest off, which are divided again and again.
@@ -119,6 +163,11 @@ def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     """
     found = [_away(a, b, count) for a, b in ((one, other), (other, one))]
     return max(most for most, _ in found), max(rms for _, rms in found)
+
+
+def spread(one: Surface, other: Surface, count: int) -> float:
+    """The root mean square, metres, of the distances of `count` samples of each of two surfaces to the other; the larger one."""
+    return max(float(np.sqrt(np.mean(b.distances(a.at(*scattered(a.area, count))) ** 2))) for a, b in ((one, other), (other, one)))
 
 
 def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:

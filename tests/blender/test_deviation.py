@@ -58,7 +58,7 @@ def test_a_hole_in_one_of_many_triangles_is_found_and_measured():
     u, v, w = len(points) + np.arange(3)
     ring = [(i, j, v), (i, v, u), (j, k, w), (j, w, v), (k, i, u), (k, u, w)]
     holed = surface.Surface(np.concatenate([points, inner]), np.concatenate([np.delete(whole, 137, axis=0), ring]))
-    most, rms = deviation.deviation(holed, surface.Surface(points, whole), 200)
+    most, rms = surface.deviation(holed, surface.Surface(points, whole), 200)
     assert 0.8 < most / (0.6 * size * (1 - 0.5**0.5)) <= 1.0001 and rms < 0.1 * most
 
 
@@ -118,7 +118,7 @@ def test_wrong_weights_show_in_motion_alone():
     assert found.deviations[0] == 0
     with deviation.Posed([right], [[wrong]]) as posed:
         at_rest, (other,) = posed.at(1)
-        assert deviation.deviation(at_rest, other, deviation.SAMPLES)[0] < 1e-6
+        assert surface.deviation(at_rest, other, deviation.SAMPLES)[0] < 1e-6
     # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a metre off
     assert found.deviations[1] == pytest.approx(0.5, abs=0.12)
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
