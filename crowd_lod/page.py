@@ -111,7 +111,7 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
                 number(row["percent"]),
                 number(row["from_m"]) if row["begins"] == "at" else row["begins"],
                 number(row["predicted_px"]),
-                number(row["measured_px"]),
+                " to ".join(map(number, row["measured_px_between"] or [None])),
                 f'<span title="{escape(row["why"] or "")}">{escape(row["way"] or "-")}</span>',
                 number(row["ms"]),
             ]
