@@ -1,12 +1,14 @@
 """Deviation measured over the action, and the thresholds that follow from it, against known shapes and Blender's camera."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import deviation, surface
+from crowd_lod_extension.operators import deviation, populate, surface
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
@@ -202,3 +204,30 @@ def test_a_face_without_area_is_no_surface():
     )
     found = finished(deviation.measure(GROUP, [stray], [[clean]]))
     assert found.deviations == (0.0,) and found.diagonal == pytest.approx(np.linalg.norm([2, 2, 2]), rel=0.05)
+
+
+def test_a_file_of_before_bounds_reads_its_deviations_as_bounds(scene):
+    entry = scene.crowd_lod.groups.add()
+    entry.name, entry.diagonal = "old", 2.0
+    entry.triangles[:2], entry.deviations[:2] = (100, 50), (0.0, 0.25)
+    scene.crowd_lod.level_count = 2
+    (group,) = populate.groups_of(scene.crowd_lod)
+    assert group.bounds == group.deviations == (0.0, 0.25)
+    populate.store_groups(scene.crowd_lod, (replace(group, bounds=(0.0, 0.5)),))
+    (group,) = populate.groups_of(scene.crowd_lod)
+    assert group.bounds == (0.0, 0.5) and group.deviations == (0.0, 0.25)
+
+
+def test_poses_are_those_that_are_least_alike():
+    """One frame of 201 in which the arm is lifted: evenly spread poses miss it."""
+    rig = bending_armature()
+    bone = rig.pose.bones["upper"]
+    for frame, angle in ((1, 0), (82, 0), (83, -1.5), (84, 0), (201, 0)):
+        bone.rotation_euler.x = angle
+        bone.keyframe_insert("rotation_euler", frame=frame)
+    item = cylinder("arm", rig, 1.0)
+    assert 83 in deviation.poses([item]) and len(deviation.poses([item])) <= deviation.POSES
+    item.parent = None
+    item.modifiers.clear()
+    found = deviation.poses([item])  # at rest there is nothing to choose by
+    assert len(found) <= deviation.EVENLY
