@@ -125,7 +125,9 @@ def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None
     def find(pose: int, at: np.ndarray) -> np.ndarray:
         if surfaces[pose] is None:
             surfaces[pose] = Surface(every[:, pose], triangles)
-        return surfaces[pose].nearest(at)[1]
+        surface = surfaces[pose]
+        hits = map(surface.tree.find_nearest, (at - surface.middle).tolist())
+        return np.concatenate([np.arange(len(triangles)), surface.lines[1]])[[hit[2] for hit in hits]]
 
     return Moving(every, triangles, find)
 
