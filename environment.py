@@ -10,10 +10,11 @@ import hashlib
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -48,10 +49,10 @@ def main(arguments: list) -> None:
         run(PYTHON, "-m", "pytest", "-n", "auto", "--maxprocesses", "4", "--dist", "loadfile", *rest)
     elif command == "bench":
         run(PYTHON, ROOT / "benchmarks" / "bench.py", *rest)
-    elif command == "package":
-        run(PYTHON, ROOT / "package.py", *rest)
     else:
-        run(SCRIPTS / "crowd-lod", *arguments)
+        hold(signal.SIG_BLOCK)  # until these heed it themselves, first thing
+        program = [PYTHON, ROOT / "package.py", *rest] if command == "package" else [SCRIPTS / "crowd-lod", *arguments]
+        run(*program)
 
 
 def install() -> None:
@@ -80,7 +81,8 @@ def check() -> None:
     code = "import bpy, ctypes, sys"
     if sys.platform == "linux":  # what bpy opens only when it renders
         code += "; ctypes.CDLL('libGL.so.1'); ctypes.CDLL('libEGL.so.1')"
-    trial = subprocess.run([PYTHON, "-c", code], check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True)
+    how = {"stdin": subprocess.DEVNULL, "capture_output": True, "text": True, "errors": "replace"}
+    trial = subprocess.run([PYTHON, "-c", code], check=False, **how)
     if trial.returncode == 0:
         return mark("checked")
     missing = re.search(r"(\S+\.so\S*): cannot open shared object file", trial.stderr)
@@ -133,12 +135,20 @@ def run(*command) -> None:
     os.execv(command[0], command)
 
 
+def hold(how: int) -> None:
+    """Let Ctrl-C wait, or no longer: while Python starts it would be a traceback."""
+    if os.name != "nt":
+        signal.pthread_sigmask(how, {signal.SIGINT})
+
+
 def say(message: str) -> None:
-    print(f"crowd-lod: {message}", file=sys.stderr, flush=True)
+    with suppress(OSError):  # a stderr that is full, or closed
+        os.write(2, f"crowd-lod: {message}\n".encode(errors="backslashreplace"))
 
 
 if __name__ == "__main__":
     try:
+        hold(signal.SIG_UNBLOCK)
         main(sys.argv[1:])
     except Failure as failure:
         say(f"{failure}.")
@@ -147,4 +157,6 @@ if __name__ == "__main__":
         say(f"cannot make its environment in {ROOT}: {error}.")
         sys.exit(1)
     except KeyboardInterrupt:
+        hold(signal.SIG_BLOCK)
+        say("stopped.")
         sys.exit(130)

@@ -5,12 +5,23 @@ Blender that the environment variable BLENDER names, or else the copy that ships
 """
 
 import argparse
+import base64
+import csv
+import hashlib
 import os
+import re
+import signal
 import subprocess
 import sys
 import tomllib
+import zipfile
+import zlib
 from importlib.util import find_spec
 from pathlib import Path
+
+from crowd_lod_extension.crowd_lod import interrupt
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.outputs import staged
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"
@@ -27,23 +38,28 @@ def main() -> None:
 
     manifest = tomllib.loads((ROOT / "blender_manifest.toml").read_text(encoding="utf-8"))
     fetch([Path(wheel).name for wheel in manifest["wheels"]])
-    out.mkdir(parents=True, exist_ok=True)
-    archive = out / f"{manifest['id']}-{manifest['version']}.zip"
     extension_tool("validate", ROOT)
-    extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
-    extension_tool("validate", archive)
-    print(archive)
+    with staged(out) as stage:
+        archive = stage / f"{manifest['id']}-{manifest['version']}.zip"
+        extension_tool("build", "--source-dir", ROOT, "--output-filepath", archive)
+        extension_tool("validate", archive)
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # what is left to do takes no time
+    os.write(1, os.fsencode(f"{out / archive.name}\n"))  # at once, and in any encoding: a full stdout is an error here, not at exit
 
 
 def fetch(names: list[str]) -> None:
     """Make the folder of wheels hold these files and no others."""
-    WHEELS.mkdir(exist_ok=True)
-    for stale in WHEELS.iterdir():
+    missing = [name for name in names if not whole(WHEELS / name)]  # a cut one is fetched anew
+    if missing:
+        with staged(WHEELS) as stage:
+            download(missing, stage)
+    for stale in WHEELS.glob("*.whl"):
         if stale.name not in names:
             stale.unlink()
+
+
+def download(names: list[str], folder: Path) -> None:
     for name in names:
-        if (WHEELS / name).exists():
-            continue
         package, version, python, abi, platforms = name.removesuffix(".whl").split("-")
         target = [f"--platform={platform}" for platform in platforms.split(".")]
         if abi != "none":  # a compiled wheel; a pure one fits every Python
@@ -51,10 +67,28 @@ def fetch(names: list[str]) -> None:
         run(
             f"could not fetch {name}; is the network there?",
             *(sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--only-binary=:all:"),
-            *(*target, f"--dest={WHEELS}", f"{package}=={version}"),
+            *(*target, f"--dest={folder}", f"{package}=={version}"),
         )
-        if not (WHEELS / name).exists():
+        if not (folder / name).exists():
             raise Failure(f"blender_manifest.toml lists {name}, and pip fetched another file of {package} {version}")
+        if not whole(folder / name):
+            raise Failure(f"{name} is not whole, as pip fetched it; empty its cache (pip cache purge) and try again")
+
+
+def whole(wheel: Path) -> bool:
+    """Whether the wheel is there with all its files as its own list, RECORD, has them."""
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            names = {name for name in archive.namelist() if not name.endswith("/")}
+            (record,) = (name for name in names if re.fullmatch(r"[^/]+\.dist-info/RECORD", name))
+            for name, digest, _ in csv.reader(archive.read(record).decode().splitlines()):
+                kind, _, value = digest.partition("=")
+                if digest and hashlib.new(kind, archive.read(name)).digest() != base64.urlsafe_b64decode(value + "=="):
+                    return False
+                names.discard(name)
+            return not names
+    except (OSError, ValueError, KeyError, EOFError, zlib.error, zipfile.BadZipFile):
+        return False
 
 
 def extension_tool(action: str, *arguments: str | Path) -> None:
@@ -76,7 +110,9 @@ def bundled_tool() -> Path:
 
 def run(failure: str, *command: str) -> None:
     try:
-        result = subprocess.run(command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, cwd=ROOT)
+        result = subprocess.run(
+            command, check=False, stdin=subprocess.DEVNULL, capture_output=True, text=True, errors="replace", cwd=ROOT
+        )
     except OSError as error:
         raise Failure(f"could not start {command[0]} ({error.strerror})") from error
     if result.returncode:
@@ -86,6 +122,13 @@ def run(failure: str, *command: str) -> None:
 
 if __name__ == "__main__":
     try:
+        if os.name != "nt":
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # environment.py holds it back while Python starts
         main()
-    except (Failure, OSError) as failure:
+    except OSError as error:
+        sys.exit(f"crowd-lod package: {error.strerror}" + (f": {error.filename}" if error.filename else ""))
+    except (Failure, CrowdError) as failure:
         sys.exit(f"crowd-lod package: {failure}")
+    except KeyboardInterrupt:  # it ends the tool that runs, too, unlike interrupt.heed
+        print("crowd-lod: stopped; nothing on disk was changed.", file=sys.stderr)
+        sys.exit(interrupt.STOPPED)

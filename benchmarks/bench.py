@@ -23,10 +23,11 @@ import loop
 import numpy as np
 import peers
 import walkers
-from crowd_lod_extension.crowd_lod import report
+from crowd_lod_extension.crowd_lod import outputs, report
 from crowd_lod_extension.crowd_lod.agents import Group, populate
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
 from crowd_lod_extension.crowd_lod.machine import load_preset
@@ -280,7 +281,14 @@ def main(arguments: list[str] | None = None) -> None:
     if args.worth:
         import worth
 
-        return worth.main(args.out.absolute(), args.quick)
+        return worth.main(outputs.absolute(args.out), args.quick)
+    with outputs.staged(outputs.absolute(args.out)) as stage:
+        measure(stage, args)
+    print(f"\n{args.out.absolute()}")
+
+
+def measure(stage: Path, args: argparse.Namespace) -> None:
+    """Take the times, print their tables and write them to the folder `stage`."""
     repeats = 7 if args.quick else 21
     machine = f"{machine_name()}; medians of {repeats} runs"
     print(machine, flush=True)
@@ -314,23 +322,21 @@ def main(arguments: list[str] | None = None) -> None:
     if not args.quick:
         results["growth"] = [growth(n, 9, args.seed) for n in (100_000, 1_000_000, 10_000_000)]
         print(f"\nGrowth\n{table(results['growth'], {name.replace('_', ' '): name for name in results['growth'][0]})}")
-    with report.staged(args.out.absolute()) as stage:
-        if peers.has_gpu():
-            sizes, times = ((1024,), 3) if args.quick else ((1024, 4096, 8192), 5)
-            results["drawn"] = [
-                pictures(n, which, times, args.seed, stage / f"perspective_{which}.png") for n in sizes for which in "AB"
-            ]
-            for which in "AB":
-                print(f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions")
-                print(table([row for row in results["drawn"] if row["perspective"] == which], DRAWN), flush=True)
-        else:
-            print("\nTest 2 is not drawn: this Blender has no GPU without a window.")
-        (stage / "bench.json").write_text(report.to_json(results), encoding="utf-8")
-        for name, rows in results.items():
-            if name != "machine":
-                (stage / f"{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
-        draw(stage / "figure_1_6.png", one, machine)
-    print(f"\n{args.out.absolute()}")
+    if peers.has_gpu():
+        sizes, times = ((1024,), 3) if args.quick else ((1024, 4096, 8192), 5)
+        results["drawn"] = [
+            pictures(n, which, times, args.seed, stage / f"perspective_{which}.png") for n in sizes for which in "AB"
+        ]
+        for which in "AB":
+            print(f"\nTest 2, perspective {which}, drawn by {gpu_name()}, 900 x 900 pixels; t in ms; vertices in millions")
+            print(table([row for row in results["drawn"] if row["perspective"] == which], DRAWN), flush=True)
+    else:
+        print("\nTest 2 is not drawn: this Blender has no GPU without a window.")
+    (stage / "bench.json").write_text(report.to_json(results), encoding="utf-8")
+    for name, rows in results.items():
+        if name != "machine":
+            (stage / f"{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+    draw(stage / "figure_1_6.png", one, machine)
 
 
 def draw(path: Path, rows: list[dict], machine: str) -> None:
@@ -360,4 +366,7 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except CrowdError as error:
+        sys.exit(f"crowd-lod bench: {error}")

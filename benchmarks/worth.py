@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 from bench import table
-from crowd_lod_extension.crowd_lod import report
+from crowd_lod_extension.crowd_lod import outputs, report
 from crowd_lod_extension.crowd_lod.difference import between
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.plots import COLOURS, MARKERS
@@ -108,7 +108,7 @@ def main(out: Path, quick: bool) -> None:
     tolerances = (1.0, 4.0) if quick else TOLERANCES
     machine = f"{machine_name()}; up to {REPEATED:,} agents medians of {repeats} renders by Cycles"
     print(machine, flush=True)
-    with report.staged(out) as stage, tempfile.TemporaryDirectory() as scratch:
+    with outputs.staged(out) as stage, tempfile.TemporaryDirectory() as scratch:
         asked = {"width": PICTURE["CYCLES"]["width"], "tolerances": tolerances, "swept": SWEPT, "frame": FRAME}
         every = sorted({agents for counts in sizes.values() for agents in counts})
         made = job(1200, job="prepare", folder=scratch, sizes=every, **asked)

@@ -22,7 +22,8 @@ class Group:
     centre, radius: the bounding sphere over the whole action, metres: its centre stands on the agent's vertical axis
     at the height `centre` above the feet, so that it holds for every heading. stride: metres walked in one cycle of
     the action, 0 if the action plays by time. period: seconds in one cycle. vertices, triangles: of each LOD mesh,
-    finest first; a group with fewer LODs than others repeats its last.
+    finest first; a group with fewer LODs than others repeats its last. lowest: metres from the group's origin up to its
+    lowest point over the action, 0 if near; on_ground: whether that point is its feet, and not its origin.
 
     Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the largest distance found of its
     surface from the character's, both ways; bounds: metres, what the Hausdorff distance is at most, the deviations where
@@ -42,6 +43,18 @@ class Group:
     rms: tuple[float, ...] = ()
     worst: tuple[float, ...] = ()
     diagonal: float = 0.0
+    lowest: float = 0.0
+    on_ground: bool = False
+
+    @property
+    def reach(self) -> float:
+        """Metres, the radius of the sphere that holds the LODs as well, which lie off the character by their bounds at most."""
+        return self.radius + max(self.bounds, default=0.0)
+
+    @property
+    def feet(self) -> float:
+        """Metres from the group's origin up to what stands on the ground."""
+        return self.lowest if self.on_ground else 0.0
 
     def __post_init__(self):
         if len(self.bounds) != len(self.deviations):
@@ -54,9 +67,9 @@ class Crowd:
 
     x, y, z: (n,) float64, the feet, metres. heading: (n,) float32, radians from +x, counter-clockwise seen from above.
     state, group: (n,) uint8. phase: (n,) float32 in [0, 1), the place in the action's cycle.
-    wait: (n,) float32, seconds until the state's timer ends the state, inf without one. key: (n,) uint64, what the
+    wait: (n,) float64, seconds until the state's timer ends the state, inf without one. key: (n,) uint64, what the
     agent's random draws hash (chance.py). mirror: (n,) uint8, whether the map's edge has reflected the agent's way in
-    x (1) and y (2). 47 bytes an agent in all. The last three may be left out: no timer runs, seed 0, not reflected.
+    x (1) and y (2). 51 bytes an agent in all. The last three may be left out: no timer runs, seed 0, not reflected.
     """
 
     x: np.ndarray
@@ -73,7 +86,7 @@ class Crowd:
     def __post_init__(self):
         n = len(self.x)
         if self.wait is None:
-            object.__setattr__(self, "wait", np.full(n, np.inf, np.float32))
+            object.__setattr__(self, "wait", np.full(n, np.inf))
         if self.key is None:
             object.__setattr__(self, "key", chance.keys(0, n))
         if self.mirror is None:
@@ -93,12 +106,13 @@ def runs(group: np.ndarray) -> list[tuple[int, int]]:
     return list(zip(edges[:-1], edges[1:], strict=True))
 
 
-def bounding_sphere(points: np.ndarray) -> tuple[float, float]:
+def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
     """(centre, radius) of the smallest sphere on the z axis, up to the centre's choice at half height, that holds the
-    points (n, 3), metres: it holds them under every rotation about z."""
-    low, high = points[:, 2].min(), points[:, 2].max()
+    points (n, 3), metres, and all within `reach`, metres, (n,) or one, of each: it holds them under every rotation about z."""
+    low, high = (points[:, 2] - reach).min(), (points[:, 2] + reach).max()
     centre = (low + high) / 2
-    return float(centre), float(np.sqrt((points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - centre) ** 2).max()))
+    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - centre) ** 2)
+    return float(centre), float((away + reach).max())
 
 
 def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap) -> Crowd:

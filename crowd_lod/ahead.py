@@ -32,8 +32,8 @@ ROUNDS = 6
 MANY = 0.25
 # Spacings of the map's largest coordinate by which a border counts as nearer than it is: more than MOST roundings of a place.
 SLACK = 8192
-# Part of a timer by which it counts as shorter than it is: more than MOST roundings to float32.
-TICK = 3e-4
+# Part of a timer by which it counts as shorter than it is: more than MOST roundings to float64.
+TICK = 1e-12
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Ahead:
     turns: tuple[Turn, ...] = ()
 
 
-@np.errstate(divide="ignore", invalid="ignore")
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -> Ahead:
     """What is known of the crowd's next steps, of those that the `tables` are for."""
     case, steps = np.empty(len(crowd), tables.number), np.empty(len(crowd), np.uint16)
@@ -215,6 +215,6 @@ def _go_on(crowd: Crowd, cases: np.ndarray, tables: Tables, into: dict[str, np.n
             if name in tables.changing:
                 np.add(getattr(crowd, name)[block], way.take(case, mode="clip"), out=into[name][block])
         if "wait" in tables.changing:
-            into["wait"][block] = crowd.wait[block].astype(np.float64) - tables.seconds
+            np.subtract(crowd.wait[block], tables.seconds, out=into["wait"][block])
         if "phase" in tables.changing:
             play(crowd.phase[block], tables, case, crowd.group[block], into["phase"][block])

@@ -9,10 +9,15 @@ listing again, with the label of the cell just entered. So no cell on an agent's
 substeps follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed
 first. The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
 cells touch at their corners only. A timer that ends within a step cuts it too.
+
+What a step may cost is bounded: cells of one label are passed at once, an agent that comes back to where it was goes on in
+whole rounds, and one that turns ever more often to get nowhere stands until the step ends (borders.Rounds).
 """
 
 import operator
 import threading
+import time as clock
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
@@ -21,18 +26,20 @@ import numpy as np
 from . import blocks, borders, chance, curve
 from .agents import Crowd, Group
 from .ahead import look, onward, opened
-from .errors import CrowdError
 from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
+from .speeds import check_speeds
+from .speeds import courant as courant
+from .steps import aside, breath
 from .within import Tables, mended, within
 
-# A step may cross this many cells; one that would cross more is refused, it would seem to hang.
-MOST_CELLS = 65_536
-# A way shorter than this part of a cell is no progress. An agent that crosses HOLD borders in a row without progress is
-# sent to and fro by the table; it stands until the step ends. (In a dead end random turns need several.)
-PROGRESS = 1e-9
+# An agent that crosses HOLD borders in a row without progress is sent to and fro by the table; it stands until the step ends.
+# (In a dead end random turns need several.)
 HOLD = 32
+# Times as many pieces of its way has an agent in a step, and about as many more for each cell that it walks: it is caught where
+# walls leave it next to no room, as those do that touch at a corner, and if it does not go to and fro in equal rounds it stands.
+MOST_TURNS = 8
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW = 3000
 # Frames beyond those between two makings of the blocks at which they may be asked for.
@@ -41,15 +48,19 @@ SHUTTER = 2
 ORDERED = 4
 # Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
+# Seconds of a long way to a frame after which others, the drawing of a viewport among them, have their turn, and how many of it.
+TURN, REST = 0.1, 0.001
 
 
 @dataclass(frozen=True)
 class Tally:
-    """What one advance took. reads: how often the table was read, over all agents; held: (n,) bool, agents that stood
-    for part of it because the table sent them to and fro without progress."""
+    """What one advance took. reads: how often the table was read, over all agents; held: (n,) bool, agents that the table
+    sent to and fro without progress, or next to none: they may have stood for part of it. pieces: of the way of the agent
+    that took most, but those gone in whole rounds."""
 
     reads: int
     held: np.ndarray
+    pieces: int
 
 
 def step(
@@ -76,31 +87,13 @@ def step(
     return mended(moved, crowd, rest, lambda some: advance(some, machine, world, cycles, seconds, leave=leave)[0])
 
 
-def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
-    """(S, L) float64: the cell borders that each state on each label crosses in `seconds`, along x and y together."""
-    with np.errstate(over="ignore"):
-        return np.abs(machine.velocity / np.array(world.cell)).sum(axis=2) * seconds
-
-
-def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None:
-    """CrowdError names the state and the label if the table moves more than MOST_CELLS cells in `seconds`."""
-    cells = courant(machine, world, seconds)
-    s, label = np.unravel_index(cells.argmax(), cells.shape)
-    if not cells[s, label] <= MOST_CELLS:
-        raise CrowdError(
-            f"The state machine {machine.name} moves {cells[s, label]:.3g} cells of the map in one step of {seconds:.3g} s "
-            f"in the state {machine.states[s]!r} on {machine.labels[label]!r}; {MOST_CELLS} are allowed: give it a lower "
-            "speed, or the map fewer pixels."
-        )
-
-
 def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False, leave=NOTHING):
     """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
     further than out of the cell on whose border it stands, and reads the table again (walk.py)."""
     area = world.area
     x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
     heading, state, phase = crowd.heading.copy(), crowd.state.copy(), crowd.phase.copy()
-    wait, key, mirror = crowd.wait.astype(np.float64), crowd.key, crowd.mirror
+    wait, key, mirror = crowd.wait.copy(), crowd.key, crowd.mirror
     draws, reflects = machine.timed or machine.chancy, machine.edge == "reflect"
     key = key.copy() if draws else key
     mirror = mirror.copy() if reflects else mirror
@@ -109,6 +102,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
     held, reads = np.zeros(len(x), bool), 0
     # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
     repeats, met = not (exact or draws or reflects), None
+    rounds, pieces = borders.Rounds(MOST_TURNS * patience, area), 0
     agents = slice(None)  # those still on the move; their own arrays follow
     column, row = world.cells(x, y)
     rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
@@ -118,6 +112,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
     cell = np.array(world.cell)[:, None]
     timed = machine.timed
     while len(rest):
+        breath()
         if timed:
             _time_out(machine, agents, state, wait, key)
         old = state[agents]
@@ -129,7 +124,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
             new = machine.following(old, label, key[agents])
             changed = new != old
             state[agents] = new
-        reads += len(rest)
+        read = np.ones(len(rest), np.intp)
         if reflects:
             velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)])
             mirror[agents] *= ~changed
@@ -157,11 +152,13 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
             if machine.edge != "clamp":
                 on = on[~borders.outside(to_x[on], to_y[on], area)]
             column[on], row[on], leaves[on] = to_column[on], to_row[on], False
-            reads += len(on)
+            read[on] += 1
             c = np.flatnonzero(leaves)
         if len(c):
+            past = ~changed[c] * borders.past(column[c], row[c], velocity[:, c], span[c], world)
             at = x[agents][c], y[agents][c], column[c], row[c], velocity[:, c], span[c]
-            span[c], to_x[c], to_y[c], column[c], row[c], flips = borders.to_border(*at, world, machine.edge)
+            span[c], to_x[c], to_y[c], column[c], row[c], flips, crossed = borders.to_border(*at, world, machine.edge, past)
+            read[c] += crossed
             if reflects:
                 mirror[np.arange(len(x))[agents][c]] ^= flips
             if draws:
@@ -173,13 +170,14 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
         speed = np.hypot(*velocity)
         heading[agents] = np.where(speed > 0, np.arctan2(velocity[1], velocity[0]), heading[agents])
         group = 0 if ONE_ACTION in leave else crowd.group[agents]
-        phase[agents] = (phase[agents] + span * (per_metre[group] * speed + per_second[group])) % 1.0
+        plays = span * (per_metre[group] * speed + per_second[group])
+        phase[agents] = (phase[agents] + plays) % 1.0
         if timed:
             wait[agents] -= span
         rest = rest - span
         # who goes on, and who has been at it too long without getting anywhere
         j = np.flatnonzero(leaves | changed) if exact else c
-        slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= PROGRESS
+        slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= borders.PROGRESS
         before, idle = idle, np.zeros(len(idle), np.int32)
         if slow.any():
             idle[j] = np.where(slow, before[j] + 1, 0)
@@ -189,19 +187,30 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
                 skipped = borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
                 idle[j] += skipped
                 reads += int(skipped.sum())
+        pieces, reads, stands = pieces + 1, reads + int(read.sum()), False
+        if pieces >= borders.MANY:
+            now = None if draws else np.array([x[agents], y[agents], state[agents], mirror[agents], column, row])
+            gone = np.array([span * np.abs(velocity / cell).max(axis=0), plays, read])
+            times, took, (_, plays, more), caught, stands = rounds.piece(pieces, now, rest, gone)
+            rest = np.maximum(rest - times * took, 0)
+            phase[agents] = (phase[agents] + times * plays) % 1.0
+            reads += int(times @ more)
+            held[agents[caught]] = True
         goes = rest > 0
-        gives_up = goes & (idle >= patience)
+        gives_up = goes & ((idle >= patience) | stands)
         agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]
         if gives_up.any():
-            stands = agents[gives_up[goes]]
-            held[stands] = True
-            wait[stands] -= rest[gives_up]
+            stand = agents[gives_up[goes]]
+            held[stand] = True
+            wait[stand] -= rest[gives_up]
             agents, goes = agents[~gives_up[goes]], goes & ~gives_up
+        if pieces >= borders.MANY:
+            rounds.keep(goes)
         rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
     phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
-    wait = wait.astype(np.float32) if timed else crowd.wait
+    wait = wait if timed else crowd.wait
     moved = replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase, wait=wait, key=key, mirror=mirror)
-    return moved, Tally(reads, held)
+    return moved, Tally(reads, held, pieces)
 
 
 def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
@@ -275,6 +284,19 @@ class Trajectory:
             z = self.heights.at(crowd.x, crowd.y)
             self._ground = (crowd.x, z) if STILL in self.left_out else (None, None)
         return replace(crowd, z=z)
+
+    def approach(self, time: float) -> Iterator[float]:
+        """Make what `at` and `blocks` say of `time`, in frames, so that they know it. Yields the progress, 0 to 1, where that
+        takes long, and may be closed at any time."""
+        target = int(max(time - self.first_frame, 0.0))
+        with self._lock:
+            begun = self._nearest(target)[0]
+
+        def go() -> None:
+            self.at(time)
+            self.blocks(time)
+
+        yield from aside(go, lambda: min(max(self._recent[0][0] - begun, 0) / max(target - begun, 1), 1.0))
 
     def blocks(self, time: float) -> tuple[int, blocks.Blocks] | None:
         """(the frame they were made at, the crowd's blocks) for `time`, in frames, after `at` was asked for it; of a small
@@ -371,19 +393,33 @@ class Trajectory:
                     del self._kept[kept]
 
     def _at_whole(self, target: int) -> Crowd:
-        with self._lock:
-            nearest = max(kept for kept in self._kept if kept <= target)
-            known = [(nearest, self._kept[nearest]), *self._recent]
-            latest, looked_back = self._recent[0], self._recent[0][0] - target == 1
-            self._looks_back |= looked_back
-            frame, crowd = max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
-            while frame < target:
-                before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
-                if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
-                    self._keep(frame, crowd)
-                    if self._ahead[1] is None:
-                        self._ahead = None, None  # to look again
-                self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
-            if looked_back:
-                self._recent = latest, (frame, crowd)
-            return crowd
+        latest, own = self._recent[0], ()
+        while True:
+            with self._lock:
+                looked_back = latest[0] - target == 1
+                self._looks_back |= looked_back
+                frame, crowd = self._onward(target, own)
+                if frame == target:
+                    if looked_back:
+                        self._recent = latest, (frame, crowd)
+                    return crowd
+            own = ((frame, crowd),)  # what others ask for in between does not throw it back
+            clock.sleep(REST)
+
+    def _nearest(self, target: int, *own: tuple[int, Crowd]) -> tuple[int, Crowd]:
+        """(frame, crowd) of the last frame up to `target`, counted from 0, that is known, or `own`."""
+        nearest = max(kept for kept in self._kept if kept <= target)
+        known = (nearest, self._kept[nearest]), *self._recent, *own
+        return max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
+
+    def _onward(self, target: int, own: tuple[tuple[int, Crowd], ...]) -> tuple[int, Crowd]:
+        """(frame, crowd) at the frame `target`, or at the one that is reached by the end of a TURN."""
+        (frame, crowd), until = self._nearest(target, *own), clock.monotonic() + TURN
+        while frame < target and clock.monotonic() < until:
+            before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
+            if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
+                self._keep(frame, crowd)
+                if self._ahead[1] is None:
+                    self._ahead = None, None  # to look again
+            self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
+        return frame, crowd

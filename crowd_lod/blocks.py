@@ -128,7 +128,7 @@ def blocks_of(
     count, rows = len(crowd), order.reshape(-1, LEAF)
     leaves, size = len(rows), _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]
-    centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "radius"))
+    centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "reach"))
     boxes = np.empty((8, leaves))
     low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):

@@ -8,6 +8,10 @@ import numpy as np
 
 from .errors import CrowdError
 
+# How far pictures may draw an agent from where it stands, relative to the coordinates of agent and camera. Blender's positions
+# are float32, which rounds by half an epsilon; the rest is for what renderers round who move meshes and rays by matrices of it.
+GRAIN = 4 * float(np.finfo(np.float32).eps)
+
 
 @dataclass(frozen=True)
 class Window:
@@ -33,7 +37,10 @@ class Camera:
     pad, turn: what else moves a camera's rays, as bounds: every sphere is taken for larger by `pad` metres and `turn`
     metres a metre of distance (see `lens_blur`, `opened`, stereo.py). density: pixels per unit of the window, PANO:
     per radian in the middle; None derives it from pixels and window. rays: near and far are where rays begin and end,
-    as in Cycles, not planes; it matters only where the camera is sheared (see `planes`).
+    as in Cycles, not planes; it matters only where the camera is sheared (see `planes`). grain: metres a metre of the
+    coordinates, their own and the camera's, by which spheres are taken for larger still (see `pictured`). filtered: pixels by
+    which the pixel filter reaches past the picture's edges. It widens what is seen, not the window, from which sizes in pixels
+    come.
     """
 
     kind: str
@@ -50,6 +57,15 @@ class Camera:
     turn: float = 0.0
     density: float | None = None
     rays: bool = False
+    grain: float = 0.0
+    filtered: float = 0.0
+
+    @property
+    def seen(self) -> Window:
+        """The window, wider by what the pixel filter mixes into the pixels at the picture's edges."""
+        w, (width, height) = self.window, self.pixels
+        across, up = self.filtered * (w.right - w.left) / width, self.filtered * (w.top - w.bottom) / height
+        return Window(w.left - across, w.right + across, w.bottom - up, w.top + up)
 
     @property
     def pixels_per_unit(self) -> float:
@@ -102,13 +118,17 @@ def window(
 
 def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -> Camera:
     """The camera that films a part of the image alone: Blender's render border, in parts of the image's width (left,
-    right) and height (bottom, top). A panoramic camera is returned as it is."""
+    right) and height (bottom, top), out to whole pixels, in Blender's float32, from where it begins to where it ends. A
+    panoramic camera is returned as it is."""
     if camera.kind == "PANO":
         return camera
     w, (width, height) = camera.window, camera.pixels
-    across, up = w.right - w.left, w.top - w.bottom
-    part = Window(w.left + left * across, w.left + right * across, w.bottom + bottom * up, w.bottom + top * up)
-    pixels = max(1, round(width * (right - left))), max(1, round(height * (top - bottom)))
+    x = np.floor(np.float32(left) * np.float32(width)), np.ceil(np.float32(right) * np.float32(width))
+    y = np.floor(np.float32(bottom) * np.float32(height)), np.ceil(np.float32(top) * np.float32(height))
+    pixels = max(1, int(x[1] - x[0])), max(1, int(y[1] - y[0]))
+    across, up = (w.right - w.left) / width, (w.top - w.bottom) / height
+    start = w.left + float(x[0]) * across, w.bottom + float(y[0]) * up
+    part = Window(start[0], start[0] + pixels[0] * across, start[1], start[1] + pixels[1] * up)
     return replace(camera, window=part, pixels=pixels, density=camera.pixels_per_unit)
 
 
@@ -119,6 +139,12 @@ def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
     aperture |1 - z / focus| beside the pinhole's, which is at most aperture (1 + z / focus).
     """
     return replace(camera, pad=camera.pad + aperture, turn=camera.turn + aperture / focus)
+
+
+def pictured(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
+    """The cameras as Blender's pictures have them, of agents in float32: at 1e6 m from the origin these stand up to 0.03 m, along each axis, beside
+    their float64 positions, and are drawn with further roundings (GRAIN)."""
+    return tuple(replace(camera, grain=GRAIN) for camera in cameras)
 
 
 def stretch(camera: Camera) -> tuple[float, float]:
@@ -153,7 +179,7 @@ def planes(camera: Camera) -> Planes:
     and ends a sheared camera's rays at near and far times a factor that depends on the direction: with `rays` the two
     planes are moved apart by its bound, `stretch`.
     """
-    w, X, Y, Z = camera.window, camera.X, camera.Y, camera.Z
+    w, X, Y, Z = camera.seen, camera.X, camera.Y, camera.Z
     edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
     slopes = [0.0 if camera.kind == "ORTHO" else edge for _, edge in edges]
     least, most = stretch(camera) if camera.rays and camera.kind != "ORTHO" else (1.0, 1.0)
@@ -183,6 +209,15 @@ def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
         replace(camera, pad=camera.pad + max(before[0], after[0]), turn=camera.turn + max(before[1], after[1]))
         for camera, before, after in zip(samples, moves[:-1], moves[1:], strict=True)
     )
+
+
+def differs(planned: Camera, shown: Camera) -> bool:
+    """Whether what is `shown` is more than rounding off what was `planned`: a sample of `opened`, and its camera as it is."""
+    if planned.kind != shown.kind:
+        return True
+    moved, turned = _change(planned, shown)
+    rounding = 1e-5 * (1 + np.abs(shown.origin).max())  # float32's, and that of sub-frames
+    return moved > rounding + 1e-3 * planned.pad or turned > 1e-5 + 1e-3 * planned.turn
 
 
 def _change(a: Camera, b: Camera) -> tuple[float, float]:

@@ -166,10 +166,12 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin:
 def _reach(camera: Camera, v: tuple, range_: np.ndarray | None, r: np.ndarray | float) -> tuple:
     """(how far spheres of the radius r with their centres at v, |v| = range_, reach, the rounding of it), metres."""
     reach = r + camera.pad
+    away = np.abs(v[0]) + np.abs(v[1]) + np.abs(v[2])
+    if camera.grain:
+        reach = reach + camera.grain * (away + np.abs(camera.origin).sum())
     if camera.turn:
         reach = reach + camera.turn * (range_ + reach)
-    least = np.abs(v[2]) + np.abs(camera.origin[2]) + reach
-    return reach, ROUNDING * (np.abs(v[0]) + np.abs(v[1]) + least) + TINY
+    return reach, ROUNDING * (away + np.abs(camera.origin[2]) + reach) + TINY
 
 
 def _limits(frustum: Planes, margin: float | None) -> tuple:

@@ -11,7 +11,7 @@ import numpy as np
 from .agents import Crowd, Group
 from .behaviour import Trajectory
 from .blocks import CULLED, LEAF, decide
-from .camera import Camera
+from .camera import Camera, pictured
 from .culling import Bounds, bounds, lost, radar, refuse_lost
 from .lean import (
     ALL_INSIDE,
@@ -99,11 +99,11 @@ def plan(
     leave, left = trajectory.leave, set(trajectory.left_out)
     groups = trajectory.groups
     cameras = (camera,) if isinstance(camera, Camera) else tuple(camera)
-    radius = np.array([g.radius for g in groups])
+    radius, reach = (np.array([getattr(g, name) for g in groups]) for name in ("radius", "reach"))
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(time)
     ticks.append(clock.perf_counter())
-    grown = radius + most_moved(trajectory, [sample for sample, _ in shutter])
+    grown = reach + most_moved(trajectory, [sample for sample, _ in shutter])
     asked = None
     if STATIC in leave and STILL in left:
         crowds = [crowd, *(trajectory.at(sample) for sample, _ in shutter)]
@@ -118,7 +118,7 @@ def plan(
             left_out = STATIC, *made[2].left_out
             return replace(made[2], time=time, crowd=crowd, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out)
     begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
-    views = [(time, cameras, radius), *((sample, eyes, grown) for sample, eyes in shutter)]
+    views = [(time, pictured(cameras), reach), *((sample, pictured(eyes), grown) for sample, eyes in shutter)]
     way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
     plain = len(views) == len(cameras) == 1 and bias is None and not cameras[0].turn and cameras[0].kind != "PANO"
     if sorter is not None and plain:

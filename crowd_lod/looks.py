@@ -7,7 +7,7 @@ import numpy as np
 from .camera import Camera, planes, stretch
 
 # Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
-# rounds at each of the at most MOST_CELLS borders a step. What it leaves open costs time, not truth.
+# rounds at each of the at most speeds.MOST_CELLS borders a step. What it leaves open costs time, not truth.
 SLACK = 1e-8
 # NumPy's matrix product takes several threads for more columns than this: it costs them more to start than they save.
 COLUMNS = 2048
@@ -46,7 +46,7 @@ class Test:
         self.reach = camera.pad + (look.grown if margin is None else 0.0)
         self.radius = 1.0 if margin is None else 0.0
         about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
-        self.slack = SLACK * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
+        self.slack = (SLACK + 6 * camera.grain) * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
         away = np.abs(offsets)
         # of a plane so far beyond all boxes that none comes near, as a far one may be, roundings decide nothing
         self.slack += 1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + TINY

@@ -87,12 +87,12 @@ class StateMachine:
         return self._drawn(self.then[state], self.then_choice, (state,), key, chance.THEN)
 
     def waits(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
-        """Seconds (n,) float32 that agents with the keys `key` have in `state`, (n,) each, inf without a timer."""
+        """Seconds (n,) float64 that agents with the keys `key` have in `state`, (n,) each, inf without a timer."""
         least, most = self.after[state].T
         if not self.timed:
-            return least.astype(np.float32)
+            return least.copy()
         spread = np.subtract(most, least, where=least < most, out=np.zeros(len(least)))
-        return (least + spread * chance.uniform(key, chance.TIME)).astype(np.float32)
+        return least + spread * chance.uniform(key, chance.TIME)
 
     def _drawn(self, certain, choices, place, key, stream):
         if len(self.odds):

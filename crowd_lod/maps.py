@@ -7,6 +7,9 @@ import numpy as np
 
 from .errors import CrowdError
 
+# Metres from the world's origin. Blender's positions are float32: from here on they lie 6 cm and more apart, further than
+# a walker's step from one frame to the next.
+FARTHEST = 1e6
 # Agents that are looked up at a time: their columns stay in the processor's cache.
 BLOCK = 8192
 

@@ -13,14 +13,16 @@ class Reader:
     def __init__(self, text: str, what: str):
         self.text, self.what = text, what
         try:
-            self.root = json.loads(text)
-            self.places, twice = _places(text)
+            self.root = json.loads(text, parse_int=_whole)
+            self.places, twice, halves = _places(text)
         except json.JSONDecodeError as error:
             raise CrowdError(f"{what} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}.") from None
         except RecursionError:
             raise CrowdError(f"{what} is nested too deep to be read: it needs no more than six levels.") from None
         if twice:
             self.fail(twice[0], "stands twice in its object; keep one")
+        if halves:
+            self.fail(halves[0], "holds half of a character, an escape from \\ud800 to \\udfff without its other half; write both")
 
     def fail(self, path: tuple, problem: str):
         """Raise the CrowdError that `problem` is what is wrong with the field; the line is that of its nearest parent
@@ -46,16 +48,16 @@ class Reader:
             return float(value)
         except (ValueError, OverflowError):
             bound = f" of at least {least:g}" if least > -math.inf else ""
-            self.fail(path, f"is {_short(value)}, it must be a finite number{bound}")
+            self.fail(path, f"is {value!r}, it must be a finite number{bound}")
 
     def boolean(self, value, path: tuple) -> bool:
         if not isinstance(value, bool):
-            self.fail(path, f"is {_short(value)}, it must be true or false")
+            self.fail(path, f"is {value!r}, it must be true or false")
         return value
 
     def string(self, value, path: tuple) -> str:
         if not isinstance(value, str):
-            self.fail(path, f"is {_short(value)}, it must be a text in quotes")
+            self.fail(path, f"is {value!r}, it must be a text in quotes")
         return value
 
     def colour(self, value, path: tuple) -> tuple[int, int, int]:
@@ -64,18 +66,24 @@ class Reader:
                 raise ValueError
             return tuple(bytes.fromhex(value[1:]))
         except ValueError:
-            self.fail(path, f'is {_short(value)}, it must be a color such as "#ff8000"')
+            self.fail(path, f'is {value!r}, it must be a color such as "#ff8000"')
 
 
-def _short(value) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+def _whole(digits: str) -> int | float:
+    """The number that the digits write; Python reads no more than some thousands of them as a whole one."""
+    return int(digits) if len(digits) < 400 else float(digits)
 
 
-def _places(text: str) -> tuple[dict[tuple, int], list[tuple]]:
-    """(where each field of the sound JSON `text` begins, its key if it has one; the fields that stand twice)."""
-    places, twice = {}, []
-    decoder = json.JSONDecoder()
+def _torn(value) -> bool:
+    """Whether it is a text with a lone surrogate, which no file and no window can show."""
+    return isinstance(value, str) and any("\ud800" <= each <= "\udfff" for each in value)
+
+
+def _places(text: str) -> tuple[dict[tuple, int], list[tuple], list[tuple]]:
+    """(where each field of the sound JSON `text` begins, its key if it has one; the fields that stand twice; those of which
+    the key or the text holds a lone surrogate)."""
+    places, twice, halves = {}, [], []
+    decoder = json.JSONDecoder(parse_int=_whole)
 
     def skip(i):
         while text[i] in " \t\r\n":
@@ -88,8 +96,11 @@ def _places(text: str) -> tuple[dict[tuple, int], list[tuple]]:
             twice.append(path)
         places[path] = begins
         opening = text[i]
-        if opening not in "{[":
-            return decoder.raw_decode(text, i)[1]
+        value, end = (None, i) if opening in "{[" else decoder.raw_decode(text, i)
+        if any(map(_torn, (*path[-1:], value))):
+            halves.append(path)
+        if end > i:
+            return end
         i, place = skip(i + 1), 0
         while text[i] not in "}]":
             begins, key = i, place
@@ -103,4 +114,4 @@ def _places(text: str) -> tuple[dict[tuple, int], list[tuple]]:
 
     first = skip(0)
     field(first, (), first)
-    return places, twice
+    return places, twice, halves

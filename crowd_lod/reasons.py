@@ -31,7 +31,7 @@ def reasons(
     the distance alone does not give comes from the detail map, or from hysteresis.
     """
     crowd = frame.crowd
-    centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "radius"))
+    centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "reach"))
     _, distance = radar(crowd, cameras, centre, radius, policy.margin, policy.metric == "RADIAL")
     plain = assign(distance, frame.begins, crowd.group)
     painted = plain if bias is None else assign(distance, frame.begins, crowd.group, bias.at(crowd.x, crowd.y))

@@ -1,51 +1,14 @@
-"""What a run leaves on disk: tables, plans, contact sheets, put in place only when all is well."""
+"""What a run leaves on disk: tables, plans, contact sheets."""
 
 import csv
 import io
 import json
-import os
-import shutil
-import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 
-from .errors import CrowdError
 from .frame import Frame
 
 PLAN_VERSION = 1
-
-
-@contextmanager
-def staged(folder: Path) -> Iterator[Path]:
-    """A folder to write in, beside `folder`'s files; when the block ends well its files are renamed into `folder`, one
-    replacing another of its name. After an error or Esc `folder` is as it was."""
-    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        stage = Path(tempfile.mkdtemp(prefix=".crowd-lod-", dir=folder))
-    except OSError as error:
-        _remove_empty(made)
-        raise CrowdError(f"The output folder {folder} cannot be written ({error.strerror}): choose another with --out.") from None
-    try:
-        yield stage
-        for path in sorted(stage.iterdir()):
-            os.replace(path, folder / path.name)
-    except OSError as error:
-        raise CrowdError(f"Writing to {folder} failed ({error.strerror}): free space there, or choose another folder.") from None
-    finally:
-        shutil.rmtree(stage, ignore_errors=True)
-        _remove_empty(made)
-
-
-def _remove_empty(folders: list[Path]) -> None:
-    for folder in folders:
-        try:
-            folder.rmdir()
-        except OSError:
-            return
 
 
 def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | float]:

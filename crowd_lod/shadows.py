@@ -11,7 +11,7 @@ import numpy as np
 from .agents import Crowd
 from .behaviour import Trajectory
 from .blocks import Blocks, near
-from .camera import Camera, planes
+from .camera import GRAIN, Camera, planes
 from .culling import ROUNDING, TINY
 from .frame import Frame, most_moved
 from .lean import BLOCKS, LeftOut
@@ -229,13 +229,14 @@ def surround(
     begun = clock.perf_counter()
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
     centre = np.array([group.centre for group in trajectory.groups])
-    radius = np.array([group.radius for group in trajectory.groups])
+    radius = np.array([group.reach for group in trajectory.groups])
     grown = radius + most_moved(trajectory, [time for time, _ in shutter])
     moments = [(frame.time, frame.crowd, cameras, radius), *((time, trajectory.at(time), eyes, grown) for time, eyes in shutter)]
     unseen = ~frame.visible
     made = trajectory.blocks(frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
     reflects, shades = (_Sought(unseen.copy(), made and np.ones(len(made[1].rows), bool)) for _ in range(2))
     for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
+        beside = GRAIN * max(np.abs(eye.origin).sum() for eye in eyes)  # spheres are drawn: camera.pictured
         views = [view(eye) for eye in eyes]
         mirrors = [mirrored(eye, mirror) for eye in eyes for mirror in around.mirrors]
         mirrors = [volume for volume in mirrors if volume is not None]
@@ -243,7 +244,8 @@ def surround(
         if around.box is not None:
             box = _joined(around.box, crowd, centre, size)
             lit = [bounded(volume, box) for volume in lit]
-        moved, larger = made and trajectory.moved(time, made[0]), float((size - radius).max())
+        moved, larger = made and trajectory.moved(time, made[0]), float((size - radius).max()) + beside
+        larger += GRAIN * 3 * (made[1].extent + np.abs(moved).max()) if made else 0.0
         asked = [(reflects, volume, None) for volume in mirrors]
         asked += [(shades, volume, light) for volume, light in product(lit, around.lights)]
         for sought, volume, light in asked:
@@ -256,6 +258,7 @@ def surround(
             for begin in range(0, len(agents), PART):
                 some = slice(begin, begin + PART)
                 points, r = _spheres(crowd, agents[some], centre, size)
+                r = r + (beside + GRAIN * np.abs(points).sum(axis=1))
                 found[some] = touches(points, r) & np.isfinite(points).all(axis=1)
             sought.agents[agents[found]] = False
             if made is not None:

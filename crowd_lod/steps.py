@@ -1,7 +1,16 @@
 """Work in steps: generators that yield their progress, from 0 to 1, between the steps, and return what they made."""
 
-from collections.abc import Generator, Iterator
+import threading
+from collections.abc import Callable, Generator, Iterator
+from concurrent.futures import Future, wait
 from typing import Any
+
+LOOK = 0.05  # seconds between two looks at work that another thread does
+_own = threading.local()
+
+
+class Ended(BaseException):
+    """Nobody waits any longer for the work that this thread does."""
 
 
 def finished(steps: Generator) -> Any:
@@ -31,3 +40,33 @@ def standing(steps: Generator, progress: float) -> Iterator[float]:
         except StopIteration as stop:
             return stop.value
         yield progress
+
+
+def aside(work: Callable[[], Any], progress: Callable[[], float] = lambda: 0.0) -> Iterator[float]:
+    """Do `work`, of NumPy alone, in another thread: for long work that is no generator. Yields what `progress` says while it
+    lasts, and returns what it returns. Closed early, the work ends at its next `breath`."""
+    task, ended = Future(), threading.Event()
+
+    def run():
+        _own.ended = ended
+        try:
+            task.set_result(work())
+        except BaseException as error:  # it belongs to who waits
+            task.set_exception(error)
+
+    thread = threading.Thread(target=run, daemon=True)
+    thread.start()
+    try:
+        while not wait([task], LOOK).done:
+            yield progress()
+        return task.result()
+    finally:
+        ended.set()
+        thread.join()
+
+
+def breath() -> None:
+    """A place where work may be ended that `aside` does."""
+    ended = getattr(_own, "ended", None)
+    if ended is not None and ended.is_set():
+        raise Ended

@@ -32,7 +32,8 @@ def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, c
     chatters: (n,) bool, agents that came to a place where the table changes their state for ever and time cannot go on:
     to and fro over a border, or in a cycle on one label. They stay there; their state is any of those they change
     between, and their place is not a limit of the steps' if the states of a cycle move them on. (With random choices
-    a long enough row of changes counts as for ever.)
+    a long enough row of changes counts as for ever.) So do agents between walls that leave them next to no room, where
+    they touch at a corner: they go to and fro there in equal rounds, or stand (borders.Rounds).
     """
     moved, tally = advance(crowd, machine, world, cycles, seconds, exact=True)
     return moved, tally.held
@@ -105,7 +106,7 @@ def drift(
     After 1e6 steps (11.6 hours at 24 frames a second), mean and worst of 64 agents:
         float64   at the origin 2.9e-11 and 7.6e-11 m   at 10 km 1.4e-8 and 4.1e-8 m
         float32   at the origin 0.013 and 0.045 m       at 10 km 7.4 and 21.8 m
-    So positions are float64: float32 would save 12 of 47 bytes an agent, and lose centimetres at the origin and the whole
+    So positions are float64: float32 would save 12 of 51 bytes an agent, and lose centimetres at the origin and the whole
     scene far from it. In float64 the error is far below a pixel of any picture, so nothing is gained by keeping the start
     and the time of every straight stretch besides, to form start + velocity * time instead of the sum.
     """
@@ -127,7 +128,7 @@ def drift(
 class Trouble:
     """Agents that the table and the map have caught.
 
-    kind: "chatters", the state changes for ever and the agent gets nowhere; or "stuck", it stands for good in a state
+    kind: "chatters", the state changes for ever and the agent gets nowhere, or next to; or "stuck", it stands for good in a state
     that walks elsewhere. agents: (k,) intp. x, y: (p,) float64, the middles of the map's cells where they are, world
     metres; column, row: (p,) intp, those cells, row 0 at y_min; counts: (p,) agents in each, the most first.
     """

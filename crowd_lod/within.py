@@ -113,9 +113,9 @@ def within(
             for old, _, _, low, high, _, _ in sides:
                 other |= (old[block] <= low) | (old[block] >= high)
         if machine.timed:
-            waits = crowd.wait[block].astype(np.float64)
+            waits = crowd.wait[block]
             other |= waits < tables.seconds
-            wait[block] = waits - tables.seconds
+            np.subtract(waits, tables.seconds, out=wait[block])
         if leaves.any():
             c = np.flatnonzero(leaves & ~other)
             c = c[~np.isnan(x[block][c])]  # their state changes

@@ -107,7 +107,7 @@ def _command(commands, program: str, name: str, about: str, example: str) -> arg
     )
     command.set_defaults(does=name)
     command.add_argument("--quiet", action="store_true", help="no progress bar")
-    command.add_argument("--json", action="store_true", help="print the result as JSON, for machines")
+    command.add_argument("--json", action="store_true", help="print the result as JSON, for machines: the last line of stdout")
     return command
 
 

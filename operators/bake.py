@@ -1,7 +1,6 @@
 """The build without its handler: all frames' points in the file, and node groups that show those of the scene's frame."""
 
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 
 import bpy
 import numpy as np
@@ -10,9 +9,9 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.poses import Library
 from ..crowd_lod.steps import share
-from . import cameras, lights
+from . import cameras, lights, stepping
 from . import scene as io
-from .build import BAKED, buckets_of, check_levels, dress_all, install, points_of
+from .build import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
 from .populate import frame_of, trajectory_of
 from .poses import Posed, make_poses
@@ -31,6 +30,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
     """
     io.check_own(scene)
     check_levels(scene)
+    check_build(scene)
     if scene.render.use_motion_blur and scene.render.motion_blur_shutter >= LONGEST:
         raise CrowdError(
             f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "
@@ -68,12 +68,13 @@ def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterat
     libraries = {bucket.name: posed.library(bucket.level) for bucket in buckets_of(scene)}
     rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in libraries}
     points = dict.fromkeys(libraries, 0)
-    with _evaluated(scene) as depsgraph_at:
+    with stepping.stepped(scene) as at:
         for done, number in enumerate(frames):
             time = io.remapped(render, number)
-            with io.stage() as at:
-                around = lights.read_surroundings(scene, depsgraph_at(number), time, at=at)
-                film, shutter = cameras.camera_at(scene, time, at), cameras.read_shutter(scene, time, at)
+            yield from share(trajectory.approach(time), done / len(frames), (done + 0.9) / len(frames))
+            film = cameras.camera_at(scene, time, at)
+            around = lights.read_surroundings(scene, at((), time), time, at=at)
+            shutter = cameras.read_shutter(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             held = held_by(scene, trajectory, number, frame.crowd, film)
             for name, agents in members(frame).items():
@@ -85,27 +86,6 @@ def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterat
                     )
             yield (done + 1) / len(frames)
     return rows
-
-
-@contextmanager
-def _evaluated(scene: bpy.types.Scene) -> Iterator[Callable[[int], bpy.types.Depsgraph | None]]:
-    """What gives the depsgraph of `scene`, but for its build, at a frame of the timeline: a shadow's way ends in what that
-    holds, as in a render of the frame. With motion blur it does not, and there is none."""
-    if scene.render.use_motion_blur or not scene.crowd_lod.shadows:
-        yield lambda number: None
-        return
-    stage = scene.copy()
-    try:
-        io.let_go(stage, "build")
-        layer = stage.view_layers[0]
-
-        def depsgraph_at(number: int) -> bpy.types.Depsgraph:
-            stage.frame_set(number)
-            return layer.depsgraph
-
-        yield depsgraph_at
-    finally:
-        bpy.data.scenes.remove(stage)
 
 
 def columns_in_time(

@@ -1,17 +1,21 @@
 """The render set-up: a point object a bucket, whose instances, by geometry nodes, show the poses of their phases."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.poses import Library
+from ..crowd_lod.levels import MOST_LEVELS
+from ..crowd_lod.poses import MOST_RATES, Library
 from . import scene as io
+from . import stored
+from .collection_caches import note_change
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
-from .populate import home_of, policy_of
+from .populate import groups_of, home_of, policy_of
 from .poses import Posed, make_poses
 
 # Custom properties. Of a point object: its LOD, its bucket, and what a Library holds.
@@ -21,17 +25,24 @@ LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's 
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
+HIDDEN = "crowd_lod_hidden"  # of the build's collection: the characters' collection, if the build hides it from renders
 BLURRED = "crowd_lod_blurred"  # of the build's collection: its poses' limbs are blurred
+REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
 
 def library_of(points: bpy.types.Object, groups: int) -> Library:
     """The poses that a point object shows of so many `groups`; one each in a build from before there were poses."""
-    counts = np.array(points.get(POSES) or [1] * groups)
-    rates = np.reshape(points.get(RATES) or [0.0] * len(counts), (len(counts), -1))
-    coarse, bent = (np.array(points.get(name) or [none] * len(counts)) for name, none in ((COARSE, np.inf), (BENT, 0.0)))
-    return Library(counts, rates, coarse, bent, np.array(points.get(CLOSED) or [False] * len(counts)))
+
+    def column(key: str, kind: type, missing, least: float = 0, counts: Sequence[int] = (groups,)) -> np.ndarray:
+        bounds = least, np.inf
+        return np.array(stored.read(points, key, kind, REMEDY, counts, bounds) if key in points else [missing] * groups, kind)
+
+    rates = column(RATES, float, 0.0, counts=range(groups, groups * MOST_RATES + 1, groups)).reshape(groups, -1)
+    return Library(
+        column(POSES, int, 1, least=1), rates, column(COARSE, float, np.inf), column(BENT, float, 0.0), column(CLOSED, bool, False)
+    )
 
 
 @dataclass(frozen=True)
@@ -64,15 +75,17 @@ def check_levels(scene: bpy.types.Scene) -> int:
             f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do not fit the settings "
             f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
         )
-    for g, group in enumerate(settings.groups):
-        home_of(levels[0], g, group.name)
+    for level in levels[:count]:
+        for g, group in enumerate(settings.groups):
+            home_of(level, g, group.name)
     return count
 
 
 def made_from(scene: bpy.types.Scene) -> str:
     """What tells the scene's LOD meshes from others, at a glance."""
     objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
-    return " ".join(f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH")
+    sizes = [f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH"]
+    return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
 
 
 def build(scene: bpy.types.Scene) -> Iterator[float]:
@@ -83,6 +96,7 @@ def build(scene: bpy.types.Scene) -> Iterator[float]:
     """
     io.check_own(scene)
     check_levels(scene)
+    check_build(scene)
     posed = yield from make_poses(scene)
     install(scene, posed)
     return posed
@@ -103,13 +117,75 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
-        points[BUCKET], points[POSES] = bucket.name, posed.counts[:, bucket.level].tolist()
+        points[LEVEL], points[BUCKET] = bucket.level, bucket.name
+        points[POSES] = posed.counts[:, bucket.level].tolist()
         points[RATES] = posed.rates.ravel().tolist()
         points[COARSE], points[BENT] = (each[:, bucket.level].tolist() for each in (posed.coarse, posed.bent))
         points[CLOSED] = posed.closed.tolist()
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
+
+
+def hide_characters(scene: bpy.types.Scene) -> None:
+    """Hide the characters themselves from renders, which show the build, if nothing stands against it."""
+    top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
+    _show_characters(top)
+    if hides_characters(scene):
+        characters.hide_render, top[HIDDEN] = True, characters
+
+
+def hides_characters(scene: bpy.types.Scene) -> bool:
+    """Whether the characters' collection of `scene`, which renders show, may and should be hidden from them."""
+    return shows_characters(scene) and not scene.crowd_lod.keep_characters and not _shown_for(scene)
+
+
+def shows_characters(scene: bpy.types.Scene) -> bool:
+    """Whether renders of `scene` show the characters themselves, by their own collection."""
+
+    def shows(place: bpy.types.LayerCollection, inside: bool) -> bool:
+        inside = inside or place.collection == scene.crowd_lod.characters
+        below = any(shows(child, inside) for child in place.children)
+        return not place.collection.hide_render and (below or (inside and not place.exclude))
+
+    return any(shows(layer.layer_collection, False) for layer in scene.view_layers if layer.use)
+
+
+def _show_characters(top: bpy.types.Collection) -> None:
+    """Show again in renders what the build `top` hides, unless another scene's build of the same characters is there: it is
+    that one's then."""
+    hidden = top.pop(HIDDEN, None)
+    if not isinstance(hidden, bpy.types.Collection):  # a script may have put anything there
+        return
+    others = [scene.crowd_lod.build for scene in bpy.data.scenes if scene.crowd_lod.characters == hidden]
+    others = [other for other in others if other not in (None, top)]
+    if others:
+        others[0][HIDDEN] = hidden
+    else:
+        hidden.hide_render = False
+
+
+def _shown_for(scene: bpy.types.Scene) -> str:
+    """Why the characters' collection of `scene` is not to be hidden as a whole; "" if it may."""
+    characters = scene.crowd_lod.characters
+    if characters.library is not None:
+        return f"the collection is linked from {characters.library.filepath}; hide it there, or exclude it from the view layers"
+    users = bpy.data.user_map(subset={characters})[characters]
+    names = [user.name for user in users if isinstance(user, bpy.types.Object | bpy.types.NodeTree)]
+    others = (other for other in bpy.data.scenes if other.crowd_lod.characters != characters)
+    names += [other.name for other in others if characters in other.collection.children_recursive]
+    return f"{' and '.join(sorted(names))} would no longer show them" if names else ""
+
+
+def told_of_characters(scene: bpy.types.Scene) -> str:
+    """A sentence on the characters themselves in renders of the built scene; "" if Build left them as they were."""
+    characters = scene.crowd_lod.characters
+    if HIDDEN in scene.crowd_lod.build:
+        lamps = [item.name for item in characters.all_objects if item.type == "LIGHT"]
+        return f"The characters in {characters.name} are hidden from renders{', with ' + ' and '.join(lamps) if lamps else ''}."
+    if scene.crowd_lod.keep_characters or not shows_characters(scene):
+        return ""
+    return f"The characters in {characters.name} stay in renders: {_shown_for(scene)}."
 
 
 def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
@@ -124,7 +200,6 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
     mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
     points = bpy.data.objects.new(mesh.name, mesh)
     mesh[OWNED] = points[OWNED] = True
-    points[LEVEL] = bucket.level
     points.color = (*TINTS[bucket.level], 1.0)  # instances are drawn in the object colour of their instancer
     for ray in bucket.unseen_by:
         setattr(points, f"visible_{ray}", False)  # their instances, too
@@ -136,14 +211,16 @@ def dress_all(scene: bpy.types.Scene) -> None:
     """Give the point objects of the scene's build our modifier, with its inputs. A build from before there were poses
     shows each group's LOD itself, as it then did."""
     top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
+    stored.check(scene.crowd_lod)
     inputs = {"Turn": float(io.rotation(scene.crowd_lod.forward))}
     if BAKED in top:
-        tree, (inputs["Rate"], inputs["Opens"], *_) = baked.baked(), top[BAKED]
+        inputs["Rate"], inputs["Opens"], *_ = baked_of(top)
+        tree = baked.baked()
     else:
         tree = instances.instances()
-    shelves = {child[LIBRARY]: child for child in top.children_recursive if LIBRARY in child}
+    shelves = _shelves(top)
     for points in points_of(top).values():
-        level = points[LEVEL]
+        level = _level(points, LEVEL)
         if level not in shelves and (levels is None or level >= len(levels.children)):
             continue
         modifier = next((m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
@@ -163,8 +240,8 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
         library.hide_render = library.hide_viewport = True  # else a view layer that the user adds later would show them
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
-            _exclude(view_layer.layer_collection, library)
-    shelves = {child[LIBRARY]: child for child in library.children if LIBRARY in child}
+            exclude(view_layer.layer_collection, library)
+    shelves = _shelves(top)
     gone, spare = bpy.data.collections.new("Crowd LOD"), {}
     scene.collection.children.link(gone)  # what the user put into poses is to stay in this scene
     for level, shelf in list(shelves.items()):
@@ -189,6 +266,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> 
                 home.objects.link(item)
             if number >= len(homes):
                 shelves[level].children.link(home)
+    note_change(top, library, *shelves.values())
     for block, name in posed.names.items():
         block.name = name
 
@@ -216,11 +294,12 @@ def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.C
     return made
 
 
-def _exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
+def exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
+    """Exclude the `collection` from the view layer, wherever it is in `layer`."""
     for child in layer.children:
         if child.collection == collection:
             child.exclude = True
-        _exclude(child, collection)
+        exclude(child, collection)
 
 
 def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
@@ -261,6 +340,7 @@ def remove_build(settings) -> None:
     """Remove the build: points, poses, and the node groups that nothing else uses."""
     top, settings.build = _own(settings.id_data), None
     if top is not None:
+        _show_characters(top)
         remove_owned(top)
     for kind in (baked.NAME, instances.NAME):  # the one holds the other
         tree = trees.made(kind)
@@ -271,7 +351,7 @@ def remove_build(settings) -> None:
 @bpy.app.handlers.persistent
 def upgrade(*_) -> None:
     """load_post: where the file holds our node groups in another version, rebuild them, and give the builds that use
-    them their inputs."""
+    them their inputs, unless these are spoilt: then Build says so."""
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
         both = trees.made(baked.NAME)
         if both is not None:
@@ -280,10 +360,41 @@ def upgrade(*_) -> None:
         if both is not None:
             baked.baked()
         for scene in bpy.data.scenes:
-            if scene.crowd_lod.build is not None:
-                dress_all(scene)
+            with suppress(CrowdError):
+                if scene.crowd_lod.build is not None:
+                    dress_all(scene)
 
 
 def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
     """The point objects of the build `top` by bucket. (In a file from before there were buckets, by LOD.)"""
-    return {item.get(BUCKET) or f"LOD {item[LEVEL]}": item for item in top.objects if LEVEL in item}
+    found = {}
+    for item in top.objects:
+        if LEVEL in item and item.type == "MESH":
+            level = _level(item, LEVEL)
+            found[stored.read(item, BUCKET, str, REMEDY) if BUCKET in item else f"LOD {level}"] = item
+    return found
+
+
+def _level(block: bpy.types.ID, key: str) -> int:
+    """The LOD that the custom property `key`, LEVEL or LIBRARY, of a block of the build names."""
+    return stored.read(block, key, int, REMEDY, bounds=(0, MOST_LEVELS - 1))
+
+
+def check_build(scene: bpy.types.Scene) -> None:
+    """CrowdError if what the scene's build holds of ours cannot be read, before any work is done."""
+    top = scene.crowd_lod.build
+    if top is not None:
+        points_of(top), _shelves(top)
+        if BAKED in top:
+            baked_of(top)
+
+
+def baked_of(top: bpy.types.Collection) -> list[float]:
+    """Rate, Opens, first and last frame of the baked build `top`."""
+    return stored.read(top, BAKED, float, REMEDY, (4,))
+
+
+def _shelves(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
+    """The collections of each LOD's poses of the build `top`."""
+    inside = [child for child in top.children_recursive if LIBRARY in child and child != _library_of(top)]
+    return {_level(child, LIBRARY): child for child in inside}

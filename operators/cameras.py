@@ -8,9 +8,12 @@ import numpy as np
 from ..crowd_lod import stereo
 from ..crowd_lod.camera import Camera, Window, crop, lens_blur, opened, referential, window
 from ..crowd_lod.errors import CrowdError
-from .scene import At, remapped, stage
+from .scene import EEVEE, remapped
+from .stepping import At, stepped
 
 OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
+# The reach of Cycles' pixel filters from a pixel's middle, in parts of their width (film.cpp, filter_table).
+REACHES = {"GAUSSIAN": 1.5, "BLACKMAN_HARRIS": 1.0}
 CYLINDER = "central_cylindrical_range"
 
 
@@ -114,10 +117,20 @@ def camera_from(
         cone=cone,
         density=density,
         rays=render.engine == "CYCLES",
+        filtered=filter_reach(render),
     )
     if data.dof.use_dof:
         film = _focused(film, data, depsgraph)
     return stereo.spherical(film, eyes) if spherical else film
+
+
+def filter_reach(render: bpy.types.RenderSettings) -> float:
+    """Pixels by which the pixel filter of the scene of `render` reaches past the picture's edges: its reach from the middle
+    of a pixel, without the half pixel up to the edge. That of a box ends there; Workbench's mixes what is in the picture."""
+    if render.engine == "CYCLES":
+        cycles = render.id_data.cycles
+        return max(REACHES.get(cycles.pixel_filter_type, 0.0) * cycles.filter_width - 0.5, 0.0)
+    return max(render.filter_size - 0.5, 0.0) if render.engine == EEVEE else 0.0
 
 
 def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> tuple[float, float]:
@@ -152,19 +165,22 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
     """`film` with the depth of field of `data`, as Cycles has it (blender_camera_from_object)."""
     dof = data.dof
     aperture = (1.0 if film.kind == "ORTHO" else data.lens * 1e-3) / (2 * max(dof.aperture_fstop, 1e-5))
-    focus = dof.focus_distance
-    if dof.focus_object is not None:
-        target = dof.focus_object.evaluated_get(depsgraph)
-        place = target.matrix_world
-        if dof.focus_subtarget and target.pose and dof.focus_subtarget in target.pose.bones:
-            place = place @ target.pose.bones[dof.focus_subtarget].matrix
-        focus = abs(float((np.array(place.translation) - film.origin) @ film.Z))
+    focus = dof.focus_distance if dof.focus_object is None else _focus(dof, depsgraph, film.origin, film.Z)
     return lens_blur(film, aperture * max(1.0, 1 / max(dof.aperture_ratio, 1e-5)), max(focus, 1e-5))
 
 
+def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
+    """Metres from `origin` (3,) along `ahead` (3,) to the object that is in focus."""
+    target = dof.focus_object.evaluated_get(depsgraph)
+    place = target.matrix_world
+    if dof.focus_subtarget and target.pose and dof.focus_subtarget in target.pose.bones:
+        place = place @ target.pose.bones[dof.focus_subtarget].matrix
+    return abs(float((np.array(place.translation) - origin) @ ahead))
+
+
 def camera_at(scene: bpy.types.Scene, time: float, at: At | None = None) -> tuple[Camera, ...]:
-    """The scene's cameras, as `read_cameras`, as they will be at `time` (see scene.time_of); the scene stays at its own
-    time. at: of an open scene.stage, here and below."""
+    """The scene's cameras, as `read_cameras`, as they will be at `time` (see scene.time_of). at: of an open stepping.stepped,
+    here and below; where the scene must not be stepped, in a render and while it is played, of a stepping.stage."""
     return cameras_at(scene, [time], at=at)[0]
 
 
@@ -173,11 +189,26 @@ def cameras_at(
 ) -> list[tuple[Camera, ...]]:
     """`camera_at` for several times, filmed by `camera` or by the one bound to each."""
     if at is None:
-        with stage() as at:
+        with stepped(scene) as at:
             return cameras_at(scene, times, camera, at)
     films = [camera or bound_camera(scene, time) for time in times]
     eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
     return [cameras_from(scene, film, at({*films, *eyes}, time)) for time, film in zip(times, films, strict=True)]
+
+
+def still(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
+    """A new camera that stands in any scene, at any time, as `depsgraph` has evaluated `camera`."""
+    evaluated = camera.evaluated_get(depsgraph)
+    data = evaluated.data.copy()
+    data.animation_data_clear()
+    if data.dof.focus_object is not None:
+        origin, *_, ahead = referential(np.array(evaluated.matrix_world, np.float64), camera.name)
+        data.dof.focus_distance, data.dof.focus_object = _focus(data.dof, depsgraph, origin, ahead), None
+    found = bpy.data.objects.new(f"Crowd LOD {camera.name}", data)
+    # a camera's own transform has no shear; what a parent's inverse holds comes through as it is
+    found.parent = bpy.data.objects.new("Crowd LOD still", None)
+    found.matrix_parent_inverse = evaluated.matrix_world
+    return found
 
 
 def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:

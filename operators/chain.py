@@ -31,19 +31,28 @@ def ratios_of(settings) -> list[float]:
     return ratios
 
 
+def check(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> None:
+    """CrowdError if the shot cannot be looked at: said before the candidates are made, which takes minutes."""
+    _shot(scene, groups)
+
+
+def _shot(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> tuple:
+    """(the trajectory of the groups, the detail map or None, the frames looked at, the cameras of each)."""
+    settings = scene.crowd_lod
+    frames = parse_frames(settings.frames, settings.step)
+    chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
+    trajectory = trajectory_of(scene, groups)
+    return trajectory, bias_of(settings, trajectory.world.area), chosen, cameras_at(scene, chosen)
+
+
 def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
     """Of each group the views of the shot's frames, up to MOST_FRAMES; yields the part done.
 
     A group that none shows may be anywhere within the camera's clip range.
     """
-    settings = scene.crowd_lod
-    frames = parse_frames(settings.frames, settings.step)
-    chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
-    trajectory = trajectory_of(scene, groups)
-    bias = bias_of(settings, trajectory.world.area)
+    trajectory, bias, chosen, cameras = _shot(scene, groups)
     centre, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
     found = [[] for _ in groups]
-    cameras = cameras_at(scene, chosen)
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
         visible, distance = radar(crowd, eyes, centre, radius)

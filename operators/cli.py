@@ -3,35 +3,42 @@
 import contextlib
 import json
 import os
-import signal
 import sys
+import threading
 import time as clock
 from pathlib import Path
 
 import bpy
 
 from .. import sample_scenes
-from ..crowd_lod import extremes
+from ..crowd_lod import extremes, interrupt, outputs, streams
 from ..crowd_lod.agents import MOST_AGENTS
-from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.errors import FAULTS, CrowdError, sentence
+from ..crowd_lod.proof import to_text
 from ..crowd_lod.shot import parse_frames
-from . import bake, build, report
+from ..crowd_lod.words import printable
+from . import bake, build, report, stepping
 from . import scene as io
 from .arguments import parser
 from .preview import COLOURS, Preview, preview
 from .render_setup import prepared
-from .verify import Verify, to_text, verify
+from .verify import Verify, verify
 
 
 def from_blender(argv: list[str]) -> int:
     """`blender [FILE] --command crowd_lod ARGV`: the exit code. Without a SCENE the file that is open is meant."""
-    return _run(argv, "blender -b [FILE] --command crowd_lod")
+    interrupt.heed()
+    status = _run(argv, "blender -b [FILE] --command crowd_lod")
+    if "--json" in argv:  # what Blender still has to say would come after it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return status
 
 
 def main(argv: list[str] | None = None) -> int:
-    """`crowd-lod ARGV` in the shell: the exit code."""
+    """`crowd-lod ARGV` in the shell, once start.py has seen to Ctrl-C: the exit code."""
     from .. import register, unregister
 
+    interrupt.heed()
     register()
     try:
         return _run(sys.argv[1:] if argv is None else argv, "crowd-lod")
@@ -40,22 +47,25 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _run(argv: list[str], program: str) -> int:
+    with streams.ready():
+        return _tell(argv, program)
+
+
+def _tell(argv: list[str], program: str) -> int:
     try:
-        args = parser(program).parse_args(argv)
-    except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
-        return int(end.code or 0)
-    try:
-        result = COMMANDS[args.does](args, [program, *argv])
-    except CrowdError as error:
-        print(f"crowd-lod: {error}", file=sys.stderr)
+        streams.put("")  # a closed stream is no place for a result
+        try:
+            args = parser(program).parse_args(argv)
+        except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
+            streams.put("")
+            return int(end.code or 0)
+        with interrupt.work():
+            result = COMMANDS[args.does](args, [program, *map(printable, argv)])
+        io.flush()  # what Blender holds back would come after the JSON
+        streams.put(json.dumps(result, allow_nan=False) if args.json else result["summary"])
+    except FAULTS as fault:
+        print(f"crowd-lod: {sentence(fault)}", file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        print("crowd-lod: stopped; the output folder is as it was.", file=sys.stderr)
-        return 130
-    try:
-        print(json.dumps(result, allow_nan=False) if args.json else result["summary"], flush=True)
-    except BrokenPipeError:  # whoever reads has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return 0 if result.get("ok", True) else 1
 
 
@@ -108,7 +118,7 @@ def _preview(args, command: list[str]) -> dict:
             raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
         settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
     stem = _stem(args)
-    folder = (args.out or Path(f"{stem}_preview")).absolute()
+    folder = outputs.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
     colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
     if engine != "OVERLAY" and colour not in COLOURS:
@@ -124,16 +134,16 @@ def _preview(args, command: list[str]) -> dict:
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
-    warning = f"{plan['trouble_says']}\n" if plan["trouble_says"] else ""
+    told = "".join(f"{each}\n" for each in (plan["trouble_says"], *plan["preview"]["notes"]) if each)
     least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
     return {
-        "out": str(folder),
+        "out": printable(folder),
         "frames": rows,
         "seconds": plan["seconds"],
         "trouble": plan["trouble"],
         "summary": (
             f"{len(rows)} frames of {rows[0]['agents']:,} agents in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
-            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{warning}{folder}"
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{told}{printable(folder)}"
         ),
     }
 
@@ -144,13 +154,14 @@ def _verify(args, command: list[str]) -> dict:
     stem = _stem(args)
     wanted = Verify(
         frames=_frames(args, settings),
-        folder=(args.out or Path(f"{stem}_verify")).absolute(),
+        folder=outputs.absolute(args.out or Path(f"{stem}_verify")),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),
         bounces=_within("number of bounces", args.bounces, 0, 64),
     )
     result = _finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
-    return {**result, "out": str(wanted.folder), "summary": f"{to_text(result)}\n{wanted.folder}"}
+    out = printable(wanted.folder)
+    return {**result, "out": out, "summary": f"{to_text(result)}\n{out}"}
 
 
 def _within(what: str, value: int, least: int, most: int) -> int:
@@ -166,16 +177,17 @@ def _report_error(args, command: list[str]) -> dict:
     if args.seed is not None:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
     stem = _stem(args)
-    folder = (args.out or Path(f"{stem}_error")).absolute()
+    folder = outputs.absolute(args.out or Path(f"{stem}_error"))
     result = _finish(report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
     tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
-    summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), str(folder))))
-    return {**result, "tables": tables, "out": str(folder), "summary": summary}
+    out = printable(folder)
+    summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), out)))
+    return {**result, "tables": tables, "out": out, "summary": summary}
 
 
 def _report_extremes(args, command: list[str]) -> dict:
     most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
-    rows = _finish(report.cases(most, seed, args.out and args.out.absolute()), "extreme cases", args.quiet)
+    rows = _finish(report.cases(most, seed, args.out and outputs.absolute(args.out)), "extreme cases", args.quiet)
     found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
     return {"cases": found, "summary": extremes.to_text(rows)}
 
@@ -192,18 +204,20 @@ def _build(args, command: list[str]) -> dict:
     if args.frames is not None and not args.bake:
         raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
     frames = None if args.frames is None else parse_frames(args.frames)
-    scene = open_scene(args.scene)
-    if args.seed is not None:
-        scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
-    if args.bake and frames is None:
-        frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
-    build.check_layers(scene, args.view_layer or ())
-    work = (lambda: bake.bake(scene, frames)) if args.bake else (lambda: build.build(scene))
-    _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
-    if args.view_layer:
-        build.show_in(scene, args.view_layer)
-    points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
-    _save(path, compress=True)  # poses share most of what they hold
+    with outputs.staged_file(path) as part:
+        scene = open_scene(args.scene)
+        if args.seed is not None:
+            scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
+        if args.bake and frames is None:
+            frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+        build.check_layers(scene, args.view_layer or ())
+        work = (lambda: bake.bake(scene, frames)) if args.bake else (lambda: build.build(scene))
+        _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+        if args.view_layer:
+            build.show_in(scene, args.view_layer)
+        points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
+        told = build.told_of_characters(scene), args.bake and stepping.unbaked(scene)
+        _save(part, path, compress=True)  # poses share most of what they hold
     size = path.stat().st_size
     started = clock.perf_counter()
     with io.quiet():
@@ -215,69 +229,64 @@ def _build(args, command: list[str]) -> dict:
         else f"built, {sum(points.values()):,} points now"
     )
     return {
-        "out": str(path),
+        "out": printable(path),
         "frames": frames,
         "points": points,
         "bytes": size,
         "load_seconds": round(seconds, 3),
-        "summary": f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.\n{path}",
+        "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
     }
 
 
 def _sample(args, command: list[str]) -> dict:
     path = _blend(args.out or Path(f"{args.name}.blend"))
-    open_scene(args.name)
-    _save(path)
-    return {"out": str(path), "summary": str(path)}
+    with outputs.staged_file(path) as part:
+        open_scene(args.name)
+        _save(part, path)
+    return {"out": printable(path), "summary": printable(path)}
 
 
 def _blend(path: Path) -> Path:
     """The path, absolute; CrowdError if it is no .blend file's, or has no folder, before any work is done for it."""
     if path.suffix != ".blend":
-        raise CrowdError(f"The file {path.name} must end in .blend.")
-    path = path.absolute()
-    if path.is_dir() or not path.parent.is_dir():
-        what = f"there is no folder {path.parent}" if not path.is_dir() else "it is a folder"
-        raise CrowdError(f"The file {path} cannot be written: {what}.")
+        raise CrowdError(f"The file {printable(path.name)} must end in .blend.")
+    path = outputs.absolute(path)
+    parent = os.path.dirname(os.path.realpath(path))
+    if not os.path.isdir(parent):
+        raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
     return path
 
 
-def _save(path: Path, compress: bool = False) -> None:
-    """Write what is open beside `path`, and rename it."""
-    beside = path.with_name(f".{path.name}.part")
+def _save(part: Path, path: Path, compress: bool = False) -> None:
+    """Write what is open to the file `part`, which is to become `path`."""
     try:
         with io.quiet():
-            bpy.ops.wm.save_as_mainfile(filepath=str(beside), copy=True, compress=compress)
-        beside.replace(path)
-    except (RuntimeError, OSError) as error:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-        raise CrowdError(f"The file {path} cannot be written: {_first_line(error)}") from None
+            bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True, compress=compress)
+    except RuntimeError as error:
+        raise CrowdError(f"The file {printable(path)} cannot be written: {_first_line(error)}.") from None
 
 
 def _finish(steps, what: str, quiet: bool):
-    """Run the generator of progress to its end with a bar on stderr; what it returns. Ctrl-C ends it at its next step,
-    with its own clean-up: an exception in the middle of Blender's work would be swallowed there."""
-    stopped = []
-    before = signal.signal(signal.SIGINT, lambda *_: stopped.append(True))
+    """Run the generator of progress to its end with a bar on stderr; what it returns."""
     with contextlib.ExitStack() as stack:
-        stack.callback(signal.signal, signal.SIGINT, before or signal.SIG_DFL)  # None: not Python's
         stack.callback(steps.close)
         bar = None
         if not quiet:
             with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
                 from tqdm import tqdm
 
+                tqdm.set_lock(threading.RLock())  # its own is of processes, and one of Python's would complain that it is left
                 looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+                stack.callback(setattr, interrupt, "line", interrupt.line)
                 bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
-        while not stopped:
+                interrupt.line = "\n"
+        while True:
             try:
                 progress = next(steps)
             except StopIteration as end:
                 return end.value
             if bar is not None:
                 bar.update(100 * progress - bar.n)
-        raise KeyboardInterrupt
 
 
 COMMANDS = {

@@ -75,7 +75,7 @@ class Planner:
         area = trajectory.world.area
         self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
         groups = trajectory.groups
-        self.spheres = np.array([group.centre for group in groups]), np.array([group.radius for group in groups])
+        self.spheres = np.array([group.centre for group in groups]), np.array([group.reach for group in groups])
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
 
@@ -129,8 +129,9 @@ def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) 
     begin = np.clip(begin, -HUGE, HUGE)
     largest = np.abs(offsets).max() + np.abs(origin).sum() + np.abs(begin[np.abs(begin) < HUGE]).max(initial=0.0)
     slack = SLACK * max(1.0, frustum.rounding) * (1 + np.abs(camera.Z).sum())
+    most = slack * largest + camera.grain * (np.abs(middle).sum() + 2 * np.abs(camera.origin).sum())
     view = np.zeros((9, 4), np.float32)
-    view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = normals, offsets, origin, (slack, slack * largest + TINY)
+    view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = normals, offsets, origin, (slack + camera.grain, most + TINY)
     spheres = np.zeros((len(radius), policy.count, 4), np.float32)
     spheres[:, 0, :3] = np.column_stack([centre, reach, np.abs(centre) + reach])
     spheres[:, 1:, 0] = begin

@@ -11,14 +11,14 @@ import numpy as np
 
 from ..crowd_lod.agents import Crowd, Group
 from ..crowd_lod.behaviour import Trajectory
-from ..crowd_lod.camera import Camera
+from ..crowd_lod.camera import Camera, differs
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
 from ..crowd_lod.lean import FLAT
 from ..crowd_lod.poses import Library, beside, nearest_rate, pixels_per_metre, played, pose_of, rounded, shared
-from . import cameras, lights
+from . import cameras, lights, stepping
 from . import scene as io
-from .build import BAKED, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
+from .build import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
 from .populate import frame_of, trajectory_of
 from .threads import on_main_thread
 
@@ -178,10 +178,14 @@ def _empty(mesh: bpy.types.Mesh) -> bool:
 
 
 def empty(top: bpy.types.Collection) -> None:
-    """Take all points out of the build `top`."""
-    for points in points_of(top).values():
-        points.data.clear_geometry()
-        points.data.update_tag()
+    """Take all points out of the build `top`, also where what it holds of ours is spoilt."""
+    for points in top.objects:
+        if LEVEL in points and points.type == "MESH":
+            points.data.clear_geometry()
+            points.data.update_tag()
+
+
+Shutter = Sequence[tuple[float, Sequence[Camera]]]  # of cameras.read_shutter
 
 
 @dataclass(frozen=True)
@@ -190,11 +194,12 @@ class Rendering:
     time of its open shutter has made of it, which holds for all."""
 
     number: float
-    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held]] = field(default_factory=dict)
+    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held, Shutter]] = field(default_factory=dict)
 
 
 _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
-# The scene.stage of a render in a file of several scenes, to be removed when it ends: Blender crashes where anything is removed
+_told: set[int] = set()  # the session_uids of the scenes of whose camera this render has said that it was not foreseen
+# The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender crashes where anything is removed
 # while it renders scenes that compositing nodes show.
 _stages: list[bpy.types.Scene] = []
 
@@ -214,6 +219,7 @@ def rendered(scene: bpy.types.Scene, *_) -> None:
 @bpy.app.handlers.persistent
 def ended(*_) -> None:
     """render_complete, render_cancel."""
+    _told.clear()
     if _stages:
         with suppress(CrowdError):
             on_main_thread(partial(bpy.data.batch_remove, _stages[:]))
@@ -225,6 +231,7 @@ def forget(*_) -> None:
     """load_pre: what is rendered, and read on the way, goes with its file."""
     _rendering.clear()
     _stages.clear()
+    _told.clear()
 
 
 def shutter_frame(scene: bpy.types.Scene, now: Rendering | None) -> float:
@@ -262,14 +269,16 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     kept = known.planned if blurred and known is not None and known.number == number else {}
     if own not in kept:
         kept[own] = _planned(scene, depsgraph, number, time, blurred)
-    trajectory, frame, held = kept[own]
+    trajectory, frame, held, shutter = kept[own]
+    _compare(scene, depsgraph, number, time, shutter)
     write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time), scene.crowd_lod.tilt)
 
 
 def _planned(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, blurred: bool
-) -> tuple[Trajectory, Frame, Held]:
-    """The frame `number` of the timeline, and what it holds, `blurred` all that its shutter sees; `depsgraph` is at `time`."""
+) -> tuple[Trajectory, Frame, Held, Shutter]:
+    """The frame `number` of the timeline, and what it holds, `blurred` all that its shutter sees, and the cameras of that;
+    `depsgraph` is at `time`."""
     check_levels(scene)
     trajectory = trajectory_of(scene)
     top = scene.crowd_lod.build
@@ -278,7 +287,7 @@ def _planned(
     if top.get(MADE_FROM, made := made_from(scene)) != made:
         raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
     whole = io.remapped(scene.render, number)
-    with io.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
+    with stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
         if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
             film, own = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph), []
         else:
@@ -286,13 +295,29 @@ def _planned(
         shutter = cameras.read_shutter(scene, whole, at) if blurred else []
         around = lights.read_surroundings(scene, depsgraph, whole, [part for part, _ in shutter] or own, at)
     frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
-    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd, film)
+    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd, film), shutter
+
+
+def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, shutter: Shutter) -> None:
+    """Say, once a render, that the cameras at `time` are not those that the `shutter` of the frame `number` was planned with:
+    a render cannot step its scene, and what moves them may be there alone."""
+    planned = next((eyes for when, eyes in shutter if abs(when - time) < 1e-4), ())
+    if not planned or scene.session_uid in _told:
+        return
+    camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
+    if any(map(differs, planned, cameras.cameras_from(scene, camera, depsgraph))):
+        _told.add(scene.session_uid)
+        print(
+            f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} moves as only the scene's own frames "
+            "show (drivers, physics, other add-ons), so agents at the picture's edges may be missing: bake, and render that.",
+            file=sys.stderr,
+        )
 
 
 @bpy.app.handlers.persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
-    if scene.crowd_lod.build is None:
+    if scene.crowd_lod.build is None or stepping.is_stepped(scene):
         return
     try:
         on_main_thread(lambda: _show(scene, depsgraph))

@@ -2,14 +2,16 @@
 
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import bpy
+from idprop.types import IDPropertyGroup
 
 from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.steps import standing
-from . import chain, transfer, ways
+from . import chain, stored, transfer, ways
 from . import scene as io
 from . import source as sources
 from .deviation import measure, poses
@@ -79,6 +81,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     done = False
     try:
         groups = yield from standing(measuring_groups(scene), 0.0)
+        if settings.choice == "BY_TOLERANCE":
+            chain.check(scene, groups)
         ladders, share = [], 0.9 / len(characters)
         for g, ((name, objects, _), group) in enumerate(zip(characters, groups, strict=True)):
             ladder = _Ladder(name, objects, ratios, settings.way)
@@ -120,10 +124,10 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         tuple(ladder.name for ladder in ladders if not ladder.homes),
         tuple(edited),
     )
-    for (_, _, origin), chosen in zip(characters, homes, strict=True):
+    for (_, _, origin), group, chosen in zip(characters, groups, homes, strict=True):
         for k, level in enumerate(levels):
             home = chosen[min(k, len(chosen) - 1)]
-            home.instance_offset = origin
+            home.instance_offset = (*origin[:2], origin[2] + group.feet)
             for other in earlier.children if earlier is not None and home in before else ():
                 if home.name in other.children:
                     other.children.unlink(home)
@@ -250,9 +254,14 @@ class _Ladder:
     def recall(self, earlier: bpy.types.Collection | None, group: Group) -> None:
         finest = earlier.children[0].children if earlier is not None and earlier.children else ()
         for home in finest:
-            if home.get(DIGEST) == self.digest and MEASURED in home:
-                found = home[MEASURED].to_dict()
-                self.group = replace(group, diagonal=found["diagonal"], **{name: tuple(found[name]) for name in COLUMNS})
+            found = home.get(MEASURED) if home.get(DIGEST) == self.digest else None
+            if not isinstance(found, IDPropertyGroup):
+                continue
+            with suppress(CrowdError):  # what is spoilt is made and measured anew
+                kinds = [int, int, float, float, float, float]
+                columns = [stored.read(found, *column, "", (len(self.ratios),)) for column in zip(COLUMNS, kinds, strict=True)]
+                columns = dict(zip(COLUMNS, map(tuple, columns), strict=True))
+                self.group = replace(group, diagonal=stored.read(found, "diagonal", float, ""), **columns)
 
     def make(self) -> Iterator[float]:
         steps = len(self.ratios) * len(self.sources)

@@ -9,9 +9,11 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.lean import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WORKBENCH
 from ..crowd_lod.shadows import Light, Mirror, Surroundings
 from . import scene as io
+from . import stepping
 from .cameras import shutter_times
-from .scenery import Placed, matrix_of, scenery_of
+from .scenery import SOLID, Placed, casts, emits, matrix_of, scenery_of
 
+MOST_INSTANCES = 64  # of lights that nodes or instancing make; of more one that holds them all is made
 MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
 
 
@@ -20,12 +22,12 @@ def read_surroundings(
     depsgraph: bpy.types.Depsgraph | None,
     time: float,
     times: Sequence[float] | None = None,
-    at: io.At | None = None,
+    at: stepping.At | None = None,
 ) -> Surroundings:
     """What the crowd of `scene` shadows and is mirrored by at `time` (see scene.time_of), which `depsgraph` has evaluated.
 
     With motion blur lights and mirrors hold for the whole shutter of the frame at `time`, or for other `times`, whatever the
-    time of `depsgraph`. What shadows may fall on is then not bounded, nor without a depsgraph. at: of an open scene.stage.
+    time of `depsgraph`. What shadows may fall on is then not bounded, nor without a depsgraph. at: of an open stepping.stage.
     """
     settings, engine = scene.crowd_lod, scene.render.engine
     if not settings.shadows:
@@ -36,10 +38,13 @@ def read_surroundings(
     shown = scenery_of(scene, depsgraph)
     lamps, panes = shown.lamps(depsgraph), [placed for placed in shown.within(settings.mirrors) if placed[0].type == "MESH"]
     if times or depsgraph is None:
-        lights, mirrors = _through(lamps, panes, times or [time], engine, at)
+        lights, mirrors = _through(lamps, panes, shown.shining(depsgraph), times or [time], engine, at)
         box = None
     else:
+        if shown.instanced is None:
+            shown.instanced = _few(list(_instanced(shown.shining(depsgraph), depsgraph, engine).values()))
         lights, mirrors = _read(lamps, panes, depsgraph, engine)
+        lights += shown.instanced
         box = None if _foggy(scene.world) else shown.box(depsgraph)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
     return Surroundings(tuple(lights), tuple(mirrors), box, settings.unseen_level, left_out)
@@ -47,13 +52,40 @@ def read_surroundings(
 
 def _read(lamps: list[Placed], panes: list[Placed], depsgraph, engine: str) -> tuple[list[Light], list[Mirror]]:
     """The lights and mirrors as `depsgraph` has evaluated them."""
-    lights = [_light(placed, matrix_of(placed, depsgraph), depsgraph, engine) for placed in lamps]
+    lights = [_light(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph), engine) for placed in lamps]
     return lights, [mirror for placed in panes for mirror in _mirrors(placed, depsgraph)]
 
 
-def _light(placed: Placed, matrix: np.ndarray, depsgraph, engine: str) -> Light:
-    """The light of a lamp or of an object that glows, with the world matrix (4, 4)."""
-    item = placed[0].evaluated_get(depsgraph)
+def _instanced(makers: set[bpy.types.Object], depsgraph, engine: str) -> dict[tuple, Light]:
+    """The lights that `makers` make by nodes, particles or instancing, as `depsgraph` has evaluated them, by what tells an
+    instance from others at all times."""
+    found = {}
+    for instance in depsgraph.object_instances if makers else ():
+        item, maker = instance.object, (instance.parent or instance.object).original
+        if maker not in makers or (item.type == "LIGHT" and not instance.is_instance):
+            continue
+        glows = item.type in SOLID and any(m and emits(m.node_tree) for m in getattr(item.data, "materials", None) or ())
+        if glows or (item.type == "LIGHT" and casts(item.data)):
+            key = (maker.session_uid, item.name, *instance.persistent_id)
+            found[key] = _light(item, np.array(instance.matrix_world, np.float64), engine)
+    return found
+
+
+def _few(lights: list[Light]) -> list[Light]:
+    """`lights`, or where they are very many, of the suns and of the others one that holds them all."""
+    if len(lights) <= MOST_INSTANCES:
+        return lights
+    suns, others = ([light for light in lights if (light.origin is None) == sun] for sun in (True, False))
+    merged = [_widened(tuple(suns))] if suns else []
+    if others:
+        middle = np.mean([light.origin for light in others], axis=0)
+        size, reach = (max(getattr(o, n) + np.linalg.norm(o.origin - middle) for o in others) for n in ("size", "reach"))
+        merged.append(Light(middle, others[0].direction, float(size), reach=float(reach)))
+    return merged
+
+
+def _light(item: bpy.types.Object, matrix: np.ndarray, engine: str) -> Light:
+    """The light of a lamp or of an object that glows, evaluated, with the world matrix (4, 4)."""
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     axis, origin = -matrix[:3, 2] / max(scale[2], 1e-12), matrix[:3, 3]
     if item.type != "LIGHT":
@@ -111,17 +143,25 @@ def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
     return Mirror(normal, min(found, key=lambda pair: pair[0])[1])
 
 
-def _through(lamps, panes, times: Sequence[float], engine: str, at: io.At | None) -> tuple[list[Light], list[Mirror]]:
+def _through(
+    lamps, panes, makers: set[bpy.types.Object], times: Sequence[float], engine: str, at: stepping.At | None
+) -> tuple[list[Light], list[Mirror]]:
     """The lights, each so wide that it holds itself at all of `times`, and the mirrors as they are at each."""
-    items = {part for thing, inside in (*lamps, *panes) for part in (thing, *inside)}
+    items = {part for thing, inside in (*lamps, *panes) for part in (thing, *inside)} | makers
     if not items:
         return [], []
     if at is None:
-        with io.stage() as at:
-            return _through(lamps, panes, times, engine, at)
-    found = [_read(lamps, panes, at(items, time), engine) for time in times]
+        with stepping.stage() as at:
+            return _through(lamps, panes, makers, times, engine, at)
+    found, made = [], {}
+    for time in times:
+        depsgraph = at(items, time)
+        found.append(_read(lamps, panes, depsgraph, engine))
+        for key, light in _instanced(makers, depsgraph, engine).items():
+            made.setdefault(key, []).append(light)
     lights, mirrors = zip(*found, strict=True)
-    return [_widened(each) for each in zip(*lights, strict=True)], [mirror for each in mirrors for mirror in each]
+    lights = [_widened(each) for each in zip(*lights, strict=True)] + _few([_widened(tuple(each)) for each in made.values()])
+    return lights, [mirror for each in mirrors for mirror in each]
 
 
 def _widened(each: tuple[Light, ...]) -> Light:

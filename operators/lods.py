@@ -38,7 +38,7 @@ def tables(
         found.append(entry)
         if g >= MOST_SHOWN:
             continue
-        centre = np.array(origin) + (0, 0, group.centre)
+        centre = np.array(origin) + (0, 0, group.feet + group.centre)
         with Posed(objects, meshes) as posed:
             for k in range(1, len(rows)):
                 distance = _distance(camera, begins[g][k - 1], group.radius)
@@ -79,7 +79,7 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "measured_px_between": None,
         "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,
         "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
-        "ms": sum(map(float, told["ms"])) if told["ms"] else None,
+        "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,
     }
 
 

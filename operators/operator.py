@@ -2,23 +2,32 @@
 
 import time as clock
 
-from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.errors import FAULTS, sentence
 from ..crowd_lod.steps import finished
 
 TICK = 0.1  # seconds of work between two drawings of the window
 
 
+def left_words(progress: float, seconds: float) -> str:
+    """How long the rest will about take, if `seconds` brought the work as far as `progress`, 0 to 1; "" in the first two."""
+    if seconds < 2 or not progress > 0:
+        return ""
+    left = seconds * (1 - progress) / progress
+    unit, words = next(each for each in ((3600, "h"), (60, "min"), (1, "s")) if left >= 1.5 * each[0] or each[0] == 1)
+    return f", about {left / unit:,.0f} {words} left"
+
+
 class Reporting:
-    """Mix-in: `run(context)` does the work and returns the message for the status bar; a CrowdError is reported and the
-    operator is cancelled."""
+    """Mix-in: `run(context)` does the work and returns the message for the status bar; an ordinary fault is
+    reported and the operator is cancelled."""
 
     bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context):
         try:
             message = self.run(context)
-        except CrowdError as error:
-            self.report({"ERROR"}, str(error))
+        except FAULTS as fault:
+            self.report({"ERROR"}, sentence(fault))
             return {"CANCELLED"}
         self.report({"INFO"}, message)
         return {"FINISHED"}
@@ -33,7 +42,7 @@ class Stepwise(Reporting):
         return finished(self.steps(context))
 
     def invoke(self, context, event):
-        self._steps = self.steps(context)
+        self._steps, self._started = self.steps(context), clock.monotonic()
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         context.window_manager.progress_begin(0, 100)
         context.window_manager.modal_handler_add(self)
@@ -57,15 +66,16 @@ class Stepwise(Reporting):
             self._end(context)
             self.report({"INFO"}, end.value)
             return {"FINISHED"}
-        except CrowdError as error:
+        except FAULTS as fault:
             self._end(context)
-            self.report({"ERROR"}, str(error))
+            self.report({"ERROR"}, sentence(fault))
             return {"CANCELLED"}
         except BaseException:
             self._end(context)
             raise
         context.window_manager.progress_update(100 * progress)
-        context.workspace.status_text_set(f"{self.bl_label}: {100 * progress:.0f} %, Esc to cancel")
+        left = left_words(progress, clock.monotonic() - self._started)
+        context.workspace.status_text_set(f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel")
         return {"RUNNING_MODAL"}
 
     def _end(self, context):

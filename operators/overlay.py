@@ -15,7 +15,7 @@ from ..crowd_lod.frame import Frame
 from ..crowd_lod.levels import Bias, LevelPolicy
 from ..crowd_lod.live import held
 from ..crowd_lod.picking import Account, account
-from . import casts, colours, compute, hud, inset, programs
+from . import casts, colours, compute, hud, inset, programs, stepping
 from . import scene as io
 from .appearance import cast_of, colours_of, drawing_of, style_of
 from .cameras import read_cameras, read_shutter
@@ -293,7 +293,7 @@ def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
     """(key, what read_shutter says, or () while that is not known).
 
     Other times are read in a scene made for it, which must not be done while Blender draws: a timer does, and the
-    viewport is drawn again. As the next frame then takes long (scene.stage), frames that pass go without. What the camera does at other times alone is noticed when the frame or the camera changes.
+    viewport is drawn again. As the next frame then takes long (stepping.stage), frames that pass go without. What the camera does at other times alone is noticed when the frame or the camera changes.
     """
     render = scene.render
     if not render.use_motion_blur:
@@ -320,7 +320,8 @@ def _read_shutters() -> float | None:
         key, _ = _asked.pop(scene.session_uid, (None, None))
         if key is not None:
             try:
-                _shutters[scene.session_uid] = key, read_shutter(scene, key[0])
+                with stepping.stage() as at:  # stepped, the scene would lose what the user has not keyed yet
+                    _shutters[scene.session_uid] = key, read_shutter(scene, key[0], at)
             except CrowdError:  # the drawing itself says so
                 _shutters[scene.session_uid] = key, ()
     _asked.clear()

@@ -4,12 +4,13 @@ import textwrap
 
 import bpy
 
+from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.meshes import missing_library
 from ..crowd_lod.reasons import REASONS
 from ..crowd_lod.words import number
 from . import overlay
 from . import scene as io
-from .build import BAKED, BLURRED, layers_of
+from .build import BAKED, BLURRED, baked_of, layers_of
 from .hud import STAGES, share, told
 from .populate import count_of
 
@@ -97,6 +98,7 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
         for name in ("chapter", "plaza"):
             row.operator("crowd_lod.sample", text=name.capitalize()).name = name
         layout.prop(settings, "characters")
+        layout.prop(settings, "keep_characters")
         layout.prop(settings, "forward")
         layout.prop(settings, "count")
         layout.prop(settings, "seed")
@@ -106,6 +108,8 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
         if len(settings.groups):
             rows = [(g.name, _length(context, g.radius), _length(context, g.stride)) for g in settings.groups]
             _table(layout, ("Group", "Radius", "Stride"), rows)
+        for group in [group for group in settings.groups if group.lowest][:MOST_ROWS]:
+            layout.prop(group, "on_ground", text=f"{group.name} Stands on Ground")
 
 
 class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
@@ -262,7 +266,10 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
         row.operator("crowd_lod.build", icon="GEOMETRY_NODES")
         row.operator("crowd_lod.bake", icon="FREEZE")
         if settings.build is not None and BAKED in settings.build:
-            layout.label(text="Baked: frames {2:g} to {3:g}".format(*settings.build[BAKED]), icon="FREEZE")
+            try:
+                layout.label(text="Baked: frames {2:g} to {3:g}".format(*baked_of(settings.build)), icon="FREEZE")
+            except CrowdError as error:
+                _say(context, layout, str(error), "ERROR")
         if settings.build is not None and context.scene.render.use_motion_blur and not settings.build.get(BLURRED):
             _say(context, layout, "Built without motion blur: limbs are not blurred. Build again.", "INFO")
         if settings.build is not None and len(context.scene.view_layers) > 1:

@@ -1,33 +1,34 @@
 """From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
 
 import hashlib
-import time as clock
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import bpy
 import numpy as np
 
 from ..crowd_lod import machine as machines
-from ..crowd_lod.agents import MOST_GROUPS, Group, bounding_sphere, populate
+from ..crowd_lod.agents import MOST_GROUPS, Group, populate
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.levels import MOST_LEVELS, Bias, LevelPolicy
-from ..crowd_lod.maps import Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from ..crowd_lod.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from ..crowd_lod.shadows import Surroundings, surround
-from ..crowd_lod.steps import finished, share
+from ..crowd_lod.steps import aside, finished, share
+from ..crowd_lod.words import number
 from . import scene as io
+from . import stored
 from .cameras import read_cameras, read_shutter
-from .movers import action_range, armatures_of
+from .extent import bounds, frames_of, lowest, posing, unknown
+from .movers import action_range
 from .operator import Stepwise
 from .source import OWNED, may_have_faces, parts
 from .trouble import find
 
-# The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
-MOST_POSES = 120
-TICK = 0.25  # seconds of measuring at a time
+MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
 # Trajectories by the digest of all they depend on: a cache, never the truth.
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
@@ -42,6 +43,7 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
 
     A group is a child collection of the characters' collection, or one of its objects with all that is parented to it.
     """
+    stored.check(scene.crowd_lod)
     top = scene.crowd_lod.characters
     if top is None:
         raise CrowdError(
@@ -76,14 +78,18 @@ def measuring_groups(scene: bpy.types.Scene) -> Iterator[float]:
     progress, 0 to 1, and returns the groups."""
     settings = scene.crowd_lod
     fps = scene.render.fps / scene.render.fps_base
-    known = {group.name: group for group in groups_of(settings)}
+    known = {}
+    with suppress(CrowdError):  # what is spoilt is measured anew
+        known = {group.name: group for group in groups_of(settings)}
     measured, characters = [], characters_of(scene)
     for g, (name, objects, origin) in enumerate(characters):
         first, last = action_range(objects)
-        posing = share(_posing(objects, _poses(first, last)), g / len(characters), (g + 1) / len(characters))
-        centre, radius = _bounds(objects[0].name, origin, (yield from posing))
+        poses = yield from share(posing(objects, frames_of(first, last)), g / len(characters), (g + 1) / len(characters))
+        entry = settings.groups.get(name)
+        low, on_ground = lowest(poses, origin[2]), entry is None or entry.on_ground
+        centre, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), poses)
         stride = _custom(settings.characters, name, "stride")
-        found = Group(name, centre, radius, stride, (last - first) / fps)
+        found = Group(name, centre, radius, stride, (last - first) / fps, lowest=low, on_ground=on_ground)
         lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
         measured.append(replace(found, **lods))
     return tuple(measured)
@@ -95,7 +101,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
     settings.groups.clear()
     for group in groups:
         entry = settings.groups.add()
-        for name in ("name", "centre", "radius", "stride", "period", "diagonal"):
+        for name in ("name", "centre", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):  # see set_down
             setattr(entry, name, getattr(group, name))
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
@@ -104,57 +110,32 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             entry.own_thresholds, entry.thresholds, entry.sizes = own[group.name]
 
 
-def _poses(first: float, last: float) -> np.ndarray:
-    """The times, in frames, at which an action from `first` to `last` is measured."""
-    return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
+def set_down(entry: bpy.types.PropertyGroup, _) -> None:
+    """Update of a group's on_ground: its sphere and its LODs are about its new feet."""
+    entry.centre += -entry.lowest if entry.on_ground else entry.lowest
+    if entry.lowest:
+        with suppress(CrowdError):  # there are no characters; nothing shows LODs then
+            _place_levels(entry.id_data)
 
 
-def _posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Iterator[float]:
-    """Yields the progress, with nothing of its own in the file then, and returns the vertices (n, 3) of all objects, world
-    metres, at each of the `frames`."""
-    poses = []
-    while len(poses) < len(frames):
-        with io.scratch():
-            stage = bpy.data.scenes.new("Crowd LOD measure")
-            for item in {*objects, *armatures_of(objects)}:
-                stage.collection.objects.link(item)
-            until = clock.monotonic() + TICK
-            for frame in frames[len(poses) :]:
-                stage.frame_set(int(frame // 1), subframe=float(frame % 1))
-                depsgraph = stage.view_layers[0].depsgraph
-                poses.append(np.concatenate([io.world_points(item.evaluated_get(depsgraph)) for item in objects]))
-                if clock.monotonic() >= until:
-                    break
-        yield len(poses) / len(frames)
-    return poses
-
-
-def _bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
-    """(centre, radius) of the sphere about the group's origin that holds the objects in all `poses`, and between them.
-
-    Between two frames a vertex leaves the straight line by up to an eighth of its acceleration, which the second
-    difference of three poses is near; twice that is added.
-    """
-    points = np.concatenate(poses) - np.array(origin)
-    if not len(points):
-        raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
-    if not np.isfinite(points).all():
-        raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
-    centre, radius = bounding_sphere(points)
-    threes = zip(poses, poses[1:], poses[2:], strict=False)
-    bends = (np.linalg.norm(a - 2 * b + c, axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
-    return centre, radius + float(max(bends, default=0.0)) / 4
+def _place_levels(scene: bpy.types.Scene) -> None:
+    """Let the LODs of each group of `scene` stand about its feet."""
+    settings = scene.crowd_lod
+    levels = settings.levels.children if settings.levels is not None and not io.shared(scene, "levels") else ()
+    origins = {name: origin for name, _, origin in characters_of(scene)} if levels else {}
+    feet = {group.name: group.feet for group in groups_of(settings)}
+    for home in (home for level in levels for home in level.children):
+        name = home.get(GROUP)
+        if name in origins and name in feet:
+            home.instance_offset = (*origins[name][:2], origins[name][2] + feet[name])
 
 
 def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
     """The custom property `key` of the group called `name`, or 0."""
     owner = top.children.get(name) or top.objects.get(name)
-    value = owner.get(key, 0.0)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < np.inf:
-        raise CrowdError(
-            f'The custom property "{key}" of the character group {name} is {value!r}: set a number of metres, or remove it.'
-        )
-    return float(value)
+    if key not in owner:
+        return 0.0
+    return float(stored.read(owner, key, float, "set a number of metres, or remove it", bounds=(0, FARTHEST)))
 
 
 def machine_of(settings) -> machines.StateMachine:
@@ -168,6 +149,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     """The label map of the settings."""
     (x, y, z), (width, depth) = settings.centre, settings.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
+    _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
     if settings.map_image is None:
         return edge_map(area, machine.labels)
     pixels = io.read_pixels(settings.map_image)[..., :3]
@@ -178,7 +160,26 @@ def heights_of(settings, area: Area) -> HeightMap | None:
     """The height map of the settings, or None."""
     if settings.height_image is None:
         return None
-    return HeightMap(io.read_values(settings.height_image)[..., 0] * np.float32(settings.height_scale), area)
+    values, scale = io.read_values(settings.height_image)[..., :1], settings.height_scale
+    io.check_finite(settings.height_image, values)
+    highest = float(np.abs(values).max()) * abs(scale) + abs(area.z)
+    _check_reach(f"The ground of the height map {settings.height_image.name}", highest, "pixels or the setting Height")
+    return HeightMap(values[..., 0] * np.float32(scale), area)
+
+
+def check_maps(settings) -> None:
+    """CrowdError if the state machine or a map of the settings cannot be used, before any work is done for them."""
+    stored.check(settings)
+    area = world_of(settings, machine_of(settings)).area
+    heights_of(settings, area), bias_of(settings, area)
+
+
+def _check_reach(what: str, reach: float, setting: str) -> None:
+    if reach > FARTHEST:
+        raise CrowdError(
+            f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions are too coarse to show a walk: "
+            f"change its {setting} so that it stays within {FARTHEST:,.0f} m."
+        )
 
 
 def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
@@ -205,7 +206,7 @@ def _group(entry, count: int) -> Group:
     """What the settings' `entry` holds of a group, with at most `count` LODs."""
     made = sum(n > 0 for n in entry.triangles[:count])
     measured = made if entry.diagonal else 0
-    return Group(
+    group = Group(
         entry.name,
         entry.centre,
         entry.radius,
@@ -219,7 +220,13 @@ def _group(entry, count: int) -> Group:
         rms=tuple(entry.rms[:measured]),
         worst=tuple(entry.worst[:measured]),
         diagonal=entry.diagonal,
+        lowest=entry.lowest,
+        on_ground=entry.on_ground,
     )
+    sizes = (group.radius, group.stride, group.period, group.diagonal, *group.deviations, *group.rms, *group.vertices)
+    if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.centre, group.lowest, *group.worst]).all():
+        raise CrowdError(f"What was measured of the character group {group.name} is spoilt: press Populate, and Make LOD Meshes.")
+    return group
 
 
 def count_of(settings) -> int:
@@ -232,7 +239,7 @@ def count_of(settings) -> int:
 def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collection:
     """The collection of the character group `name`, the g-th, in the collection `level` of all groups' LODs of one level."""
     home = level.children[g] if g < len(level.children) else None
-    if home is None or home.get(GROUP, name) != name:
+    if home is None or not home.objects or home.get(GROUP, name) != name:
         raise CrowdError(f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again.")
     return home
 
@@ -269,6 +276,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     """The crowd of the scene over time, kept as long as nothing it depends on changes; of `groups`, or of those that
     the settings hold."""
     settings = scene.crowd_lod
+    stored.check(settings, ("map_image", "height_image", "machine"))  # read at each call; all else where something has changed
     groups = groups or groups_of(settings)
     if not groups:
         raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
@@ -281,6 +289,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     before = _latest.get(scene.session_uid)
     if before is not None and before[0] == asked and all(a is b for a, b in zip(before[1], images, strict=True)):
         return before[2]
+    stored.check(settings)
     machine = machine_of(settings)
     world = world_of(settings, machine)
     heights = heights_of(settings, world.area)
@@ -331,6 +340,27 @@ def forget(*_) -> None:
     io.forget()
 
 
+def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
+    """A sentence on the groups that are moved to stand on the ground, and one on those that would have to be."""
+    for moved, begin in ((True, "Moved to stand on the ground"), (False, "Off the ground (see Stand on Ground)")):
+        found = [group for group in groups if group.lowest and group.on_ground == moved]
+        far = [f"{number(abs(group.lowest) * io.metres(scene))} m {'below' if group.lowest < 0 else 'above'}" for group in found]
+        told = [f"{group.name} (lowest point {each} its origin)" for group, each in zip(found, far, strict=True)]
+        if told:
+            yield f"{begin}: {', '.join(told)}."
+
+
+def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
+    """A sentence on what renders may show of characters beyond their measured spheres."""
+    found = [f"of {name}, {what}" for name, objects, _ in characters_of(scene) for what in dict.fromkeys(unknown(objects))]
+    if found:
+        margin = number(MARGIN * max(group.radius for group in groups))
+        yield (
+            f"Renders may show more than was measured: {'; '.join(found)}. If something is missing at the picture's border, "
+            f"set Margin to Fixed, {margin} or more."
+        )
+
+
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     """Measure the characters and place the crowd at its first frame"""
 
@@ -339,14 +369,19 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
 
     def steps(self, context):
         settings = context.scene.crowd_lod
+        check_maps(settings)
         groups = yield from measuring_groups(context.scene)
         trajectory = trajectory_of(context.scene, groups)
-        troubles = find(trajectory)
+        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+        warnings = [troubles.sentence] if troubles.found else []
+        warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
         store_groups(settings, groups)
+        _place_levels(context.scene)
         settings.overlay, settings.trouble = True, troubles.sentence
-        if troubles.found:
-            self.report({"WARNING"}, troubles.sentence)
-        return " ".join(filter(None, (f"{len(trajectory.start):,} agents in {len(groups)} character groups.", troubles.sentence)))
+        for warning in warnings:
+            self.report({"WARNING"}, warning)
+        said = [] if troubles.found else [troubles.sentence]
+        return " ".join(filter(None, (f"{len(trajectory.start):,} agents in {len(groups)} character groups.", *warnings, *said)))
 
 
 CLASSES = (CROWDLOD_OT_populate,)

@@ -1,7 +1,6 @@
 """Posed LODs: of each LOD of each character group the objects of each pose, which the build's agents instance."""
 
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import bpy
@@ -27,6 +26,7 @@ from .deviation import SOLID
 from .levels import OWNED
 from .movers import action_range
 from .populate import characters_of, groups_of, home_of, machine_of, policy_of
+from .rendered import as_rendered
 
 MOST_CAMERAS = 9  # times of the shot whose cameras say how large a LOD is seen
 MEASURING = 0.3  # part of the time
@@ -93,7 +93,7 @@ def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
         for g, (name, objects, _) in enumerate(characters):
             finest, own = int(counts[g].max()), rates[g][np.isfinite(rates[g])]
             meshes: dict[bpy.types.Object, bpy.types.Mesh] = {}  # of each object its first pose's
-            with _stage(chains[g]) as (stage, actors):
+            with as_rendered(item for home in chains[g] for item in home.objects) as (stage, actors):
                 for step in range(finest):
                     flows = _flows(stage, objects, actors, step / finest) if own.any() else {}
                     depsgraph = _act(stage, objects, step / finest)
@@ -137,7 +137,7 @@ def _motion(
     if first == last:
         return Motion()
     longest, rough, fine = 0.0, 0.0, 0.0
-    with _stage([home]) as (stage, actors):
+    with as_rendered(home.objects) as (stage, actors):
 
         def points(half: int) -> np.ndarray:
             depsgraph = _act(stage, objects, half / (2 * MOST))
@@ -163,24 +163,6 @@ def _pixels(scene: bpy.types.Scene, paths: np.ndarray) -> np.ndarray:
     times = [io.remapped(scene.render, frame) for frame in frames]
     eyes = [eye for film in cameras_at(scene, times) for eye in film]
     return np.max([path_pixels(paths, limits(policy, eye, radius, measured), radius, eye) for eye in eyes], axis=0)
-
-
-@contextmanager
-def _stage(homes: list[bpy.types.Collection]):
-    """(a scene that is gone afterwards, the stand-in there of each object in `homes`), modifiers set as for a render."""
-    stage = bpy.data.scenes.new("Crowd LOD poses")
-    actors = {}
-    try:
-        for item in dict.fromkeys(item for home in homes for item in home.objects):
-            actors[item] = item.copy()
-            stage.collection.objects.link(actors[item])
-            for modifier in actors[item].modifiers:
-                modifier.show_viewport = modifier.show_render
-                if hasattr(modifier, "render_levels"):
-                    modifier.levels = modifier.render_levels
-        yield stage, actors
-    finally:
-        bpy.data.batch_remove([stage, *actors.values()])
 
 
 def _act(stage: bpy.types.Scene, objects: list[bpy.types.Object], phase: float) -> bpy.types.Depsgraph:

@@ -12,13 +12,15 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..crowd_lod import __version__, report
+from ..crowd_lod import __version__, outputs, report
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, deviations
 from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import parse_frames
-from . import above, build, cameras, follow, lights, lods
+from ..crowd_lod.steps import aside, share, standing
+from ..crowd_lod.words import printable
+from . import above, build, cameras, follow, lights, lods, stepping
 from . import scene as io
 from .deviation import measure_levels
 from .levels import TINTS, make_levels
@@ -41,9 +43,11 @@ from .trouble import find
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": io.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
 COLOURS = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
+BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
 LEVELS, PREPARED, DRAWN = 0.1, 0.02, 0.9  # of the progress: LODs made or measured, the crowd built, all frames drawn
 GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
+LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
 
@@ -65,7 +69,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
     All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
     command: what plan.json says the run was started with.
     """
-    with report.staged(wanted.folder) as folder, io.scratch(), contextlib.ExitStack() as opened:
+    with outputs.staged(wanted.folder) as folder, io.scratch(), contextlib.ExitStack() as opened:
         started = clock.perf_counter()
         cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
         drawn = wanted.engine == "OVERLAY"
@@ -78,6 +82,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         layer = stage.view_layers[0]
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
+        yield from standing(trajectory_of(stage).approach(io.time_of(stage)), 0.0)
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         ready = 0.0
         if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
@@ -95,8 +100,14 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         stage.collection.objects.link(drawing)
         centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
+        each = (DRAWN - ready) / len(wanted.frames)
+        at = opened.enter_context(stepping.stepped(scene))
         for done, number in enumerate(wanted.frames):
-            stage.camera = cameras.bound_camera(scene, io.remapped(scene.render, number))
+            time, begun = io.remapped(scene.render, number), ready + each * done
+            yield from share(trajectory.approach(time), begun, begun + BEHAVIOUR * each)
+            filming = cameras.bound_camera(scene, time)
+            stage.camera = cameras.still(filming, at((), time))
+            scene.update_tag()  # what is driven by the scene follows it in the stage, too
             drawing.hide_render = drawing.hide_viewport = True
             stage.frame_set(number)
             frame = frame_of(stage, layer.depsgraph, around=lights.read_surroundings(stage, layer.depsgraph, number))
@@ -125,9 +136,12 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             rows.append(report.row(number, frame, dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))))
             pictures.append((main, folder / f"above_{number:04d}.png"))
             first = first or frame
-            yield ready + (DRAWN - ready) * (done + 1) / len(wanted.frames)
+            yield ready + each * (done + 1)
         told = lods.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
-        plan = _plan(stage, scene, wanted, size, command, rows, (yield from told), shots.notes)
+        told = yield from told
+        notes = (*shots.notes, *filter(None, [leaves_out(scene) and LEFT_OUT, stepping.unbaked(scene)]))
+        plan = yield from standing(_plan(stage, scene, wanted, size, command, rows, told, notes), 0.95)
+        plan["camera"] = filming.name
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(report.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(report.to_json(plan), encoding="utf-8")
@@ -157,22 +171,32 @@ class Rendered:
         self.stage.crowd_lod.build = None
 
     def main(self, path: Path, caption: str) -> None:
-        self.stage.render.engine, self.layer.material_override = ENGINES[self.wanted.engine], self.tint
-        _render(self.stage, path)
+        self.layer.material_override = self.tint
+        _render(self.stage, path, ENGINES[self.wanted.engine])
 
     def above(self, path: Path, caption: str) -> None:
-        self.stage.render.engine, self.layer.material_override = ENGINES["WORKBENCH"], None  # it is a diagram
+        self.layer.material_override = None  # it is a diagram
         self.built.hide_render = True
-        _render(self.stage, path)
+        _render(self.stage, path, ENGINES["WORKBENCH"])
         self.built.hide_render = False
 
 
 def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
-    """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build."""
+    """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build, and without the
+    characters themselves if they are not kept."""
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
     stage.timeline_markers.clear()  # they would take the camera back in the picture from above
     io.let_go(stage, "build")
+    for layer in stage.view_layers if leaves_out(stage) else ():
+        layer.update()
+        build.exclude(layer.layer_collection, stage.crowd_lod.characters)
+    set_up(stage, wanted)
+    return stage
+
+
+def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
+    """Set `stage` to render the wanted pictures."""
     render = stage.render
     height = max(1, round(wanted.width * render.resolution_y / render.resolution_x))
     render.resolution_x, render.resolution_y, render.resolution_percentage = wanted.width, height, 100
@@ -196,7 +220,11 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     if wanted.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
         stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.colour == "LOD" else 4)
-    return stage
+
+
+def leaves_out(scene: bpy.types.Scene) -> bool:
+    """Whether the characters themselves, which renders of `scene` show, are not in the pictures."""
+    return not scene.crowd_lod.keep_characters and build.shows_characters(scene)
 
 
 @contextlib.contextmanager
@@ -242,13 +270,12 @@ def _shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
     shading.show_specular_highlight = False
 
 
-def _render(stage: bpy.types.Scene, path: Path) -> None:
-    stage.render.filepath = str(path)
+def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
+    own, stage.render.engine, stage.render.filepath = stage.render.engine, engine, str(path)
     # by override: with the operator's own argument `scene`, Blender renders the frame of the scene in the window
-    with io.quiet(), bpy.context.temp_override(scene=stage):
+    with io.writing(path), bpy.context.temp_override(scene=stage):
         bpy.ops.render.render(write_still=True)
-    if not path.is_file():
-        raise CrowdError(f"Blender did not render {path.name}: see its own message above.")
+    stage.render.engine = own  # the plan is that of the scene's own renders
 
 
 def _caption(frame: Frame) -> str:
@@ -266,13 +293,13 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
 
 def _plan(
     stage, scene, wanted: Preview, size: tuple[int, int], command: list[str], rows: list[dict], characters: list[dict], notes
-) -> dict:
-    """All that is needed to repeat the run, and what came of it."""
+) -> Iterator[float]:
+    """A generator that returns the dict of all that is needed to repeat the run, and of what came of it."""
     settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
     machine = machine_of(settings)
     labels = trajectory.world.labels
     area = trajectory.world.area
-    troubles = find(trajectory)
+    troubles = yield from aside(lambda: find(trajectory))
     file = Path(bpy.data.filepath) if bpy.data.filepath else None
     return {
         "version": report.PLAN_VERSION,
@@ -285,7 +312,7 @@ def _plan(
         },
         "scene": {
             "name": scene.name,
-            "file": str(file) if file else None,
+            "file": printable(file) if file else None,
             "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else None,
         },
         "crowd": {
@@ -310,7 +337,7 @@ def _plan(
         "machine": json.loads(machine.text),
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
-        "camera": stage.camera.name,
+        "camera": None,
         "levels": {
             "metric": policy.metric,
             "margin": policy.margin,
@@ -332,20 +359,22 @@ def _plan(
             "colour": wanted.colour,
             "notes": list(notes),
         },
-        "left_out": _left_out(stage, wanted),
+        "left_out": (yield from _left_out(stage, wanted)),
         "frames": rows,
     }
 
 
-def _left_out(stage: bpy.types.Scene, wanted: Preview) -> list[dict]:
-    """What the scene did not need, why, and the milliseconds that this saves in the last frame, where they are measured."""
+def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Iterator[float]:
+    """A generator that returns a dict each for what the scene did not need: why, and the milliseconds that this saves in the last
+    frame, where they are measured."""
     number, stage.render.engine = wanted.frames[-1], ENGINES[wanted.engine]
     trajectory, settings = trajectory_of(stage), stage.crowd_lod
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings, trajectory.world.area)
     time = max(float(number), trajectory.first_frame + 2.0)
-    found = savings(trajectory, eyes, policy_of(settings), time, (), bias)
+    policy = policy_of(settings)
+    found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
     measured = [
         {"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3), "ms_spread": round(found.spread[item], 3)}
         for item, ms in found.items.items()
@@ -369,13 +398,14 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             )
         wanted = Preview(
             frames=parse_frames(settings.frames, settings.step),
-            folder=Path(bpy.path.abspath(settings.folder)),
+            folder=outputs.absolute(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,
             colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
-        return f"{len(wanted.frames)} frames are in {wanted.folder}."
+        said = f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."
+        return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
 
 
 CLASSES = (CROWDLOD_OT_preview,)

@@ -15,6 +15,7 @@ from bpy.props import (
 
 from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.levels import MOST_LEVELS
+from .populate import set_down
 
 SIZES = (200, 80, 40, 20, 10, 5, 2)
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
@@ -27,6 +28,14 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
     stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+    lowest: FloatProperty(
+        name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"
+    )
+    on_ground: BoolProperty(
+        name="Stand on Ground",
+        description="Its lowest point over the whole action stands on the ground, instead of its origin",
+        update=set_down,
+    )
     vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
     triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
     deviations: FloatVectorProperty(
@@ -69,6 +78,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         type=bpy.types.Collection,
         name="Characters",
         description="Collection whose children, collections or objects, are the character groups",
+    )
+    keep_characters: BoolProperty(
+        name="Keep in Renders",
+        description="Build and Preview leave the characters themselves in the picture, where they stand, besides the crowd",
     )
     forward: EnumProperty(
         name="Forward",

@@ -5,6 +5,7 @@ import bpy
 from . import (
     build,
     cli,
+    collection_caches,
     deviation,
     follow,
     inspector,
@@ -30,6 +31,8 @@ HANDLERS = {
     "load_pre": [scenery.forget, populate.forget, follow.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
+    "undo_post": [collection_caches.renew],
+    "redo_post": [collection_caches.renew],
     "load_post": [build.upgrade],
     "render_pre": [follow.rendering],
     "render_post": [follow.rendered],

@@ -4,11 +4,13 @@ from collections.abc import Callable, Iterator
 
 import bpy
 
-from ..crowd_lod.steps import share
+from ..crowd_lod.steps import share, standing
+from . import lights, stepping
+from . import scene as io
 from .bake import bake
-from .build import build, remove_build
+from .build import build, hide_characters, remove_build, told_of_characters
 from .follow import update
-from .levels import make_levels, remove_owned
+from .levels import make_levels
 from .operator import Reporting, Stepwise
 from .populate import frame_of, groups_of, measure_groups, store_groups, trajectory_of
 
@@ -18,25 +20,29 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Ite
     and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
     settings, layer = scene.crowd_lod, scene.view_layers[0]
     layer.update()
-    known, made = groups_of(settings), settings.levels is None
+    known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
     groups = known or measure_groups(scene)
-    frame_of(scene, layer.depsgraph, trajectory=trajectory_of(scene, groups))  # what is wrong is said before the work begins
+    trajectory = trajectory_of(scene, groups)
+    yield from standing(trajectory.approach(io.time_of(scene)), 0.0)
+    around = lights.read_surroundings(scene, layer.depsgraph, io.time_of(scene))
+    # what is wrong is said before the work begins
+    frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
     done = False
     try:
-        if made:
-            yield from share(make_levels(scene), 0.0, 0.3)
-        elif not known:
-            store_groups(settings, groups)
-        found = yield from share(work(), 0.3 if made else 0.0, 1.0)
-        update(scene, layer.depsgraph)
-        done = True
-        return found
+        with io.all_or_nothing():
+            if made:
+                yield from share(make_levels(scene), 0.0, 0.3)
+            elif not known:
+                store_groups(settings, groups)
+            found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+            hide_characters(scene)
+            update(scene, layer.depsgraph)
+            done = True
+            return found
     finally:
-        if not done and made and settings.levels is not None:
-            levels, settings.levels = settings.levels, None
-            remove_owned(levels)
         if not done:
             store_groups(settings, known)
+            settings.dropped = dropped
 
 
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
@@ -50,10 +56,10 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         if not len(scene.crowd_lod.groups):
             trajectory_of(scene)  # says to populate first
         posed = yield from prepared(scene, lambda: build(scene))
-        frame = frame_of(scene, context.evaluated_depsgraph_get())
+        frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
         poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.off:.2g} pixels off"
-        return f"{seen}; {poses}." if posed.off else f"{seen}."
+        return " ".join(filter(None, (f"{seen}; {poses}." if posed.off else f"{seen}.", told_of_characters(scene))))
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
@@ -66,7 +72,8 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         yield from prepared(scene, lambda: bake(scene, frames))
-        return f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        baked = f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        return " ".join(filter(None, (baked, told_of_characters(scene), stepping.unbaked(scene))))
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):

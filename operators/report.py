@@ -10,9 +10,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ..crowd_lod import __version__, audit, extremes, precision, report
+from ..crowd_lod import __version__, audit, extremes, outputs, precision, report
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
+from ..crowd_lod.words import printable
 from . import cameras
 from .populate import measure_groups, policy_of, store_groups, trajectory_of
 
@@ -23,13 +24,18 @@ VIEWS = 5  # frames of the scene, at even distances
 def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[float]:
     """Write tables and plots of error against run time of `scene` into the folder, all or none; yields the progress and
     returns a dict: machine, tables by name, files, and `without`, why there are no plots, or ""."""
-    with report.staged(folder) as stage:
+    with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
         store_groups(scene.crowd_lod, measure_groups(scene))
         trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
         frames = parse_frames(scene.crowd_lod.frames, scene.crowd_lod.step)
         chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, VIEWS).round().astype(int)})
         seen = cameras.cameras_at(scene, chosen)
+        begun = 0.0
+        for k, frame in enumerate(chosen):
+            for part in trajectory.approach(frame):
+                begun = 0.5 * (k + part) / len(chosen)
+                yield begun
         views = [(precision.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
         centre = np.array([group.centre for group in trajectory.groups])
         radius = np.array([group.radius for group in trajectory.groups])
@@ -49,13 +55,13 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
             tables[name] = []
             for row in rows:
                 tables[name].append(row)
-                yield min(done + share * len(tables[name]) / about, 0.99)
+                yield begun + (1 - begun) * min(done + share * len(tables[name]) / about, 0.99)
             done += share
         machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {repeats} runs"
         for name, rows in tables.items():
             (stage / f"error_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
         without = _plots(stage, tables, machine)
-        files = sorted(path.name for path in stage.iterdir())
+        files = sorted(path.name for path in stage.glob("error_*"))
     yield 1.0
     return {"machine": machine, "tables": tables, "files": files, "without": without}
 
@@ -104,13 +110,13 @@ def _processor() -> str:
 def cases(most: int, seed: int, out: Path | None = None) -> Iterator[float]:
     """The extreme cases, each judged, and written to `out` as a Markdown file, if given; yields the progress and returns
     a list of extremes.Row."""
-    with nullcontext() if out is None else report.staged(out.parent) as stage:
+    with nullcontext() if out is None else outputs.staged_file(out) as part:
         rows, count = [], len(extremes.cases(most)) + 1
         for row in extremes.table(most, seed):
             rows.append(row)
             yield len(rows) / count
         if out is not None:
-            (stage / out.name).write_text(_cases_text(out.name, rows), encoding="utf-8")
+            part.write_text(_cases_text(printable(out.name), rows), encoding="utf-8")
     return rows
 
 

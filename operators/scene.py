@@ -5,13 +5,15 @@ import os
 import sys
 import tempfile
 import time as clock
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, redirect_stdout
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
+from pathlib import Path
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
+from ..crowd_lod import whole
 from ..crowd_lod.errors import CrowdError
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
@@ -25,7 +27,12 @@ LOOK_AGAIN = 1.0  # seconds between two looks at what has no cheap mark of chang
 
 def read_values(image: bpy.types.Image) -> np.ndarray:
     """The image's own values as (rows, columns, channels) float32, bottom row first, read-only: the same array as before
-    if they are the same. CrowdError if it has no pixels."""
+    if they are the same. CrowdError if it has no pixels, or is more than one picture."""
+    if image.source not in ("FILE", "GENERATED"):
+        kind = {"TILED": "made of UDIM tiles", "MOVIE": "a movie", "SEQUENCE": "a sequence"}.get(image.source, "a render")
+        raise CrowdError(
+            f"The image {image.name} is {kind}, where a still is needed: set its Source to Single Image, or choose another image."
+        )
     width, height = image.size
     if not width * height or not image.has_data and not len(image.pixels):
         path = bpy.path.abspath(image.filepath) or "no file"
@@ -57,14 +64,26 @@ def forget() -> None:
 
 
 def read_pixels(image: bpy.types.Image) -> np.ndarray:
-    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels."""
+    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels, or some at NaN
+    or infinity."""
     values = read_values(image)
+    check_finite(image, values[..., :3])
     height, width, channels = values.shape
     if channels < 3:
         values = values[..., :1].repeat(3, axis=2)
     pixels = np.full((height, width, 4), 255, np.uint8)
     pixels[..., : values.shape[2]] = np.rint(values.clip(0, 1) * 255)
     return pixels
+
+
+def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
+    """CrowdError if one of the image's `values` (rows, columns, channels) is NaN or infinite, which in bytes none can be."""
+    if image.is_float and not np.isfinite(values).all():
+        wrong = np.argwhere(~np.isfinite(values).all(axis=2))
+        raise CrowdError(
+            f"The image {image.name} holds {len(wrong)} pixels at NaN or infinity, the first at column {wrong[0][1]}, row "
+            f"{wrong[0][0]} from the bottom: paint them anew."
+        )
 
 
 def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
@@ -79,16 +98,29 @@ def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
     return image
 
 
-def save_png(path, pixels: np.ndarray) -> None:
+def save_png(path: Path, pixels: np.ndarray) -> None:
     """Write (rows, columns, 4) uint8, bottom row first, as a PNG with these very values."""
     rows, columns = pixels.shape[:2]
     image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
     try:
         image.pixels.foreach_set((pixels / np.float32(255)).ravel())
         image.filepath_raw, image.file_format = str(path), "PNG"
-        image.save()
+        with writing(path):
+            image.save()
     finally:
         bpy.data.images.remove(image)
+
+
+@contextmanager
+def writing(path: Path):
+    """In this block Blender writes the file `path`; CrowdError if it leaves nothing or a part, with or without saying so."""
+    try:
+        with quiet():
+            yield
+    except RuntimeError:
+        whole.check(path)
+        raise
+    whole.check(path)
 
 
 def load_pixels(path) -> np.ndarray:
@@ -265,6 +297,17 @@ def scratch():
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
 
 
+@contextmanager
+def all_or_nothing():
+    """Everything that is made inside, of whatever kind, is gone again if it ends with an error, or is closed early."""
+    before = {block.session_uid for block in bpy.data.user_map()}
+    try:
+        yield
+    except BaseException:
+        bpy.data.batch_remove([block for block in bpy.data.user_map() if block.session_uid not in before])
+        raise
+
+
 def check_own(scene: bpy.types.Scene) -> None:
     """CrowdError if nothing can be put into the scene: Blender lets nobody."""
     if scene.library is not None:
@@ -274,36 +317,36 @@ def check_own(scene: bpy.types.Scene) -> None:
         )
 
 
-# (objects, time) -> the depsgraph in which they are as at `time`, in frames of the animation
-At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
-
-
 @contextmanager
-def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
-    """Objects at other times than their scene's, in one made for it when first asked, and gone afterwards; with `kept` it stays
-    there, for the next. One for all that is asked: whenever a scene is made or goes, Blender works out anew what depends on
-    what in all others."""
-    made = [] if kept is None else kept
-
-    def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
-        if not made:
-            made.append(bpy.data.scenes.new("Crowd LOD stage"))  # its times are not remapped
-        for item in set(objects).difference(made[0].collection.objects):
-            made[0].collection.objects.link(item)
-        made[0].frame_set(int(time // 1), subframe=time % 1)
-        return made[0].view_layers[0].depsgraph
-
+def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
+    """What is set in `owners`, of their own values, is afterwards as it was."""
+    with quiet():  # asked for its device, Cycles looks for all that there are, and says so
+        own = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
+        names = [(owner, prop.identifier) for owner, prop in own if not prop.is_readonly and prop.type != "COLLECTION"]
+        before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]
     try:
-        yield at
+        yield
     finally:
-        if kept is None and made:  # asked to remove nothing, Blender goes through all the file, too
-            bpy.data.scenes.remove(*made)
+        for _ in range(2):  # which values one of them may have depends on others
+            for owner, name, value in before:
+                if _plain(getattr(owner, name)) != value:
+                    with suppress(TypeError):
+                        setattr(owner, name, value)
+
+
+def _plain(value):
+    return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str | set | bpy.types.bpy_struct) else value
 
 
 def shared(scene: bpy.types.Scene, name: str) -> bool:
-    """Whether another scene, of which this may be a linked copy, has the same collection in its setting `name`."""
+    """Whether the collection in the setting `name` is another scene's too, of which this may be a linked copy, or another
+    file's."""
     top = getattr(scene.crowd_lod, name)
-    return top is not None and any(other != scene and getattr(other.crowd_lod, name) == top for other in bpy.data.scenes)
+    return top is not None and (top.library is not None or _of_others(scene, name, top))
+
+
+def _of_others(scene: bpy.types.Scene, name: str, top: bpy.types.Collection) -> bool:
+    return any(other != scene and getattr(other.crowd_lod, name) == top for other in bpy.data.scenes)
 
 
 def let_go(scene: bpy.types.Scene, name: str) -> None:
@@ -318,10 +361,11 @@ def let_go(scene: bpy.types.Scene, name: str) -> None:
 NOISE = b"EGL Error (0x3009)"
 
 
-def _flush() -> None:
+def flush() -> None:
     """Let go what Python and what Blender's C library hold back."""
-    sys.stdout.flush()
-    sys.stderr.flush()
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        with suppress(OSError):  # where it is full: what is to be read there is printed by streams.put
+            stream.flush()
     (ctypes.cdll.ucrtbase if os.name == "nt" else ctypes.CDLL(None)).fflush(None)
 
 
@@ -329,7 +373,7 @@ def _flush() -> None:
 def quiet():
     """Blender's own lines of progress, which it writes past Python and through it, go nowhere: stdout is the command's.
     What it writes to stderr comes out afterwards, but for NOISE."""
-    _flush()
+    flush()
     kept = [os.dup(1), os.dup(2)]
     with open(os.devnull, "w") as nowhere, tempfile.TemporaryFile() as errors:
         try:
@@ -338,11 +382,12 @@ def quiet():
             with redirect_stdout(nowhere):
                 yield
         finally:
-            _flush()
+            flush()
             for number, copy in enumerate(kept, start=1):
                 os.dup2(copy, number)
                 os.close(copy)
             errors.seek(0)
             for line in errors:
                 if not line.startswith(NOISE):
-                    os.write(2, line)
+                    with suppress(OSError):  # a full stderr
+                        os.write(2, line)

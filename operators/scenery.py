@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from .levels import OWNED
+from .reached import reached
 
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
 
@@ -32,7 +33,10 @@ class Scenery:
         self.things = [placed for placed in shown if not self._hides[placed[0].session_uid] and not placed[0].get(OWNED)]
         self.lights = [placed for placed in self.things if placed[0].type == "LIGHT"]
         self.solid = [placed for placed in self.things if placed[0].type in SOLID]
-        self.bounded = not any(_makes_instances(item) for item in {item for item, _ in self.things})
+        self._makers = [placed for placed in self.things if _makes_instances(placed[0])]
+        self.bounded = not self._makers
+        self.instanced = None  # for lights.py: what it read of the lights that `shining` makes, while that holds
+        self._reached: set[int] | None = None  # the objects, by session_uid, that those depend on
         # what `depsgraph` does not hold has the values of the file's own data, which other scenes and layers may change
         own = {item for item, _ in shown if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated}
         self._elsewhere = [(item, item.hide_render) for item in own]
@@ -53,9 +57,22 @@ class Scenery:
         if self._glowing is None or self._unwatched:
             worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
             materials = {each for own in worn for each in own} - {None}
-            glowing = {material for material in materials if _emits(_evaluated(material, depsgraph).node_tree)}
+            glowing = {material for material in materials if emits(_evaluated(material, depsgraph).node_tree)}
             self._glowing = [placed for placed, own in zip(self.solid, worn, strict=True) if not glowing.isdisjoint(own)]
-        return [placed for placed in self.lights if _casts(_evaluated(placed[0], depsgraph).data)] + self._glowing
+        return [placed for placed in self.lights if casts(_evaluated(placed[0], depsgraph).data)] + self._glowing
+
+    def shining(self, depsgraph: bpy.types.Depsgraph | None) -> set[bpy.types.Object]:
+        """The objects of the scene that nodes, particles or instancing may let glow, or make lamps, where they do not stand
+        themselves; with the children that they instance."""
+        found, self._reached = set(), set()
+        for item, inside in self._makers:
+            blocks = {item, *inside, *reached(item)}
+            self._reached |= {block.session_uid for block in blocks}
+            lamps = any(isinstance(block, bpy.types.Object) and block.type == "LIGHT" for block in blocks)
+            materials = (block for block in blocks if isinstance(block, bpy.types.Material))
+            if lamps or any(emits(_evaluated(material, depsgraph).node_tree) for material in materials):
+                found |= {inside[0] if inside else item, *(block for block in blocks if getattr(block, "parent", None) in blocks)}
+        return found
 
     def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
         """The things of which the object is in the `collection`."""
@@ -95,12 +112,16 @@ class Scenery:
             if uid in self._hides and self._hides[uid] != item.hide_render:
                 return False
             self._moved.update(self._rows.get(uid, ()))
+            if self._reached is None or uid in self._reached:
+                self.instanced = None
         elif kind == "COLLECTION":
-            uid, offset = item.original.session_uid, tuple(item.original.instance_offset)
+            uid, offset, self.instanced = item.original.session_uid, tuple(item.original.instance_offset), None
             if self._offsets.get(uid, offset) != offset:
                 return False
         elif kind in ("MATERIAL", "NODETREE"):
-            self._glowing = None
+            self._glowing = self.instanced = None
+        elif kind in ("LIGHT", "PARTICLE"):
+            self.instanced = None
         return kind != "SCENE"  # whatever is added, taken away, or made into something else changes it, too
 
 
@@ -163,7 +184,7 @@ def _makes_instances(item: bpy.types.Object) -> bool:
     return item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers)
 
 
-def _casts(lamp: bpy.types.Light) -> bool:
+def casts(lamp: bpy.types.Light) -> bool:
     """Whether the lamp is on and casts shadows."""
     return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(lamp.node_tree if lamp.use_nodes else None)
 
@@ -174,14 +195,14 @@ def _dark(tree: bpy.types.NodeTree | None) -> bool:
     return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
 
 
-def _emits(tree: bpy.types.NodeTree | None) -> bool:
+def emits(tree: bpy.types.NodeTree | None) -> bool:
     """Whether a node of a material, or in a group of its nodes, emits light."""
     for node in tree.nodes if tree is not None else ():
         if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
             return True
         if node.type == "BSDF_PRINCIPLED" and _set(node.inputs["Emission Strength"]) and _set(node.inputs["Emission Color"]):
             return True
-        if node.type == "GROUP" and _emits(node.node_tree):
+        if node.type == "GROUP" and emits(node.node_tree):
             return True
     return False
 

@@ -4,6 +4,7 @@ tests/core     nothing but NumPy and fast-simplification
 tests/blender  the bpy module
 tests/gpu      the bpy module of Blender 5.1 or later, and an OpenGL that starts without a window
 tests/ui       a full Blender, named by the environment variable BLENDER
+tests/faults   the bpy module, and minutes: ./crowd-lod test tests/faults -m faults
 
 A file whose needs are not met is skipped with the reason, before it is imported. CROWD_LOD_REQUIRE=core,gpu makes it
 an error instead when none of a named group's tests can run: CI sets it, so that nothing is skipped in silence.
@@ -29,7 +30,7 @@ def obstacle(group: str) -> str | None:
     """Why this group's tests cannot run here, if so."""
     if group == "ui":
         return None if os.environ.get("BLENDER") else "the environment variable BLENDER names no Blender"
-    if group not in ("blender", "gpu"):
+    if group not in ("blender", "gpu", "faults"):
         return None
     try:
         import bpy

@@ -272,3 +272,67 @@ def test_what_is_missing_is_said_before_anything_is_made(scene):
         with pytest.raises(RuntimeError):
             operator()
     assert set(bpy.data.user_map()) == before
+
+
+SPOILT = {
+    "a LOD as a text": (lambda top: builder.points_of(top)["LOD 1"], builder.LEVEL, "one"),
+    "a LOD that there is not": (lambda top: builder.points_of(top)["LOD 1"], builder.LEVEL, 10**9),
+    "a bucket as numbers": (lambda top: builder.points_of(top)["Shadow 0"], builder.BUCKET, [1, 2]),
+    "poses as a text": (lambda top: builder.points_of(top)["LOD 0"], builder.POSES, "x"),
+    "too few poses": (lambda top: builder.points_of(top)["LOD 0"], builder.POSES, [8]),
+    "rates at NaN": (lambda top: builder.points_of(top)["LOD 0"], builder.RATES, [float("nan")] * 2),
+    "a shelf as a list": (lambda top: top.children[0].children[1], builder.LIBRARY, [1, 2]),
+    "baked by three numbers": (lambda top: top, builder.BAKED, [1.0, 2.0, 3.0]),
+}
+
+
+@pytest.mark.parametrize("case", SPOILT)
+def test_what_is_spoilt_in_a_build_is_named_and_nothing_is_left_behind(built, case, capfd):
+    find, key, value = SPOILT[case]
+    block = find(built.crowd_lod.build)
+    block[key] = value
+    before = set(bpy.data.user_map())
+    built.frame_set(3)
+    told = capfd.readouterr().err
+    assert "Traceback" not in told
+    for work in (bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.bake):
+        if key in (builder.POSES, builder.RATES):  # these are written anew
+            assert f'"{key}" of {block.name} is ' in told and told.count("\n") == 1
+            assert len(builder.points_of(built.crowd_lod.build)["LOD 1"].data.vertices) == 0  # not another frame's
+            break
+        built.frame_end = 2
+        with pytest.raises(RuntimeError, match=f'"{key}" of {block.name} is .*Remove Build') as error:
+            work()
+        assert "Traceback" not in str(error.value) and set(bpy.data.user_map()) == before
+    assert bpy.ops.crowd_lod.remove_build() == {"FINISHED"}
+    assert bpy.ops.crowd_lod.build() == {"FINISHED"}
+
+
+def test_a_build_that_fails_at_its_end_leaves_nothing_behind(levelled):
+    bpy.ops.mesh.primitive_uv_sphere_add()
+    mirrors = bpy.data.collections.new("mirrors")
+    mirrors.objects.link(bpy.context.object)
+    levelled.crowd_lod.mirrors, levelled.render.engine = mirrors, "CYCLES"
+    before = set(bpy.data.user_map())
+    with pytest.raises(RuntimeError, match="mirror Sphere has"):
+        bpy.ops.crowd_lod.build()
+    assert set(bpy.data.user_map()) == before and levelled.crowd_lod.build is None
+    levels = levelled.crowd_lod.levels
+    for steps in (4, 40):  # closed early, in a modal operator by Esc
+        run = prepared(levelled, lambda: builder.build(levelled))
+        for _ in range(steps):
+            levelled.crowd_lod.mirrors = None
+            next(run)
+        run.close()
+        assert set(bpy.data.user_map()) == before and levelled.crowd_lod.levels == levels
+
+
+def test_a_linked_build_stays_its_file_s_and_another_is_made(built, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "built.blend"), copy=True)
+    builder.remove_build(built.crowd_lod)
+    with bpy.data.libraries.load(str(tmp_path / "built.blend"), link=True) as (source, target):
+        target.collections = ["Crowd LOD Build"]
+    (linked,) = target.collections
+    built.crowd_lod.build = linked
+    assert bpy.ops.crowd_lod.build() == {"FINISHED"}
+    assert built.crowd_lod.build != linked and built.crowd_lod.build.library is None and len(builder.points_of(linked)) == 9

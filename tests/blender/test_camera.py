@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.culling import radar
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import cameras
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.populate import _bounds, _poses, _posing
+from crowd_lod_extension.operators.extent import bounds, frames_of, posing
 from mathutils import Euler, Matrix, Vector
 
 FULL = bool(os.environ.get("CROWD_LOD_FULL"))
@@ -357,7 +357,7 @@ def test_the_bounding_sphere_holds_the_action_between_frames_too(scene):
         item.location.x = 0.3 * np.sin(frame)
         item.keyframe_insert("rotation_euler", frame=frame)
         item.keyframe_insert("location", frame=frame)
-    centre, radius = _bounds("swinging", (0, 0, 0), finished(_posing([item], _poses(1, 13))))
+    centre, radius = bounds("swinging", (0, 0, 0), finished(posing([item], frames_of(1, 13))))
     for time in np.arange(1, 13, 0.1):
         scene.frame_set(int(time), subframe=float(time % 1))
         points = io.world_points(item.evaluated_get(scene.view_layers[0].depsgraph))

@@ -11,8 +11,10 @@ import time
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import cli
 from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.levels import make_levels
 
 SHORT = ("--frames", "1,60", "--width", "160", "--quiet")
 
@@ -149,6 +151,51 @@ def missing_image(scene):
     scene.crowd_lod.map_image = image
 
 
+def painted(value=0.5, wrong=0.5):
+    """A float image of one value, another at column 5 and row 3."""
+    image = bpy.data.images.new("painted", 8, 6, float_buffer=True, is_data=True)
+    values = np.full((6, 8, 4), value, np.float32)
+    values[3, 5, :3] = wrong
+    image.pixels.foreach_set(values.ravel())
+    image.pack()
+    return image
+
+
+def nan_in_detail_map(scene):
+    scene.crowd_lod.bias_image = painted(wrong=np.nan)
+
+
+def infinity_in_label_map(scene):
+    scene.crowd_lod.map_image = painted(wrong=np.inf)
+
+
+def nan_in_height_map(scene):
+    scene.crowd_lod.height_image = painted(wrong=np.nan)
+
+
+def heights_beyond_all(scene):
+    scene.crowd_lod.height_image = painted(1e38)
+    scene.crowd_lod.height_scale = 1e30
+
+
+def ground_far_away(scene):
+    scene.crowd_lod.centre = (-2e6, 0, 0)
+
+
+def ground_too_wide(scene):
+    scene.crowd_lod.size = (10, 1e38)
+
+
+def tiled_map(scene):
+    scene.crowd_lod.bias_image = painted()
+    scene.crowd_lod.bias_image.source = "TILED"
+
+
+def map_from_a_sequence(scene):
+    scene.crowd_lod.height_image = painted()
+    scene.crowd_lod.height_image.source = "SEQUENCE"
+
+
 def strange_labels(scene):
     scene.crowd_lod.map_image = io.write_image("painted", np.full((4, 4, 3), 77, np.uint8))
 
@@ -182,6 +229,14 @@ BAD_SCENES = {
     empty_collection: "Nobody is empty",
     empty_group: "ghosts in People holds no mesh",
     missing_image: "map.png has no pixels",
+    nan_in_detail_map: "painted holds 1 pixels at NaN or infinity, the first at column 5, row 3",
+    infinity_in_label_map: "painted holds 1 pixels at NaN or infinity, the first at column 5, row 3",
+    nan_in_height_map: "painted holds 1 pixels at NaN or infinity, the first at column 5, row 3",
+    heights_beyond_all: "The ground of the height map painted lies up to 1e+68 m",
+    ground_far_away: "The crowd's ground lies up to 2e+06 m",
+    ground_too_wide: "stays within 1,000,000 m",
+    tiled_map: "painted is made of UDIM tiles, where a still is needed",
+    map_from_a_sequence: "painted is a sequence, where a still is needed",
     strange_labels: "painted holds colours that are no label",
     malformed_machine: "crowd.json is not JSON: line 2",
     nobody: "0 agents",
@@ -189,6 +244,21 @@ BAD_SCENES = {
     flat_clip: "clips from 10 to 5 m",
     thresholds_out_of_order: "threshold 1 is 0.4",
 }
+
+
+MAPS = [spoil for spoil in BAD_SCENES if "map" in spoil.__name__ or spoil in (missing_image, heights_beyond_all, ground_far_away)]
+
+
+@pytest.mark.parametrize("spoil", MAPS, ids=lambda spoil: spoil.__name__)
+def test_a_map_that_cannot_be_used_is_told_of_before_any_work(scene, spoil):
+    scene.crowd_lod.choice = "BY_TOLERANCE"  # then LODs, too, ask where agents are
+    spoil(scene)
+    before, done = set(bpy.data.user_map()), []
+    with pytest.raises(RuntimeError, match=BAD_SCENES[spoil].replace("+", r"\+")):
+        bpy.ops.crowd_lod.populate()
+    with pytest.raises(CrowdError, match=BAD_SCENES[spoil].replace("+", r"\+")):
+        done.extend(make_levels(scene))
+    assert not any(done) and set(bpy.data.user_map()) == before and not len(scene.crowd_lod.groups)
 
 
 @pytest.mark.parametrize("spoil", BAD_SCENES, ids=lambda spoil: spoil.__name__)
@@ -247,6 +317,73 @@ def test_sample_is_written_and_opens_with_its_crowd(tmp_path, capfd):
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "c.blend"))
     settings = bpy.context.scene.crowd_lod
     assert settings.count == 4096 and len(settings.characters.children) == 3
+
+
+posix = pytest.mark.skipif(os.name == "nt", reason="a POSIX shell closes and fills the streams")
+COMMAND = f"'{sys.executable}' -m crowd_lod_extension.operators.cli"
+
+
+def shell(line, folder, **variables):
+    """(exit code, stdout, stderr) of a line in which CLI stands for the command."""
+    ran = subprocess.run(
+        ["sh", "-c", line.replace("CLI", COMMAND)], check=False, cwd=folder, env=os.environ | variables, capture_output=True
+    )
+    return (
+        ran.returncode,
+        ran.stdout.decode(),
+        "".join(each for each in ran.stderr.decode().splitlines(True) if "getcwd" not in each),
+    )
+
+
+@posix
+@pytest.mark.parametrize(
+    "line, code, out, err",
+    [
+        ("CLI sample chapter --out a.blend >&-", 1, "", "output is closed"),
+        ("CLI sample chapter --out a.blend >/dev/full", 1, "", "No space left on device"),
+        ("CLI sample chapter --out a.blend --json >/dev/full 2>&-", 1, "", ""),
+        ("CLI sample chapter --out a.blend 2>&-", 0, "a.blend", ""),
+        ("CLI sample chapter --out a.blend <&- 2>/dev/full", 0, "a.blend", ""),
+        ("CLI report cull --pairs 800 2>/dev/full", 0, "telephoto", ""),
+        ("CLI report cull --pairs 800 2>&-", 0, "telephoto", ""),
+        ("CLI preview none.blend 2>/dev/full", 1, "", ""),
+        ("CLI --help >/dev/full", 1, "", "No space left on device"),
+        ("CLI fly 2>&-", 2, "", ""),
+    ],
+)
+def test_streams_that_are_closed_or_full(tmp_path, line, code, out, err):
+    ended, printed, said = shell(line, tmp_path)
+    assert (ended, bool(printed)) == (code, bool(out)) and out in printed
+    assert err in said and said.count("\n") == bool(err) and "Traceback" not in said
+    assert code or os.listdir(tmp_path) == ["a.blend"] * ("sample" in line)
+
+
+@posix
+@pytest.mark.parametrize(
+    "line, err",
+    [
+        (f"CLI sample chapter --out {'x' * 300}.blend", "File name too long"),
+        (f"CLI preview {'x' * 300}.blend", ""),
+        (f"CLI preview chapter --quiet --out {'x' * 300}", "File name too long"),
+        (f"CLI preview chapter --quiet --out {'x' * 300}/a", "File name too long"),
+        (f"CLI preview chapter --quiet --out {'/'.join(['x' * 200] * 5)}", "longer than 740 bytes"),
+        (f"CLI report extremes --most 1000 --quiet --out {'x' * 300}.md", "File name too long"),
+        ("mkdir gone && cd gone && rmdir ../gone && CLI sample chapter", "no working folder"),
+        ("mkdir gone && cd gone && rmdir ../gone && CLI preview chapter --quiet", "no working folder"),
+        ("mkdir gone && cd gone && rmdir ../gone && CLI build chapter --quiet --out x.blend", "no working folder"),
+    ],
+)
+def test_paths_that_cannot_be_are_refused_before_any_work(tmp_path, line, err):
+    code, out, said = shell(line, tmp_path)
+    assert (code, out) == (1, "") and said.count("\n") == 1 and said.startswith("crowd-lod: ") and err in said
+    assert os.listdir(tmp_path) == []
+
+
+@posix
+def test_results_are_printed_in_any_encoding(tmp_path):
+    for variables, shown in (({"PYTHONIOENCODING": "ascii"}, r"\xe9.blend"), ({"LC_ALL": "C"}, "é.blend"), ({}, "é.blend")):
+        code, out, said = shell("CLI sample chapter --out é.blend", tmp_path, **variables)
+        assert (code, out, said) == (0, f"{tmp_path}/{shown}\n", "")
 
 
 def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):

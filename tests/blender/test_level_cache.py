@@ -156,3 +156,16 @@ def test_what_is_deleted_between_two_steps_is_one_sentence_and_nothing_is_left(t
 def test_progress_rises_from_0_to_1_with_a_step_for_each_object_and_lod(two):
     progress = list(make_levels(two))
     assert progress == sorted(progress) and progress[0] >= 0 and progress[-1] == 1.0 and len(set(progress)) >= 2 * 3
+
+
+@pytest.mark.parametrize(
+    "value", ["x", 1.0, [1, 2], {}, {"diagonal": "x"}, {"diagonal": 1.0, "vertices": [1.5] * 3}], ids=lambda value: repr(value)[:12]
+)
+def test_measures_that_are_spoilt_are_made_anew(two, value):
+    _, first = run(two)
+    counts = [list(group.triangles) for group in two.crowd_lod.groups]
+    for key in ("crowd_lod_measured", "crowd_lod_candidate"):
+        two.crowd_lod.levels.children[0].children[0][key] = value
+        outcome, again = run(two)
+        assert (outcome.made, outcome.kept) == (("one",), ("two",)) and again.keys() == first.keys()
+        assert [list(group.triangles) for group in two.crowd_lod.groups] == counts

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.page import page
-from crowd_lod_extension.operators import cli, lod_picture, lods, populate
+from crowd_lod_extension.operators import cli, extent, lod_picture, lods, populate
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.surface import Surface
@@ -133,7 +133,7 @@ def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
 
 def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, monkeypatch):
     whole = populate.measure_groups(scene)
-    monkeypatch.setattr(populate, "TICK", 0.0)  # a pose at a time
+    monkeypatch.setattr(extent, "TICK", 0.0)  # a pose at a time
     before, progress, steps = set(bpy.data.user_map()), [], populate.measuring_groups(scene)
     while True:
         try:

@@ -1,11 +1,16 @@
 """What goes into the extension's zip, by Blender's own tool, the one inside the bpy module."""
 
+import base64
+import hashlib
+import os
 import shutil
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
+import pytest
+from crowd_lod_extension import package
 from crowd_lod_extension.package import bundled_tool
 
 ROOT = Path(__file__).parents[2]
@@ -49,3 +54,76 @@ def test_the_zip_holds_the_extension_and_nothing_else(tmp_path):
         for file in (ROOT / folder).rglob(f"*.{suffix}")
     }
     assert code <= names
+
+
+WHEEL = "thing-1.0-py3-none-any.whl"
+
+
+def make_wheel(folder, names=("thing.py", "data.bin"), text=b"x = 1\n"):
+    """A small wheel with its list of files, as pip takes it."""
+    parts = {name: text * 200 for name in names}
+    parts["thing-1.0.dist-info/METADATA"] = b"Metadata-Version: 2.1\nName: thing\nVersion: 1.0\n"
+    parts["thing-1.0.dist-info/WHEEL"] = b"Wheel-Version: 1.0\nGenerator: t\nRoot-Is-Purelib: true\nTag: py3-none-any\n"
+    lines = [
+        f"{name},sha256={base64.urlsafe_b64encode(hashlib.sha256(data).digest()).decode().rstrip('=')},{len(data)}"
+        for name, data in parts.items()
+    ]
+    parts["thing-1.0.dist-info/RECORD"] = "\n".join([*lines, "thing-1.0.dist-info/RECORD,,"]).encode()
+    folder.mkdir(exist_ok=True)
+    with zipfile.ZipFile(folder / WHEEL, "w") as archive:
+        for name, data in parts.items():
+            archive.writestr(name, data)
+    return folder / WHEEL
+
+
+def cut(wheel):
+    os.truncate(wheel, 1000)
+
+
+def empty(wheel):
+    os.truncate(wheel, 0)
+
+
+def flip(wheel):
+    data = bytearray(wheel.read_bytes())
+    data[data.index(b"x = 1") + 4] = ord("2")
+    wheel.write_bytes(data)
+
+
+def replace_inside(wheel):
+    """Another file under the same name, with a checksum of its own that fits."""
+    with zipfile.ZipFile(wheel) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(wheel, "w") as archive:
+        for name, data in (parts | {"thing.py": b"x = 2"}).items():
+            archive.writestr(name, data)
+
+
+@pytest.fixture
+def offline(tmp_path, monkeypatch):
+    """The folder from which pip fetches wheels, and the checkout's."""
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path / "index"))
+    monkeypatch.setattr(package, "WHEELS", tmp_path / "wheels")
+    return make_wheel(tmp_path / "index"), make_wheel(tmp_path / "wheels")
+
+
+@pytest.mark.parametrize("spoil", [cut, empty, flip, replace_inside, os.unlink])
+def test_a_spoilt_wheel_is_fetched_anew(offline, spoil):
+    whole, here = offline
+    spoil(here)
+    package.fetch([WHEEL])
+    assert here.read_bytes() == whole.read_bytes()
+    os.unlink(whole)
+    package.fetch([WHEEL])  # asks pip no more
+    spoil(here)
+    with pytest.raises(package.Failure, match=f"could not fetch {WHEEL}"):
+        package.fetch([WHEEL])
+    assert not here.exists()
+
+
+def test_a_wheel_that_arrives_spoilt_is_refused(offline):
+    for wheel in offline:
+        replace_inside(wheel)
+    with pytest.raises(package.Failure, match="is not whole"):
+        package.fetch([WHEEL])

@@ -143,3 +143,38 @@ def test_every_setting_and_button_says_what_it_is():
                 setting = kind.bl_rna.properties[name]
                 said = [setting.description, *(item.description for item in getattr(setting, "enum_items", ()))]
                 assert all(said) and setting.name != name, f"{kind.__name__}.{name}"
+
+
+def test_settings_that_nobody_can_set_are_named(levelled):
+    settings = levelled.crowd_lod
+    raw = settings.bl_system_properties_get() if bpy.app.version >= (5, 0, 0) else levelled["crowd_lod"]
+    for name, value, said in (
+        ("forward", 9, "Forward of Scene has no known value: choose one of -Y"),
+        ("count", 10**9, "Agents of Scene is 1e"),
+        ("size", [float("nan"), 1.0], "Size of Scene is nan"),
+        ("map_image", levelled.camera, "Map of Scene is .*: choose one of the kind Image"),
+    ):
+        before, sound = set(bpy.data.user_map()), raw.get(name)
+        sound = getattr(sound, "to_list", lambda sound=sound: sound)()
+        raw.pop(name, None)
+        raw[name] = value
+        for step in (bpy.ops.crowd_lod.populate, bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.make_levels):
+            with pytest.raises(RuntimeError, match=said) as error:
+                step()
+            assert "Traceback" not in str(error.value) and set(bpy.data.user_map()) == before
+        raw.pop(name)
+        if sound is not None:
+            raw[name] = sound
+    assert bpy.ops.crowd_lod.build() == {"FINISHED"}
+
+
+def test_what_was_measured_and_is_spoilt_is_measured_anew(levelled):
+    group = levelled.crowd_lod.groups[0]
+    for name, value in (("radius", float("nan")), ("period", -1.0), ("deviations", [float("nan")] * 8)):
+        setattr(group, name, value)
+        with pytest.raises(RuntimeError, match="character group adult is spoilt: press Populate"):
+            bpy.ops.crowd_lod.build()
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"} and bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
+        group = levelled.crowd_lod.groups[0]
+        assert group.radius > 0.5 and group.diagonal > 1
+    assert bpy.ops.crowd_lod.build() == {"FINISHED"}

@@ -8,9 +8,10 @@ from math import pi
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.proof import to_text
 from crowd_lod_extension.operators import cli
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.verify import PAIRS, Verify, to_text, verify
+from crowd_lod_extension.operators.verify import PAIRS, Verify, verify
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
@@ -81,8 +82,26 @@ def test_without_the_option_pixels_differ_and_with_a_margin_that_drops_agents_th
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "off.blend"))
     words = ("--frames", "7", "--width", 96, "--samples", 2, "--quiet", "--out")
     assert run("verify", tmp_path / "off.blend", *words, tmp_path / "off") == 1
-    assert "NOT the same: frame 7, culling" in capfd.readouterr().out
+    *_, culling, levels, left_open, folder = capfd.readouterr().out.splitlines()
+    assert culling.startswith("Culling: WRONG, ") and culling.endswith(" pixels differ in frame 7.")
+    assert levels.startswith("LODs: silhouettes shift ") and left_open.startswith("Not proved: ") and folder.endswith("off")
     assert json.loads((tmp_path / "off" / "verify.json").read_text())["frames"][0]["shadow"] == 0
+
+
+@pytest.mark.parametrize("method", ["BUMP", "DISPLACEMENT"])
+def test_displacement_is_no_false_alarm(lit, tmp_path, method):
+    """Cycles displaces a mesh where the first of its instances stands, which culling may make another one: bits differ."""
+    for each in {slot.material for item in lit.crowd_lod.characters.all_objects for slot in item.material_slots}:
+        tree, each.displacement_method = each.node_tree, method
+        noise, displace = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeDisplacement")
+        displace.inputs["Scale"].default_value = 0.05
+        tree.links.new(noise.outputs[0], displace.inputs["Height"])
+        out = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+        tree.links.new(displace.outputs[0], out.inputs["Displacement"])
+    result = rendered(lit, tmp_path / "out")
+    row = result["frames"][0]
+    assert result["ok"] and row["b_largest"] < 1e-3 and (row["b_pixels"] > 0) == (method == "DISPLACEMENT")
+    assert len(result["left_out"]) == (method == "DISPLACEMENT")
 
 
 def test_a_fixed_margin_of_nothing_is_found_out(lit, tmp_path):

@@ -338,6 +338,38 @@ def test_timers_end_after_their_seconds():
     np.testing.assert_allclose(left, expected, atol=5 * np.sqrt(0.25 / 20_000) + 1e-3)
 
 
+@pytest.mark.parametrize("after, fps", [(3600, 10), (3600, 1000 / 30), (1000.1, 60)])
+def test_a_long_timer_ends_on_time(after, fps):
+    """Who goes when the timer ends is as far as the time since then: to a microsecond, by whatever steps."""
+    machine = machine_of({"a": {"start": 1, "after": after, "then": "b", "on": {"*": {}}}, "b": {"on": {"*": {"move": [1, 0]}}}})
+    world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1))
+    shot = Trajectory(populate(2, 0, 1, machine, world), machine, world, (walker(),), 1 / fps, 0)
+    frames = int((after + 2) * fps)
+    np.testing.assert_allclose(shot.at(frames).x - shot.start.x, frames / fps - after, atol=1e-6)
+    np.testing.assert_allclose(shot.at(int((after - 0.5) * fps)).x, shot.start.x, atol=0)
+
+
+@pytest.mark.parametrize("after", [1e6, 1e7])
+def test_a_timer_of_a_million_seconds_runs_at_sixty_frames_a_second(after):
+    machine = machine_of({"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [1, 0]}}}}, "wrap")
+    world = LabelMap(np.zeros((4, 4), np.uint8), Area(0, 0, 40, 40))
+    crowd = populate(20, 0, 1, machine, world)
+    shot = Trajectory(crowd, machine, world, (walker(),), 1 / 60, 0)
+    for crowd in (shot.at(3600), shot.full.at(3600)):
+        np.testing.assert_allclose(crowd.wait, after - 60, atol=1e-5)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("after", [1e39, 1e300, 1.7e308, [1, 1.7e308]])
+def test_a_timer_that_nobody_lives_to_see_runs_without_a_warning(after):
+    machine = machine_of({"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [0.1, 0]}}}})
+    world = LabelMap(np.zeros((4, 4), np.uint8), Area(0, 0, 40, 40))
+    crowd = populate(5000, 0, 1, machine, world)
+    assert np.isfinite(crowd.wait).all()
+    shot = Trajectory(crowd, machine, world, (walker(),), 1e-3, 0)
+    assert same(shot.at(40), shot.full.at(40)) and (shot.at(40).state == 0).all() and np.isfinite(shot.at(40).wait).all()
+
+
 def test_chances_follow_their_weights_and_fall_once_a_label():
     """The label is four cells wide and takes 80 steps to cross: still one draw."""
     turn = {"next": {"left": 3, "right": 1, "on": 4}, "move": [1, 0]}
@@ -404,15 +436,15 @@ def test_time_passes_for_an_agent_that_is_sent_to_and_fro():
     states = {"a": {**TO_AND_FRO["a"], "after": 1, "then": "off"}, "off": {"on": {"*": {"move": [0, 1]}}}}
     machine = machine_of(states)
     world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
-    crowd = dataclasses.replace(crowd_at([(0.75, 0.25, 0)]), wait=np.ones(1, np.float32))
+    crowd = dataclasses.replace(crowd_at([(0.75, 0.25, 0)]), wait=np.ones(1))
     for _ in range(6):
         crowd = step(crowd, machine, world, CYCLES, 0.25)
     assert crowd.state[0] == 1 and crowd.y[0] == pytest.approx(0.75)
 
 
-def test_an_agent_takes_48_bytes_at_most():
+def test_an_agent_takes_52_bytes_at_most():
     crowd = lively().at(50)
-    assert sum(getattr(crowd, f.name).nbytes for f in dataclasses.fields(crowd)) <= 48 * len(crowd)
+    assert sum(getattr(crowd, f.name).nbytes for f in dataclasses.fields(crowd)) <= 52 * len(crowd)
 
 
 def test_before_the_first_frame_the_crowd_stands():

@@ -60,6 +60,19 @@ def test_unknown_python_version(checkout, bare):
     assert result.stderr == "crowd-lod: --python takes 3.13 or 3.11, not '3.12'.\n"
 
 
+@posix
+def test_a_current_folder_that_is_gone_hides_no_python(checkout, tmp_path):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    scripts = checkout / ".venv-3.13" / "bin"
+    scripts.mkdir(parents=True)
+    (scripts / "python").write_text("#!/bin/sh\npwd -P >/dev/null || exit 1\n[ $1 = -I ] || echo found $2\n")  # as 3.13
+    (scripts / "python").chmod(0o755)
+    shell = f"cd '{gone}'; rmdir '{gone}'; '{checkout}/crowd-lod' package"
+    result = run("/bin/sh", "-c", shell, **os.environ)
+    assert (result.returncode, result.stdout) == (0, "found package\n"), result.stderr
+
+
 @pytest.mark.skipif(sys.version_info[:2] not in [(3, 11), (3, 13)], reason="no bpy module for this Python")
 def test_failed_installation_names_the_log_and_is_not_taken_for_a_whole_one(checkout):
     offline = {**os.environ, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(checkout)}

@@ -186,6 +186,35 @@ def test_absurd_nesting_is_refused():
             parse('{"version": ' + "[" * depth + "]" * depth + "}", "t")
 
 
+ABSURD = {
+    "a number of 5,000 digits": ('"move": [1, 2]', f'"move": [{"9" * 5000}, 0]'),
+    "a version of 5,000 digits": ('"version": 1', f'"version": {"9" * 5000}'),
+    "a number beyond all floats": ('"move": [1, 2]', '"move": [1e999, 0]'),
+    "NaN": ('"move": [1, 2]', '"move": [NaN, 0]'),
+    "half a character as a name": ('"walk": {', r'"\ud83d": {'),
+    "half a character in a text": ('"version": 1', r'"version": 1, "name": "a\udfffb"'),
+    "a megabyte of a name": ('"next": "turn"', f'"next": "{"turn " * 200_000}"'),
+    "a megabyte of a key": ('"move": [1, 2]', f'"{"move" * 250_000}": [1, 2]'),
+    "a megabyte of a list": ('"move": [1, 2]', f'"move": [{"1, " * 300_000} 2]'),
+    "lines in a name": ('"next": "turn"', r'"next": "tu\nrn\u2028\u0007"'),
+}
+
+
+@pytest.mark.parametrize("case", ABSURD)
+def test_absurd_values_are_one_short_line(case):
+    old, new = ABSURD[case]
+    assert table().count(old) == 1
+    with pytest.raises(CrowdError, match="line 1: ") as error:
+        parse(table().replace(old, new), "crowd.json")
+    said = str(error.value)
+    assert len(said) < 700 and said.isprintable() and said.encode()
+
+
+def test_numbers_of_many_digits_are_read():
+    digits = "0." + "1" * 10_000
+    assert parse(table().replace("[1, 2]", f"[{digits}, {'1' * 300}]"), "t").velocity[0, 0].tolist() == [1 / 9, float("1" * 300)]
+
+
 def test_unknown_preset_names_those_there_are():
     with pytest.raises(CrowdError, match="chapter"):
         load_preset("nothing")

@@ -1,35 +1,11 @@
 import csv
 import io
-import os
 
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod import report
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.shot import parse_frames
-
-
-def test_files_come_all_at_once_or_not_at_all(tmp_path):
-    folder = tmp_path / "new" / "out"
-    with pytest.raises(RuntimeError), report.staged(folder) as stage:
-        (stage / "a.txt").write_text("half")
-        raise RuntimeError
-    assert not (tmp_path / "new").exists()
-    folder.mkdir(parents=True)
-    (folder / "a.txt").write_text("old")
-    (folder / "mine.txt").write_text("mine")
-    with report.staged(folder) as stage:
-        (stage / "a.txt").write_text("new")
-        assert (folder / "a.txt").read_text() == "old"
-    assert sorted(p.name for p in folder.iterdir()) == ["a.txt", "mine.txt"]
-    assert (folder / "a.txt").read_text() == "new"
-
-
-def test_folder_that_is_a_file_is_one_sentence(tmp_path):
-    (tmp_path / "file").write_text("")
-    with pytest.raises(CrowdError, match="file/out cannot be written"), report.staged(tmp_path / "file" / "out"):
-        pass
-    assert os.listdir(tmp_path) == ["file"]
 
 
 def test_csv_reads_back():

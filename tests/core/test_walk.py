@@ -134,7 +134,7 @@ def test_agents_stuck_at_the_edge_or_on_a_label_are_found_and_those_at_rest_are_
     labels = np.array([[0, 0, 1, 0], [0, 0, 0, 0], [0, 2, 0, 0], [0, 0, 0, 0]], np.uint8)
     world = LabelMap(labels, Area(0, 0, 4, 4))
     crowd = crowd_at([(0.5, 0.5, 0), (0.2, 0.7, 0), (0.5, 1.5, 0), (0.5, 2.5, 0), (0.5, 3.5, 0)])
-    waits = np.array([np.inf] * 4 + [500], np.float32)
+    waits = np.array([np.inf] * 4 + [500.0])
     crowd = dataclasses.replace(crowd, state=np.array([0, 0, 0, 0, 2], np.uint8), wait=waits)
     (found,) = trouble(crowd, machine, world)
     assert found.kind == "stuck" and found.agents.tolist() == [0, 1, 2]

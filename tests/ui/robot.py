@@ -1,11 +1,13 @@
 """Eyes and hands of session.py: presses buttons and keys in Blender's window, takes pictures, compares."""
 
 import faulthandler
+import json
 import os
 import shutil
 import subprocess
 import sys
 import time
+import traceback
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -46,6 +48,24 @@ def start(folder):
     bpy.types.SpaceView3D.draw_handler_add(lambda: _draws.append(1), (), "HEADER", "POST_PIXEL")
     draw_handlers = Counted()
     bpy.ops.preferences.addon_enable(module=MODULE)
+
+
+def perform(steps, results: dict, folder: Path):
+    """Take the `steps`, each after the seconds that the one before yields; then write `results` to the folder, and quit."""
+
+    def tick():
+        try:
+            return next(steps)
+        except StopIteration:
+            pass
+        except BaseException:
+            results["traceback"] = traceback.format_exc()
+        results["pictures"] = pictures
+        (folder / "results.json").write_text(json.dumps(results, indent=1), encoding="utf-8")
+        bpy.ops.wm.quit_blender()
+
+    start(folder)
+    bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
 
 
 def window() -> bpy.types.Window:
@@ -124,11 +144,11 @@ def drawn():
     yield 0.5  # a later round of Blender's loop than the drawing: its timers have run
 
 
-def key(name: str):
-    """Type a key with the mouse over the viewport."""
+def key(name: str, **held: bool):
+    """Type a key with the mouse over the viewport; `held`: ctrl, shift, alt."""
     area = view_3d()
     x, y = area.x + area.width // 4, area.y + area.height // 2
-    window().event_simulate(type=name, value="PRESS", x=x, y=y)
+    window().event_simulate(type=name, value="PRESS", x=x, y=y, **held)
     window().event_simulate(type=name, value="RELEASE", x=x, y=y)
 
 

@@ -1,0 +1,109 @@
+"""The characters themselves are not in the picture of their crowd, and nothing else is hidden; judged by pixels."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.steps import finished
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.preview import Preview, preview
+from mathutils import Euler
+
+from .characters import character, new, tube
+
+
+@pytest.fixture
+def far():
+    """A character at the origin, and its crowd of one, who walks far away."""
+    scene = bpy.context.scene
+    character(new("body", tube("body", 8, 8)))
+    settings = scene.crowd_lod
+    settings.count, settings.size, settings.centre, settings.level_count, settings.way = 1, (1, 1), (50, 0, 0), 2, "PRECISE"
+    eye = new("eye", bpy.data.cameras.new("eye"))
+    eye.data.clip_end, eye.rotation_euler = 100, Euler((np.pi / 2, 0, 0))
+    scene.collection.objects.link(eye)
+    scene.camera, render = eye, scene.render
+    render.engine, scene.cycles.samples, scene.cycles.use_denoising, render.film_transparent = "CYCLES", 1, False, True
+    render.resolution_x = render.resolution_y = 32
+    bpy.ops.crowd_lod.populate()
+    return scene
+
+
+def pixels(scene, tmp_path, x):
+    """The pixels that a render shows of what stands at `x`."""
+    scene.camera.location = x, -8, 1
+    scene.render.filepath, scene.render.image_settings.color_mode = str(tmp_path / "picture.png"), "RGBA"
+    scene.frame_set(1)
+    with bpy.context.temp_override(scene=scene):
+        bpy.ops.render.render(write_still=True)
+    return int((io.load_pixels(tmp_path / "picture.png")[..., 3] > 0).sum())
+
+
+def test_a_build_hides_the_characters_until_it_is_removed(far, tmp_path, capfd):
+    assert pixels(far, tmp_path, 0) > 0
+    bpy.ops.crowd_lod.build()
+    assert "The characters in People are hidden from renders." in capfd.readouterr().out
+    assert pixels(far, tmp_path, 0) == 0 and pixels(far, tmp_path, 50) > 0
+    bpy.ops.crowd_lod.build()
+    bpy.ops.crowd_lod.remove_build()
+    assert pixels(far, tmp_path, 0) > 0
+    far.frame_start = far.frame_end = 1
+    far.camera.location.x = 50
+    bpy.ops.crowd_lod.bake()
+    assert pixels(far, tmp_path, 0) == 0 and pixels(far, tmp_path, 50) > 0
+    far.crowd_lod.keep_characters = True
+    bpy.ops.crowd_lod.build()
+    assert pixels(far, tmp_path, 0) > 0 and pixels(far, tmp_path, 50) > 0
+
+
+def test_characters_that_the_user_hides_stay_hidden(far, tmp_path, capfd):
+    far.crowd_lod.characters.hide_render = True
+    bpy.ops.crowd_lod.build()
+    bpy.ops.crowd_lod.remove_build()
+    assert far.crowd_lod.characters.hide_render and "The characters in" not in capfd.readouterr().out
+
+
+def instanced(scene, home):
+    empty = new("stand", None)
+    empty.instance_type, empty.instance_collection, empty.location.x = "COLLECTION", home, 20
+    scene.collection.objects.link(empty)
+
+
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_else_shows_the_characters_still_does(far, tmp_path, capfd, whole):
+    people = far.crowd_lod.characters
+    instanced(far, people if whole else people.children[0])
+    bpy.ops.crowd_lod.build()
+    assert pixels(far, tmp_path, 20) > 0 and (pixels(far, tmp_path, 0) > 0) == whole
+    assert ("stay in renders: stand would no longer show them" in capfd.readouterr().out) == whole
+
+
+def test_another_scene_of_the_characters_keeps_them(far, tmp_path):
+    other = bpy.data.scenes.new("turntable")
+    other.collection.children.link(far.crowd_lod.characters)
+    bpy.ops.crowd_lod.build()
+    assert not far.crowd_lod.characters.hide_render
+
+
+def test_of_two_builds_of_the_same_characters_the_last_shows_them_again(far):
+    bpy.ops.crowd_lod.build()
+    copy = far.copy()
+    with bpy.context.temp_override(scene=copy, view_layer=copy.view_layers[0]):
+        bpy.ops.crowd_lod.build()
+    bpy.ops.crowd_lod.remove_build()
+    assert far.crowd_lod.characters.hide_render
+    with bpy.context.temp_override(scene=copy, view_layer=copy.view_layers[0]):
+        bpy.ops.crowd_lod.remove_build()
+    assert not far.crowd_lod.characters.hide_render
+
+
+def test_a_preview_leaves_them_out_and_the_file_alone(far, tmp_path):
+    far.camera.location = 0, -8, 1
+    people, pictures = far.crowd_lod.characters, {}
+    for name, hides, keeps in (("left out", False, False), ("hidden", True, False), ("kept", False, True)):
+        people.hide_render, far.crowd_lod.keep_characters = hides, keeps
+        plan = finished(preview(far, Preview([1], tmp_path / name, 64), []))
+        assert people.hide_render == hides and not far.view_layers[0].layer_collection.children["People"].exclude
+        pictures[name] = io.load_pixels(tmp_path / name / "main_0001.png")
+        assert bool(plan["preview"]["notes"]) == (name == "left out")
+    assert np.array_equal(pictures["left out"], pictures["hidden"])
+    assert (pictures["left out"] != pictures["kept"]).any(axis=2).sum() > 50

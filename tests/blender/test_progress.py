@@ -1,0 +1,84 @@
+"""Work that takes long because a frame is far away or agents are fast: it goes on by steps, and Esc ends it between them."""
+
+import time
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from crowd_lod_extension.operators import populate
+from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.operator import left_words
+from crowd_lod_extension.operators.populate import CROWDLOD_OT_populate
+from crowd_lod_extension.operators.preview import Preview, preview
+from crowd_lod_extension.operators.render_setup import prepared
+from crowd_lod_extension.operators.report import error
+from crowd_lod_extension.operators.verify import Verify, verify
+
+FAR = 10**6
+FAST = (
+    '{"version": 1, "edge": "reflect", "labels": {"ground": {"color": "#808080"}},'
+    ' "states": {"go": {"on": {"*": {"move": [400000, 3]}}}}}'
+)
+
+
+def previewed(scene, folder):
+    return preview(scene, Preview([FAR], folder / "out", 160), [])
+
+
+def verified(scene, folder):
+    return verify(scene, Verify([FAR], folder / "out", 64), [])
+
+
+def baked(scene, folder):
+    return prepared(scene, lambda: bake(scene, [FAR]))
+
+
+def reported(scene, folder):
+    scene.crowd_lod.frames = f"{FAR}"
+    return error(scene, folder / "out")
+
+
+def built(scene, folder):
+    scene.frame_set(FAR)
+    return baked(scene, folder)
+
+
+WORKS = previewed, verified, baked, reported, built
+
+
+@pytest.mark.parametrize("work", WORKS, ids=lambda work: work.__name__)
+def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_path, work):
+    steps = work(levelled, tmp_path)
+    before = set(bpy.data.user_map())
+    populate.forget()
+    while not any(1000 < crowds._recent[0][0] < FAR for crowds in populate._trajectories.values()):
+        next(steps)  # it is not on its way yet
+    longest = 0.0
+    for _ in range(10):
+        begun = time.perf_counter()
+        next(steps)
+        longest = max(longest, time.perf_counter() - begun)
+    begun = time.perf_counter()
+    steps.close()
+    assert max(longest, time.perf_counter() - begun) < 1
+    assert set(bpy.data.user_map()) == before and list(tmp_path.iterdir()) == []
+
+
+def test_populate_looks_ahead_by_steps(levelled):
+    levelled.crowd_lod.count = 100_000
+    levelled.crowd_lod.machine = bpy.data.texts.new("fast")
+    levelled.crowd_lod.machine.from_string(FAST)
+    steps = CROWDLOD_OT_populate.steps(SimpleNamespace(report=print), bpy.context)
+    told = [next(steps)]
+    while told[-1] < 1 or len(told) < 2 or told[-2] < 1:
+        told.append(next(steps))
+    begun = time.perf_counter()
+    steps.close()
+    assert time.perf_counter() - begun < 1
+
+
+def test_how_long_the_rest_takes():
+    assert left_words(0.5, 1) == left_words(0.0, 10) == ""
+    assert left_words(0.5, 30) == ", about 30 s left"
+    assert left_words(0.25, 60) == ", about 3 min left"
+    assert left_words(0.01, 3600) == ", about 99 h left"

@@ -1,0 +1,76 @@
+"""Long ways to a frame: known by their progress, ended at any time, the same crowd in the end."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.agents import Group, populate
+from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.machine import load_preset, parse
+from crowd_lod_extension.crowd_lod.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.steps import aside, finished
+
+AREA = Area(-50, -50, 50, 50)
+FAR = 10**6  # frames, minutes away
+FAST = """{"version": 1, "edge": "wrap", "labels": {"a": {"color": "#000000"}, "b": {"color": "#ffffff"}},
+    "states": {"go": {"on": {"*": {"move": [1000000, 0]}}}}}"""
+
+
+def trajectory(count=2000):
+    machine = load_preset("chapter")
+    world = edge_map(AREA, machine.labels)
+    return Trajectory(populate(count, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
+
+
+def fast():
+    """Agents that enter a cell of another label 41,667 times in a step, which takes seconds."""
+    machine = parse(FAST, "fast")
+    world = LabelMap(np.arange(100, dtype=np.uint8)[None].repeat(2, 0) % 2, AREA)
+    return Trajectory(populate(1000, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
+
+
+def test_the_crowd_is_the_same_and_then_known():
+    straight, slowly = trajectory(), trajectory()
+    told = list(slowly.approach(4001))
+    assert told == sorted(told) and 0 <= told[0] < told[-1] <= 1 and len(set(told)) > 3
+    begun = time.perf_counter()
+    crowd = slowly.at(4001)
+    assert time.perf_counter() - begun < 0.05
+    for name, column in vars(straight.at(4001)).items():
+        assert np.array_equal(column, getattr(crowd, name)), name
+
+
+@pytest.mark.parametrize("make, frame", [(trajectory, FAR), (fast, 3)])
+def test_it_ends_at_any_time_and_leaves_the_crowd_as_it_was(make, frame):
+    crowds, threads = make(), threading.active_count()
+    first = crowds.at(1).x
+    steps = crowds.approach(frame)
+    for _ in range(4):
+        next(steps)
+    begun = time.perf_counter()
+    steps.close()
+    assert time.perf_counter() - begun < 0.5 and threading.active_count() == threads
+    assert np.array_equal(crowds.at(1).x, first)
+
+
+def test_others_have_their_turn_meanwhile_and_do_not_throw_it_back():
+    crowds, told, waited = trajectory(), [], []
+    steps = crowds.approach(FAR)
+    for _ in range(20):
+        told.append(next(steps))
+        begun = time.perf_counter()
+        crowds.at(7)
+        waited.append(time.perf_counter() - begun)
+    steps.close()
+    assert max(waited) < 0.5
+    assert told[-1] > told[4]  # it went on
+
+
+def test_what_is_wrong_with_the_work_is_told_where_it_is_waited_for():
+    def work():
+        raise CrowdError("No way.")
+
+    with pytest.raises(CrowdError, match="No way"):
+        finished(aside(work))

@@ -1,0 +1,104 @@
+"""Far from the origin: positions that Blender has are float32, and nobody whom these show may be culled."""
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod import blocks, curve
+from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
+from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.camera import planes
+from crowd_lod_extension.crowd_lod.culling import radar
+from crowd_lod_extension.crowd_lod.exact import sees
+from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.maps import Area, LabelMap
+
+from .crowds import crowd_at, walker
+from .test_behaviour import machine_of
+from .test_lean import POLICY
+
+GROUP = walker()
+CENTRE, RADIUS = np.array([GROUP.centre]), np.array([GROUP.radius])
+STANDS = machine_of({"a": {"on": {"*": {}}}})
+
+
+def in_float32(camera):
+    """What Blender holds of the camera: all its numbers in float32."""
+    return replace(camera, **{name: np.float64(np.float32(getattr(camera, name))) for name in ("origin", "X", "Y", "Z")})
+
+
+def at_the_planes(camera, random, count):
+    """Feet (count, 3) of agents whose spheres touch the camera's planes, to within the spacing of float32."""
+    if camera.kind == "PANO":
+        way = random.normal(size=(count, 3))
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        reach = np.where(random.random(count) < 0.5, camera.far + RADIUS, max(camera.near - RADIUS[0], 0.5))
+        points = camera.origin + way * reach[:, None]
+    else:
+        frustum, axes = planes(camera), np.array([camera.X, camera.Y, camera.Z])
+        depth = camera.near + (camera.far - camera.near) * random.random(count)
+        w, at = camera.window, random.random((count, 2))
+        across = [w.left + at[:, 0] * (w.right - w.left), w.bottom + at[:, 1] * (w.top - w.bottom)]
+        scale = 1.0 if camera.kind == "ORTHO" else depth
+        v = np.array([scale * across[0], scale * across[1], depth]).T @ np.linalg.inv(axes).T
+        which = random.integers(6, size=count)
+        normal = frustum.normals[which]
+        beyond = np.einsum("nd,nd->n", v, normal) - frustum.offsets[which] - RADIUS
+        points = camera.origin + v - beyond[:, None] * normal
+    spacing = np.spacing(np.float32(np.abs(points).max()))
+    return points + random.uniform(-1, 1, (count, 3)) * spacing - [0, 0, GROUP.centre]
+
+
+def seen_in_blender(camera, feet):
+    """(n,) bool: whose sphere the camera sees, about the feet (n, 3) in float32, in rational arithmetic."""
+    found = np.zeros(len(feet), bool)
+    for i, foot in enumerate(np.float32(feet)):
+        centre = [Fraction(float(foot[0])), Fraction(float(foot[1])), Fraction(float(foot[2])) + Fraction(GROUP.centre)]
+        nearby = [float(p) for p in centre]  # of the sum float64 may miss the last bits: so much more or less of a radius
+        off = float(abs(Fraction(nearby[2]) - centre[2]))
+        found[i] = sees(camera, nearby, GROUP.radius - off)
+    return found
+
+
+def shot(feet):
+    low, high = feet.min(axis=0) - 10, feet.max(axis=0) + 10
+    world = LabelMap(np.zeros((1, 1), np.uint8), Area(low[0], low[1], high[0], high[1]))
+    return Trajectory(crowd_at(feet), STANDS, world, (GROUP,), 1 / 24, 0)
+
+
+@pytest.mark.parametrize("away", [0.0, 1e3, 1e5, 1e6, 1e7])
+@pytest.mark.parametrize("lens", LENSES)
+def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
+    monkeypatch.setattr(curve, "FEWEST", 1)
+    monkeypatch.setattr(blocks, "FIRST", 4)
+    random, missed, beside = np.random.default_rng([list(LENSES).index(lens), int(away)]), 0, 0
+    for _ in range(8):
+        way = random.normal(size=3) * [1, 1, 0.1]
+        camera = random_camera(random, lens)
+        camera = in_float32(replace(camera, origin=camera.origin + away * way / np.linalg.norm(way)))
+        feet = at_the_planes(camera, random, 60)
+        seen = seen_in_blender(camera, feet)
+        frames = [plan(shot(feet), camera, POLICY, 0, lean=lean) for lean in (True, False)]
+        for frame in frames:
+            assert not (seen & ~frame.visible).any()
+        assert (frames[0].visible == frames[1].visible).all()
+        bare = radar(crowd_at(feet), camera, CENTRE, RADIUS)[0]
+        missed += (seen & ~bare).sum()
+        beside += seen.sum()
+    assert beside > 60 and (missed or away < 1e5)  # the positions' own rounding makes the difference
+
+
+@pytest.mark.parametrize("away, metres", [(0.0, 1e-3), (1e3, 1e-2), (1e6, 5.0)])
+def test_who_is_clearly_outside_is_culled_all_the_same(away, metres):
+    """Near the origin the bound is a tenth of a millimetre for each 100 m."""
+    random, culled = np.random.default_rng(1), 0
+    for _ in range(20):
+        camera = random_camera(random, "normal")
+        camera = in_float32(replace(camera, origin=np.array([away, -away / 3, 2]), near=0.1, far=100.0))
+        feet = at_the_planes(camera, random, 60) + random.uniform(-3, 3, (60, 3)) * metres
+        v = feet + [0, 0, GROUP.centre] - camera.origin
+        outside = ((v @ planes(camera).normals.T - planes(camera).offsets) > GROUP.radius + metres).any(axis=1)
+        assert not (outside & plan(shot(feet), camera, POLICY, 0).visible).any()
+        culled += outside.sum()
+    assert culled > 100

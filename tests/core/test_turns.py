@@ -1,0 +1,191 @@
+"""Steps with very many turns or cells: no longer than others, and where they should end."""
+
+import dataclasses
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod import behaviour
+from crowd_lod_extension.crowd_lod.agents import populate
+from crowd_lod_extension.crowd_lod.behaviour import HOLD, MOST_TURNS, Trajectory, advance
+from crowd_lod_extension.crowd_lod.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.walk import trouble, walk
+
+from .crowds import crowd_at, walker
+from .test_behaviour import CYCLES, machine_of, mirrored, random_machine, same
+from .way import Agent
+
+FRAME = 1 / 24
+
+
+def turning(way, edge="clamp", back=None, **more):
+    """Who comes to a wall turns back."""
+    way, back = list(way), list(back or (-way[0], -way[1]))
+    return machine_of(
+        {
+            "out": {"start": 1, **more, "on": {"ground": {"move": way}, "wall": {"next": "back", "move": back}}},
+            "back": {**more, "on": {"ground": {"move": back}, "wall": {"next": "out", "move": way}}},
+        },
+        edge,
+    )
+
+
+def corner(x=0.0, y=0.0):
+    """Two walls that touch at a corner, 1 m from x, y."""
+    return LabelMap(np.array([[1, 0], [0, 1]], np.uint8), Area(x, y, x + 2, y + 2))
+
+
+def to_and_fro(place, way, seconds, at):
+    """Where an agent is that turns at the walls below left and right of the corner `at` (2,), exactly."""
+    place, way, at = ([Fraction(float(value)) for value in pair] for pair in (place, way, at))
+    ahead, behind = (at[0] - place[0]) / way[0], (place[1] - at[1]) / way[1]
+    turn, offset = divmod(Fraction(seconds) + behind, ahead + behind)
+    time = (ahead + behind - offset if turn % 2 else offset) - behind
+    return [float(p + v * time) for p, v in zip(place, way, strict=True)], int(turn % 2)
+
+
+@pytest.mark.parametrize("offset", [0.0, -1.0, 300.7, -5e4 / 3])
+def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_in_whole_rounds(offset):
+    random, world = np.random.default_rng(1), corner(offset, -offset)
+    at = [world.area.x_min + world.cell[0], world.area.y_min + world.cell[1]]
+    for away in 10.0 ** -np.arange(2, 9):
+        way = random.uniform(0.2, 2, 2)
+        crowd = crowd_at(np.append(at + random.uniform(0.1, 1, (20, 2)) * (-away, away), np.zeros((20, 1)), axis=1))
+        crowd = dataclasses.replace(crowd, state=np.zeros(20, np.uint8))
+        moved, tally = advance(crowd, turning(way), world, CYCLES, FRAME)
+        assert tally.pieces < 100
+        expected = [to_and_fro(place, way, FRAME, at) for place in zip(crowd.x, crowd.y, strict=True)]
+        # float64 knows places and times to a few units in the last place: that much a turn, more where it walks aslant
+        unsure = 8 * way.max() / way.min() * (np.spacing(abs(offset) + 2) + np.spacing(FRAME)) * tally.reads / 20 + 1e-13
+        close = np.abs(np.array([place for place, _ in expected]) - np.array([moved.x, moved.y]).T).max(axis=1)
+        assert (close <= np.minimum(unsure, 2 * away * way.max() / way.min())).all(), (away, close.max(), unsure)
+        if away > 1e-4:
+            assert ([state for _, state in expected] == moved.state).all()
+        assert tally.held.all() or away > 1e-5
+
+
+@pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
+@pytest.mark.parametrize(
+    "back, more", [(None, {"after": 50, "then": "out"}), ((-1, -0.7001), {}), ((-1, -0.69), {}), ((-1, -0.71), {})]
+)
+def test_who_does_not_come_back_to_where_it_was_stands_after_so_many_turns(edge, back, more):
+    most = MOST_TURNS * HOLD
+    machine, world = turning((1, 0.7), edge, back, **more), corner()
+    for away in 10.0 ** -np.arange(2, 16, 3):
+        crowd = dataclasses.replace(crowd_at([(1 - away, 1 + away / 3, 0)]), wait=np.full(1, 50.0 if more else np.inf))
+        moved, tally = advance(crowd, machine, world, CYCLES, FRAME)
+        assert tally.pieces <= most and tally.reads <= 3 * most
+        assert tally.held.all() or away > 1e-4
+        assert np.hypot(moved.x - 1, moved.y - 1) < 10 * away + 0.05 * (not tally.held[0])
+        assert not more or moved.state[0] or moved.wait[0] == pytest.approx(50 - FRAME, abs=1e-12) or tally.reads > 1
+        exact, caught = walk(crowd, machine, world, 60.0)
+        assert np.isfinite(exact.x).all() and (caught.all() or away > 1e-3 or back)
+
+
+@pytest.mark.parametrize("more", [{}, {"after": [3, 9], "then": {"out": 1, "back": 1}}])
+@pytest.mark.parametrize("edge", ["clamp", "wrap"])
+def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypatch):
+    monkeypatch.setattr(behaviour, "FEW", 0)
+    random = np.random.default_rng(3)
+    world = LabelMap(np.tile(np.array([[1, 0], [0, 1]], np.uint8), (6, 6)), Area(-30, 0, 30, 60))
+    machine = turning((5, 4), edge, **more)
+    crowd = populate(200, 1, 1, machine, world)
+    middle, away = 10 * random.integers(6, size=20) + 5, 10.0 ** random.uniform(-9, -2, 20)
+    crowd.x[:20], crowd.y[:20] = middle - 30 - away, middle + away * random.uniform(0.1, 0.9, 20)
+    crowd.state[:20] = 0
+    make = lambda: Trajectory(crowd, machine, world, (walker(),), FRAME, 0, every=8)  # noqa: E731
+    asked, whole = make(), make()
+    alone = crowd
+    for frame in range(6):
+        alone, _ = advance(alone, machine, world, CYCLES, FRAME) if frame else (alone, None)
+        assert same(asked.at(frame), alone) and same(whole.full.at(frame), alone)
+    for time in (4.5, 2, 5):
+        assert same(asked.at(time), make().at(time))
+
+
+def test_agents_caught_between_walls_are_in_trouble_and_others_are_not():
+    machine, world = turning((1, 0.7)), corner()
+    away = np.array([1e-2, 1e-5, 1e-8, 0.7])
+    crowd = crowd_at(np.array([1 - away, 1 + away / 3, 0 * away]).T)
+    (found,) = trouble(crowd, machine, world)
+    assert found.kind == "chatters" and found.agents.tolist() == [0, 1, 2]
+    assert (found.column[0], found.row[0]) in [(0, 1), (0, 0), (1, 1)]
+
+
+@pytest.mark.parametrize("way", [(1, 0), (0, -1), (1, 0.6), (-0.37, 1)])
+@pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
+def test_a_million_metres_a_second(edge, way):
+    """Between walls all around, and where there are none: where a straight line leads that is folded at the walls."""
+    random, speed = np.random.default_rng(0), 1e6
+    vx, vy = speed * np.array(way)
+    for walls in (0, 1):
+        labels = np.pad(np.zeros((62, 62), np.uint8), 1, constant_values=walls)
+        world, machine = LabelMap(labels, Area(-32, 0, 32, 64)), turning((vx, vy), edge)
+        x, y = random.uniform(-30, 30, 50), random.uniform(2, 62, 50)
+        moved, tally = advance(crowd_at(np.array([x, y, 0 * x]).T), machine, world, CYCLES, FRAME)
+        assert not tally.held.any() and tally.pieces < (200 if 0 in way else 12_000)
+        if walls:  # straight back from the first wall on either side
+            with np.errstate(divide="ignore"):
+                times = np.array([(np.array([[-31], [31]]) - x) / vx, (np.array([[1], [63]]) - y) / vy])
+            ahead = np.where(times > 0, times, np.inf).min(axis=(0, 1))
+            behind = np.where(times < 0, times, -np.inf).max(axis=(0, 1))
+            time, turned = mirrored(np.full(50, FRAME), behind, ahead)
+            expected = x + vx * time, y + vy * time
+            assert (moved.state == turned).all()
+        else:
+            far = x + vx * FRAME, y + vy * FRAME
+            fold = {
+                "clamp": lambda value, low: np.clip(value, low, low + 64),
+                "wrap": lambda value, low: (value - low) % 64 + low,
+                "reflect": lambda value, low: mirrored(value, low, low + 64)[0],
+            }[edge]
+            expected = fold(far[0], -32), fold(far[1], 0)
+        np.testing.assert_allclose(moved.x, expected[0], atol=1e-6)
+        np.testing.assert_allclose(moved.y, expected[1], atol=1e-6)
+
+
+def patches(random):
+    """A map of large patches of three labels, with some cells of one strewn in."""
+    labels = np.kron(random.integers(3, size=(4, 5)), np.ones((9, 7), int)).astype(np.uint8)
+    labels[random.random(labels.shape) < 0.01] = 1
+    return LabelMap(labels, Area(-7, 0, 28, 36))
+
+
+def go_like_one_by_one(crowd, machine, world, seconds, steps):
+    """The steps' ways and states are those of a loop in rational arithmetic; (reads, its reads)."""
+    reads = 0
+    agents = [Agent(*of, machine, world.labels, world.area) for of in zip(crowd.x, crowd.y, crowd.state, strict=True)]
+    for _ in range(steps):
+        crowd, tally = advance(crowd, machine, world, CYCLES, seconds)
+        reads += tally.reads
+        for agent in agents:
+            agent.stood = False
+            agent.go(seconds)
+        assert [agent.state for agent in agents] == crowd.state.tolist()
+        assert [agent.stood for agent in agents] == tally.held.tolist()
+        np.testing.assert_allclose(crowd.x, [float(agent.x) for agent in agents], atol=1e-10)
+        np.testing.assert_allclose(crowd.y, [float(agent.y) for agent in agents], atol=1e-10)
+    return reads, sum(agent.reads for agent in agents)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_through_cells_of_one_label_at_once_is_through_each(seed):
+    """Any table, up to 100 cells a step."""
+    random = np.random.default_rng(seed)
+    world, machine = patches(random), random_machine(random, speeds=(1, 400))
+    reads, expected = go_like_one_by_one(populate(60, seed, 1, machine, world), machine, world, 0.2371, 3)
+    assert reads == expected > 10 * 60
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_along_the_axes_through_cells_of_one_label_the_way_is_the_same(seed):
+    """Also from a border on, and between two rows of cells, in numbers that float64 never rounds."""
+    random = np.random.default_rng(seed)
+    ways = [2.0 ** random.integers(3, 8) * np.array(way) for way in ((1, 0), (-1, 0), (0, 1), (0, -1)) * 2]
+    states = {f"s{i}": {"start": 1, "on": {"*": {"move": list(way)}, "l1": {"next": "stands"}}} for i, way in enumerate(ways)}
+    machine = machine_of(states | {"stands": {"on": {"*": {}}}}, labels=("l0", "l1", "l2"))
+    world = patches(random)
+    crowd = populate(300, seed, 1, machine, world)
+    crowd.x[:], crowd.y[:] = np.floor(crowd.x * 2) / 2, np.floor(crowd.y * 2) / 2
+    reads, expected = go_like_one_by_one(crowd, machine, world, 0.2371, 2)
+    assert reads == expected > 4 * 300

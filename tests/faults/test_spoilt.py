@@ -1,0 +1,130 @@
+"""Files that a script, a hand or another version has spoilt: every step refuses in one sentence, and leaves nothing behind."""
+
+import os
+import random
+
+import bpy
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.picking import account
+from crowd_lod_extension.operators import cameras, populate
+
+from ..blender import conftest
+
+pytestmark = pytest.mark.faults
+registered, empty_file, kept = conftest.registered, conftest.empty_file, conftest.kept
+scene, levelled, built = conftest.scene, conftest.levelled, conftest.built
+
+NAN, INF = float("nan"), float("inf")
+VALUES = (
+    *(0, -1, 7, 10**9, 2**31 - 1, 1.5, -2.0, NAN, INF, -INF, True, "", "x", "é" * 50, "d" * 2**20, b"\xff\x00"),
+    *([], [1, 2, 3], [0.5] * 40, ["a"], [10**9], [-1, -1], [NAN] * 2, [0, 0], [2.0, 3.0], [True, False], [1e30] * 4),
+    *({}, {"a": 1}, {"diagonal": "x", "vertices": [1]}, {"diagonal": 1.0, "deviations": [[1]]}),
+)
+TRIALS = 5 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
+STEPS = ("build", "bake", "populate", "remove_build", "measure_levels", "make_levels", "frame", "look")
+
+
+def spoil_property(scene, dice):
+    """Give a custom property of ours another value, of any type, or none; each name as often as another."""
+    names = {}
+    for block in [*bpy.data.user_map(), *scene.crowd_lod.characters.children]:
+        for key in {*block.keys(), "stride"}:
+            if key.startswith("crowd_lod") or key == "version" or key == "stride" and isinstance(block, bpy.types.Collection):
+                names.setdefault(key, []).append(block)
+    key = dice.choice(sorted(names))
+    block, value = dice.choice(names[key]), dice.choice((None, scene, *VALUES))
+    if value is None:
+        block.pop(key, None)
+    else:
+        block.pop(key, None)
+        block[key] = value
+    return f"{block.name}[{key}] = {repr(value)[:40]}"
+
+
+def spoil_setting(scene, dice):
+    """Give a setting, or one of a group's, a value that Blender lets nobody set."""
+    settings = dice.choice([scene.crowd_lod, scene.crowd_lod, *scene.crowd_lod.groups])
+    raw = settings.bl_system_properties_get(do_create=True) if bpy.app.version >= (5, 0, 0) else None
+    if raw is None:
+        raw = scene["crowd_lod"] if settings == scene.crowd_lod else scene["crowd_lod"]["groups"][0]
+    setting = dice.choice(settings.bl_rna.properties[1:])
+    values = {"ENUM": (99, -1), "INT": (-(2**31), 2**31 - 1, 99, -5), "FLOAT": (NAN, INF, -1.0, 1e38)}.get(setting.type, VALUES)
+    value = dice.choice(values)
+    if setting.type in ("INT", "FLOAT") and setting.is_array:
+        value = [value] * setting.array_length
+    if setting.type == "POINTER":
+        value = dice.choice([*bpy.data.objects, *bpy.data.collections, None])
+    raw.pop(setting.identifier, None)
+    if value is not None:
+        raw[setting.identifier] = value
+    return f"{setting.identifier} = {repr(value)[:40]}"
+
+
+def spoil_structure(scene, dice):
+    """Remove, empty, rename or move something that Crowd LOD made, or the characters are made of."""
+    tops = [scene.crowd_lod.levels, scene.crowd_lod.build, scene.crowd_lod.characters]
+    home = dice.choice([top for top in tops if top] or [scene.collection])
+    while home.children and dice.random() < 0.7:
+        home = dice.choice(home.children)
+    items = list(home.all_objects)
+    act = dice.choice(("remove", "empty", "rename", "remove object", "remove data", "unlink", "swap"))
+    if act == "remove" and home != scene.collection:
+        bpy.data.collections.remove(home)
+    elif act == "empty":
+        for item in home.objects:
+            home.objects.unlink(item)
+    elif act == "rename":
+        home.name = dice.choice(("", "é" * 60, "x\ny", "LOD"))
+    elif act == "remove object" and items:
+        bpy.data.objects.remove(dice.choice(items))
+    elif act == "remove data" and any(item.type == "MESH" for item in items):
+        bpy.data.meshes.remove(next(item.data for item in items if item.type == "MESH"))
+    elif act == "unlink" and home.children:
+        home.children.unlink(dice.choice(home.children))
+    elif act == "swap" and items:
+        dice.choice(items).data and dice.choice(items).modifiers.clear()
+    return f"{act} in {home.name if act != 'remove' else 'a collection'}"
+
+
+def step(scene, name):
+    if name == "frame":
+        scene.frame_set(2)
+    elif name == "look":
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        frame, trajectory = populate.frame_of(scene, depsgraph), populate.trajectory_of(scene)
+        eyes, policy = cameras.read_cameras(scene, depsgraph), populate.policy_of(scene.crowd_lod)
+        account(frame, 0, trajectory.groups, trajectory.machine, eyes, policy, None)
+    else:
+        getattr(bpy.ops.crowd_lod, name)()
+
+
+def size():
+    return sorted((type(block).__name__, block.name_full) for block in bpy.data.user_map())
+
+
+@pytest.mark.parametrize("spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__)
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, kept, capfd, seed, spoil):
+    dice = random.Random(f"{seed} {spoil.__name__}")
+    refused = 0
+    for trial in range(TRIALS):
+        bpy.ops.wm.open_mainfile(filepath=str(kept / "built.blend"), load_ui=False)
+        opened = bpy.context.scene
+        opened.frame_end, opened.crowd_lod.count = 2, 100
+        done = [spoil(opened, dice) for _ in range(3)]
+        name = dice.choice(STEPS[:-3] * 3 + STEPS)
+        if name == "remove_build" and opened.crowd_lod.build is None:
+            continue  # its button is grey
+        before = size()
+        capfd.readouterr()
+        said = ""
+        try:
+            step(opened, name)
+        except (RuntimeError, CrowdError) as error:
+            said, refused = str(error), refused + 1
+            left = sorted(set(size()) - set(before))
+            assert not left and len(size()) == len(before), (trial, name, done, said, left[:5])
+            assert len(said.strip().splitlines()) == 1 and len(said) < 700, (trial, name, done, said)
+        assert "Traceback" not in said + capfd.readouterr().err, (trial, name, done, said)
+    assert refused  # else nothing was spoilt
