@@ -8,18 +8,20 @@ upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from .nearest import Walkable, barycentric, blocks
+from .nearest import Walkable, barycentric, blocks, normals
 
-TOLERANCE = 0.01  # part of the distance by which the bound may lie above what was measured
+TOLERANCE = 0.10  # part of the distance by which the bound may lie above what was measured
 FLOOR = 5e-5  # part of the size: how far a bound need never be lowered
 DEEPEST = 10  # times that pieces are divided, at most
 MOST = 400_000  # pieces of one surface in a pose; where there would be more, the bound is left as it is
 FIRST = 8  # points of each pose that are measured first, those which may be farthest off
+SPOKES = 4  # that one side of a piece crosses, at most
 INSIDE = 0.1  # of the way to a piece's middle: where the triangles beneath its corners are sought
 BLOCK = 2_000  # points, or pieces, in all poses that fit in the processor's cache
 
@@ -35,7 +37,32 @@ class Moving:
 
     def on(self, face: np.ndarray, points: np.ndarray, pose: int) -> np.ndarray:
         """Barycentric weights (j, 3) of what is nearest to points (j, 3) on the triangles `face` (j,) in the pose."""
-        return barycentric(points.T, *(self.points[self.triangles[face, c], pose].T for c in range(3))).T
+        return barycentric(points.T, *self.corners(face, pose)).T
+
+    def corners(self, face: np.ndarray, pose: int) -> list[np.ndarray]:
+        """The corners of the triangles `face` (j,) in the pose, three times (3, j)."""
+        return [self.points[self.triangles[face, c], pose].T for c in range(3)]
+
+    def walkable(self, pose: int) -> Walkable:
+        found = copy(self._walkable)
+        found.points = np.ascontiguousarray(self.points[:, pose].T)
+        return found
+
+    @cached_property
+    def _walkable(self) -> Walkable:
+        return Walkable(self.points[:, 0].T, np.ascontiguousarray(self.triangles.T))
+
+    @cached_property
+    def beyond(self) -> np.ndarray:
+        """The triangles (m, 3) beyond the sides from each corner to the next; -1 where that is not one, the same way
+        round."""
+        sides = np.stack([self.triangles, self.triangles[:, [1, 2, 0]]]).reshape(2, -1)
+        n = len(self.points)
+        (keys, first, count), back = np.unique(sides[0] * n + sides[1], return_index=True, return_counts=True), sides[1] * n + sides[0]
+        place = np.searchsorted(keys, back).clip(max=len(keys) - 1)
+        mine = np.searchsorted(keys, sides[0] * n + sides[1])
+        one = (keys[place] == back) & (count[place] == 1) & (count[mine] == 1)
+        return np.where(one, first[place] // 3, -1).reshape(-1, 3)
 
 
 @dataclass
@@ -118,7 +145,7 @@ class _Way:
 
     @cached_property
     def walkable(self) -> Walkable:
-        return Walkable(*(np.ascontiguousarray(each.T) for each in (self.other.points[:, self.base], self.other.triangles)))
+        return self.other.walkable(self.base)
 
     def mapped(self, at: np.ndarray) -> _Points:
         """Points (n, poses, 3), mapped to the nearest in the first pose."""
@@ -210,9 +237,8 @@ class _Way:
         """(p, poses) metres that pieces with corners (p, 3, poses, 3) are off at most by the pairs; infinite without a map."""
         at = sum(corners[pairs.piece, c] * pairs.weights[:, c, None, None] for c in range(3))
         off = _length(at - self.mixed(pairs.to, pairs.to_weights, poses))
-        most = np.maximum.reduceat(
-            off[np.argsort(pairs.piece, kind="stable")], np.searchsorted(np.sort(pairs.piece), np.arange(len(corners)))
-        )
+        order = np.argsort(pairs.piece, kind="stable")
+        most = np.maximum.reduceat(off[order], np.searchsorted(pairs.piece[order], np.arange(len(corners))))
         return np.where(np.isnan(most), np.inf, most)
 
     def beneath(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
@@ -233,37 +259,56 @@ class _Way:
         )
 
     def to_neighbours(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
-        """Each corner's part of pieces with corners (p, 3, 3) mapped to its own triangle beneath: where two parts meet, to what both
-        triangles share, and where three meet, to their common corner."""
+        """Each corner's part of pieces with corners (p, 3, 3) mapped to its own triangle beneath, where these have a corner in common,
+        the hub: sides are cut where they cross spokes, the sides of triangles that meet in the hub. If they cross them all round, the
+        hub is mapped as well."""
         to, every = self.other.triangles[beneath], np.arange(len(at))
-        pairs = []
+        common = (to[:, 0, :, None, None] == to[:, None, 1:, :]).any(axis=3).all(axis=2)
+        hub = to[every, 0, common.argmax(axis=1)]
+        pairs, turned = [], np.zeros(len(at), np.intp)
         for c in range(3):
             weights = np.broadcast_to(np.eye(3)[c], at.shape[:2])
             pairs.append(_Pairs(every, weights, to[:, c], self.other.on(beneath[:, c], at[:, c], self.base)))
+        pairs[0].to_weights[~common.any(axis=1)] = np.nan
         for i, j in ((0, 1), (1, 2), (2, 0)):
-            pairs.append(self.meeting(at, to, i, j, np.flatnonzero(beneath[:, i] != beneath[:, j])))
-        some = np.flatnonzero((beneath != beneath[:, [1, 2, 0]]).all(axis=1))
-        common = (to[some, 0, :, None, None] == to[some, None, 1:, :]).any(axis=3).all(axis=2)
-        corner = common.argmax(axis=1)
-        middle = self.other.points[to[some, 0, corner], self.base]
-        to_weights = np.where(common.any(axis=1)[:, None], np.eye(3)[corner], np.nan)
-        return _joined([*pairs, _Pairs(some, barycentric(middle.T, *at[some].transpose(1, 2, 0)).T, to[some, 0], to_weights)])
+            some = np.flatnonzero((beneath[:, i] != beneath[:, j]) & common.any(axis=1))
+            pairs += self.crossings(at, beneath, hub, (i, j), some, turned)
+        some = np.flatnonzero(turned)
+        weights = barycentric(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
+        return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
 
-    def meeting(self, at: np.ndarray, to: np.ndarray, i: int, j: int, some: np.ndarray) -> _Pairs:
-        """Where the sides from corner i to j of the pieces `some` pass what the triangles to[:, i] and to[:, j] share."""
-        one, other, to = at[some, i], at[some, j], to[some]
-        every, shared = np.arange(len(some)), (to[:, i, :, None] == to[:, j, None, :]).any(axis=2)
-        ends = shared.argmax(axis=1), 2 - shared[:, ::-1].argmax(axis=1)
-        begin, end = (self.other.points[to[every, i, each], self.base] for each in ends)
-        away = [_length(each - _between(begin, end, _part(each, begin, end))) for each in (one, other)]
-        part = away[0] / np.maximum(away[0] + away[1], 1e-300)
-        weights, to_weights = np.zeros((2, len(some), 3))
-        weights[:, i], weights[:, j] = 1 - part, part
-        part = _part(_between(one, other, part), begin, end)
-        to_weights[every, ends[0]] += 1 - part
-        to_weights[every, ends[1]] += part
-        to_weights[~shared.any(axis=1)] = np.nan
-        return _Pairs(some, weights, to[:, i], to_weights)
+    def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray, turned: np.ndarray):
+        """[_Pairs] where the side from one to another corner of the pieces `some` crosses spokes, one after another from the triangle
+        beneath the one to that beneath the other. turned: (p,) gets how many are crossed, less those the other way round."""
+        i, j = side
+        triangles, pairs = self.other.triangles, []
+        face, last, middle = beneath[some, i], beneath[some, j], self.other.points[hub[some], self.base]
+        one, other = at[some, i], at[some, j]
+        up = sum(normals(*self.other.corners(each, self.base)) for each in (face, last)).T
+        left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
+        for _ in range(SPOKES):
+            place = (triangles[face] == hub[some, None]).argmax(axis=1)
+            rim = triangles[face, (place + 1 + left) % 3]
+            end = self.other.points[rim, self.base]
+            across = np.cross(up, end - middle)
+            away = [np.einsum("pd,pd->p", each - middle, across) for each in (one, other)]
+            part = np.clip(away[0] / np.where(away[0] == away[1], 1, away[0] - away[1]), 0, 1)
+            weights, to_weights = np.zeros((2, len(some), 3))
+            weights[:, i], weights[:, j] = 1 - part, part
+            part = _part(_between(one, other, part), middle, end)
+            to_weights[:, 0], to_weights[:, 1] = 1 - part, part
+            face = self.other.beyond[face, np.where(left, (place + 2) % 3, place)]
+            to_weights[face < 0] = np.nan
+            pairs.append(_Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights))
+            turned[some] += np.where(left, 1, -1)
+            on = np.flatnonzero((face != last) & (face >= 0))
+            some, face, last, middle, one, other, up, left = (
+                each[on] for each in (some, face, last, middle, one, other, up, left)
+            )
+            if not len(some):
+                break
+        pairs[-1].to_weights[np.isin(pairs[-1].piece, some)] = np.nan  # not come there
+        return pairs
 
 
 def _joined(pairs: list[_Pairs]) -> _Pairs:

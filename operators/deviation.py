@@ -13,12 +13,13 @@ from . import scene as io
 from .movers import action_range, armatures_of
 from .operator import Stepwise
 from .populate import characters_of, groups_of, home_of, store_groups
-from .surface import Surface, has_area, moving, otherwise_cut, spread
+from .surface import Surface, has_area, moving, same_faces, spread
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
-EVENLY, POSES = 6, 16  # poses spread over the action, its ends included, and with those least like any before
+EVENLY, POSES = 6, 12  # poses spread over the action, its ends included, and with those least like any before
 AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T  # the origin and a point on each axis
 LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
+JOINTS = 500  # points of a mesh by which its poses are told apart
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
 
 Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles (m, 3)
@@ -172,21 +173,23 @@ def measure(
 
 
 class _Acting:
-    """A character or a LOD in all poses. runs: of poses in which its triangles are the same, but for quads that are cut along the
-    other diagonal; off: metres by which these are then off, in each pose."""
+    """A character or a LOD in all poses. runs: of poses in which its faces are the same, of each run first that which is least unlike
+    the others. Quads are cut as in that."""
 
     def __init__(self, shapes: Sequence[Shape]):
-        self.shapes, self.runs, self.off = shapes, [], np.zeros(len(shapes))
+        self.shapes, self.runs = shapes, []
         self._moving: dict[tuple[int, ...], Moving | None] = {}
         for k, (points, triangles) in enumerate(shapes):
             for run in self.runs:
-                self.off[k] = otherwise_cut(points, self.shapes[run[0]][1], triangles)
-                if np.isfinite(self.off[k]) and len(points) == len(self.shapes[run[0]][0]):
+                if len(points) == len(shapes[run[0]][0]) and same_faces(shapes[run[0]][1], triangles):
                     run.append(k)
                     break
             else:
                 self.runs.append([k])
-                self.off[k] = 0.0
+        for run in self.runs:
+            some = np.array([shapes[k][0][:: max(1, len(shapes[k][0]) // JOINTS)] for k in run])
+            some -= some.mean(axis=1, keepdims=True)
+            run.insert(0, run.pop(int(np.argmin([_apart(some, one).max() for one in some]))))
 
     def moving(self, poses: list[int]) -> Moving | None:
         """The surface in `poses` of one run; None without a face."""
@@ -201,7 +204,7 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
     shows both."""
     found, bound = [], 0.0
     for run in character.runs:
-        for poses in (sorted(set(run).intersection(each)) for each in other.runs):
+        for poses in ([k for k in run if k in each] for each in other.runs):
             pair = [each.moving(poses) if poses else None for each in (character, other)]
             if None in pair:
                 continue
@@ -213,7 +216,7 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
             found.append(
                 (own.measured, spread(*(_surface(*each.shapes[pose]) for each in (character, other)), SAMPLES), frames[pose])
             )
-            bound = max(bound, own.bound + (character.off + other.off)[poses].max())
+            bound = max(bound, own.bound)
     if not found:
         return None
     most, rms, frame = max(found)

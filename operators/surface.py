@@ -132,27 +132,17 @@ def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None
     return Moving(every, triangles, find)
 
 
-def otherwise_cut(points: np.ndarray, one: np.ndarray, other: np.ndarray) -> float:
-    """Metres at most between the surfaces of triangles `one` and `other`, (m, 3) both, of points (n, 3), that differ in how quads are
-    cut: Blender cuts those that a pose folds along their other diagonal. Infinite where they differ in more."""
+def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether triangles (m, 3) are those of the same faces, but for quads that are cut along the other diagonal, as Blender cuts those
+    that a pose folds."""
     if one.shape != other.shape:
-        return np.inf
-    changed = np.flatnonzero((one != other).any(axis=1))
-    if len(changed) % 2:
-        return np.inf
-    corners, diagonals = [], []
-    for each in (one, other):
-        six = np.sort(each[changed].reshape(-1, 6), axis=1)
-        twice = np.pad(six[:, 1:] == six[:, :-1], ((0, 0), (1, 0)))
-        if (twice.sum(axis=1) != 2).any():
-            return np.inf
-        corners.append(six[~twice])
-        diagonals.append(points[six[twice].reshape(-1, 2)])
-    if (corners[0] != corners[1]).any():
-        return np.inf
-    part = np.linspace(0.1, 0.9, 9)[:, None, None]
-    a, b = (ends[:, 0] + part * (ends[:, 1] - ends[:, 0]) for ends in diagonals)
-    return float(np.linalg.norm(a[:, None] - b[None], axis=3).min(axis=(0, 1)).max(initial=0.0))
+        return False
+    changed = (one != other).any(axis=1)
+    if changed.sum() % 2:
+        return False
+    quads = [np.sort(each[changed].reshape(-1, 6), axis=1) for each in (one, other)]
+    each = [quad[np.pad(quad[:, 1:] != quad[:, :-1], ((0, 0), (1, 0)), constant_values=True)] for quad in quads]
+    return all(len(corners) == 4 * len(quads[0]) for corners in each) and np.array_equal(*each)
 
 
 def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
