@@ -21,9 +21,9 @@ FLOOR = 5e-5  # part of the size: how far a bound need never be lowered
 DEEPEST = 10  # times that pieces are divided, at most
 MOST = 400_000  # pieces of one surface in a pose; where there would be more, the bound is left as it is
 FIRST = 8  # points of each pose that are measured first, those which may be farthest off
-SPOKES = 4  # that one side of a piece crosses, at most
+SPOKES = 4  # sides of triangles that one side of a piece crosses, at most
 INSIDE = 0.1  # of the way to a piece's middle: where the triangles beneath its corners are sought
-BLOCK = 2_000  # points, or pieces, in all poses that fit in the processor's cache
+BLOCK = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 
 
 @dataclass
@@ -58,7 +58,10 @@ class Moving:
         round."""
         sides = np.stack([self.triangles, self.triangles[:, [1, 2, 0]]]).reshape(2, -1)
         n = len(self.points)
-        (keys, first, count), back = np.unique(sides[0] * n + sides[1], return_index=True, return_counts=True), sides[1] * n + sides[0]
+        (keys, first, count), back = (
+            np.unique(sides[0] * n + sides[1], return_index=True, return_counts=True),
+            sides[1] * n + sides[0],
+        )
         place = np.searchsorted(keys, back).clip(max=len(keys) - 1)
         mine = np.searchsorted(keys, sides[0] * n + sides[1])
         one = (keys[place] == back) & (count[place] == 1) & (count[mine] == 1)
@@ -272,23 +275,24 @@ class _Way:
         pairs[0].to_weights[~common.any(axis=1)] = np.nan
         for i, j in ((0, 1), (1, 2), (2, 0)):
             some = np.flatnonzero((beneath[:, i] != beneath[:, j]) & common.any(axis=1))
-            pairs += self.crossings(at, beneath, hub, (i, j), some, turned)
+            for crossing, steps in self.crossings(at, beneath, hub, (i, j), some):
+                pairs.append(crossing)
+                turned[crossing.piece] += steps
         some = np.flatnonzero(turned)
         weights = barycentric(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
         return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
 
-    def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray, turned: np.ndarray):
-        """[_Pairs] where the side from one to another corner of the pieces `some` crosses spokes, one after another from the triangle
-        beneath the one to that beneath the other. turned: (p,) gets how many are crossed, less those the other way round."""
+    def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray):
+        """Yields _Pairs where the side from one to another corner of the pieces `some` crosses spokes, one after another from the
+        triangle beneath the one to that beneath the other, and 1 or -1 for each, the way round the hub."""
         i, j = side
-        triangles, pairs = self.other.triangles, []
         face, last, middle = beneath[some, i], beneath[some, j], self.other.points[hub[some], self.base]
         one, other = at[some, i], at[some, j]
         up = sum(normals(*self.other.corners(each, self.base)) for each in (face, last)).T
         left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
-        for _ in range(SPOKES):
-            place = (triangles[face] == hub[some, None]).argmax(axis=1)
-            rim = triangles[face, (place + 1 + left) % 3]
+        for more in reversed(range(SPOKES)):
+            place = (self.other.triangles[face] == hub[some, None]).argmax(axis=1)
+            rim = self.other.triangles[face, (place + 1 + left) % 3]
             end = self.other.points[rim, self.base]
             across = np.cross(up, end - middle)
             away = [np.einsum("pd,pd->p", each - middle, across) for each in (one, other)]
@@ -298,17 +302,14 @@ class _Way:
             part = _part(_between(one, other, part), middle, end)
             to_weights[:, 0], to_weights[:, 1] = 1 - part, part
             face = self.other.beyond[face, np.where(left, (place + 2) % 3, place)]
-            to_weights[face < 0] = np.nan
-            pairs.append(_Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights))
-            turned[some] += np.where(left, 1, -1)
-            on = np.flatnonzero((face != last) & (face >= 0))
+            going = (face != last) & (face >= 0)
+            to_weights[(face < 0) | going & (more == 0)] = np.nan
+            yield _Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights), np.where(left, 1, -1)
+            if not going.any():
+                return
             some, face, last, middle, one, other, up, left = (
-                each[on] for each in (some, face, last, middle, one, other, up, left)
+                each[going] for each in (some, face, last, middle, one, other, up, left)
             )
-            if not len(some):
-                break
-        pairs[-1].to_weights[np.isin(pairs[-1].piece, some)] = np.nan  # not come there
-        return pairs
 
 
 def _joined(pairs: list[_Pairs]) -> _Pairs:

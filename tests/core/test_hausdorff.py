@@ -52,9 +52,10 @@ def ball(rings, segments):
     return points, np.concatenate([np.stack(each, -1).reshape(-1, 3) for each in ((a[:-1], b, c), (a[:-1], c, d))])
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_the_true_distance_over_all_poses_lies_in_the_interval(seed):
+@pytest.mark.parametrize(("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)])
+def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, monkeypatch):
     """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another pose."""
+    monkeypatch.setattr(hausdorff, "TOLERANCE", tolerance)
     random = np.random.default_rng(seed)
     surfaces = []
     for rings, segments in ((8, 10), (5, 6)):
@@ -70,7 +71,7 @@ def test_the_true_distance_over_all_poses_lies_in_the_interval(seed):
     exact = [brute(*(points[triangles, k] for points, triangles in surfaces), 8) for k in range(4)]
     least, most = (max(each) for each in zip(*exact, strict=True))
     assert least <= found.bound and found.measured <= most
-    assert found.bound <= 1.011 * found.measured and found.measured > 0.05
+    assert found.bound <= (1.001 + tolerance) * found.measured and found.measured > 0.05
     assert exact[found.pose][1] >= found.measured  # the pose is one where it is as large as that
 
 
@@ -80,7 +81,7 @@ def test_what_lies_between_the_vertices_counts():
     roof = np.concatenate([square, [[(0.0, 1.0, 0.3)], [(2.0, 1.0, 0.3)]]])
     faces = np.array([(0, 1, 5), (0, 5, 4), (4, 5, 2), (4, 2, 3)])
     found = hausdorff.interval(moving(square, np.array([(0, 1, 2), (0, 2, 3)])), moving(roof, faces))
-    assert found.measured <= 0.3 + 1e-12 and 0.3 <= found.bound <= 0.3 * 1.02
+    assert found.measured <= 0.3 + 1e-12 and 0.3 <= found.bound <= 0.3 * 1.101
 
 
 def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
