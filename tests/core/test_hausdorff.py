@@ -101,3 +101,18 @@ def test_equal_surfaces_are_off_by_no_more_than_the_floor():
     points, triangles = ball(6, 8)
     found = hausdorff.interval(*(moving(points[:, None], each) for each in (triangles, triangles[::-1])))
     assert found.measured < 1e-12 and found.bound == hausdorff.FLOOR * np.ptp(points[:, None], axis=0).max()
+
+
+@pytest.mark.parametrize("flat", [False, True])
+def test_what_lies_beneath_a_triangle_s_middle_counts(flat):
+    """A floor beneath a roof with one peak, or a flat top: the outline of the floor is the roof's too."""
+    corners = np.array([(1, 0, 0), (-0.5, 3**0.5 / 2, 0), (-0.5, -(3**0.5) / 2, 0)])
+    faces, more = [(0, 3, 6), (3, 1, 6), (1, 4, 6), (4, 2, 6), (2, 5, 6), (5, 0, 6)], (corners + corners[[1, 2, 0]]) / 2
+    if flat:
+        faces, more = [(0, 1, 3), (1, 4, 3), (1, 2, 4), (2, 5, 4), (2, 0, 5), (0, 3, 5), (3, 4, 5)], np.empty((0, 3))
+    top = (corners / 2 if flat else np.zeros((1, 3))) + (0, 0, 0.5)
+    points, faces = np.concatenate([corners, more, top]), np.array(faces)
+    both = np.concatenate([[(0, 1, 2)], faces])
+    found = hausdorff.interval(moving(points[:, None], both), moving(points[:, None], faces))
+    least, most = brute(points[both], points[faces], 24)
+    assert least <= found.bound <= 1.11 * most and found.measured <= most
