@@ -188,7 +188,7 @@ class _Acting:
                 self.runs.append([k])
         for run in self.runs:
             some = np.array([shapes[k][0][:: max(1, len(shapes[k][0]) // JOINTS)] for k in run])
-            some -= some.mean(axis=1, keepdims=True)
+            some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
             run.insert(0, run.pop(int(np.argmin([_apart(some, one).max() for one in some]))))
 
     def moving(self, poses: list[int]) -> Moving | None:
