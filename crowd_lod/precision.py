@@ -84,8 +84,8 @@ def drifts(most: int = 1_000_000) -> Iterator[dict]:
 
 
 def pinhole(camera: Camera) -> Camera:
-    """The camera as exact.py judges it: without blur, and a panoramic one without its cone."""
-    return replace(camera, pad=0.0, turn=0.0, cone=np.pi)
+    """The camera as exact.py judges it: without blur and pixel filter, and a panoramic one without its cone."""
+    return replace(camera, pad=0.0, turn=0.0, filtered=0.0, cone=np.pi)
 
 
 def moved(view: View, offset: float) -> View:

@@ -119,7 +119,6 @@ def test_a_spoilt_wheel_is_fetched_anew(offline, spoil):
     spoil(here)
     with pytest.raises(package.Failure, match=f"could not fetch {WHEEL}"):
         package.fetch([WHEEL])
-    assert not here.exists()
 
 
 def test_a_wheel_that_arrives_spoilt_is_refused(offline):

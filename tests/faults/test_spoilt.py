@@ -2,6 +2,9 @@
 
 import os
 import random
+import subprocess
+import sys
+from pathlib import Path
 
 import bpy
 import pytest
@@ -21,6 +24,13 @@ VALUES = (
     *([], [1, 2, 3], [0.5] * 40, ["a"], [10**9], [-1, -1], [NAN] * 2, [0, 0], [2.0, 3.0], [True, False], [1e30] * 4),
     *({}, {"a": 1}, {"diagonal": "x", "vertices": [1]}, {"diagonal": 1.0, "deviations": [[1]]}),
 )
+LITTLE = """
+import resource, sys
+from crowd_lod_extension.operators import cli
+taken = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (taken + (400 << 20),) * 2)
+sys.exit(cli.main(sys.argv[1:]))
+"""
 TRIALS = 5 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 STEPS = ("build", "bake", "populate", "remove_build", "measure_levels", "make_levels", "frame", "look")
 
@@ -101,6 +111,21 @@ def step(scene, name):
 
 def size():
     return sorted((type(block).__name__, block.name_full) for block in bpy.data.user_map())
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="the system does not tell how much memory is taken")
+@pytest.mark.parametrize(
+    "command", ("preview {file} --frames 1 --out out", "build {file} --out x.blend", "report error {file} --out out")
+)
+def test_too_little_memory_is_one_sentence(tmp_path, levelled, command):
+    levelled.crowd_lod.count = 9_000_000
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"), copy=True)
+    (tmp_path / "work").mkdir()
+    words = [sys.executable, "-c", LITTLE, *command.format(file="../crowd.blend").split(), "--quiet"]
+    run = subprocess.run(words, cwd=tmp_path / "work", capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout) == (1, ""), run.stderr
+    assert run.stderr.startswith("crowd-lod: There is not enough memory") and run.stderr.count("\n") == 1, run.stderr
+    assert not list((tmp_path / "work").iterdir())
 
 
 @pytest.mark.parametrize("spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__)
