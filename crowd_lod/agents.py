@@ -25,9 +25,10 @@ class Group:
     finest first; a group with fewer LODs than others repeats its last. lowest: metres from the group's origin up to its
     lowest point over the action, 0 if near; on_ground: whether that point is its feet, and not its origin.
 
-    Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the Hausdorff distance of its surface
-    from the character's; rms: metres, the root mean square of the distances; worst: the frame
-    at which each deviates most; diagonal: metres, of the character's bounding box.
+    Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the largest distance found of its
+    surface from the character's, both ways; bounds: metres, what the Hausdorff distance is at most, the deviations where
+    nothing else is known; rms: metres, the root mean square of the distances; worst: the frame at which each deviates most;
+    diagonal: metres, of the character's bounding box.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Group:
     vertices: tuple[int, ...] = ()
     triangles: tuple[int, ...] = ()
     deviations: tuple[float, ...] = ()
+    bounds: tuple[float, ...] = ()
     rms: tuple[float, ...] = ()
     worst: tuple[float, ...] = ()
     diagonal: float = 0.0
@@ -46,13 +48,17 @@ class Group:
 
     @property
     def reach(self) -> float:
-        """Metres, the radius of the sphere that holds the LODs as well, which lie off the character by their deviations."""
-        return self.radius + max(self.deviations, default=0.0)
+        """Metres, the radius of the sphere that holds the LODs as well, which lie off the character by their bounds at most."""
+        return self.radius + max(self.bounds, default=0.0)
 
     @property
     def feet(self) -> float:
         """Metres from the group's origin up to what stands on the ground."""
         return self.lowest if self.on_ground else 0.0
+
+    def __post_init__(self):
+        if len(self.bounds) != len(self.deviations):
+            object.__setattr__(self, "bounds", self.deviations)
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,7 @@ class View:
 def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], list[str]]:
     """(indices of the candidates to keep, why each of the others is dropped, a sentence each).
 
-    group: with its candidates' triangles and deviations, finest first. The first is always kept: it is the character. Of
+    group: with its candidates' triangles and bounds of deviation, finest first. The first is always kept: it is the character. Of
     the others one is dropped if one with fewer triangles deviates no more, if it saves less than LEAST_SAVED of the
     triangles of the finer one kept, or if in none of the views an agent is where it would be used, within the tolerance in
     pixels. metres: that a unit of length is, for the sentences.
@@ -36,15 +36,15 @@ def choose(group: Group, tolerance: float, views: Sequence[View], metres: float 
     kept, dropped = [0], []
     for k in range(1, len(group.triangles)):
         own, finer = group.triangles[k], group.triangles[kept[-1]]
-        coarser = zip(group.triangles[k + 1 :], group.deviations[k + 1 :], strict=True)
-        lower = [n for n, deviation in coarser if n < own and deviation <= group.deviations[k]]
+        coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
+        lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
         if lower:
             dropped.append(f"{own:,} triangles deviate no less than {lower[0]:,}.")
         elif own > (1 - LEAST_SAVED) * finer:
             dropped.append(f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD.")
         else:
             kept.append(k)
-    deviation = np.array([[group.deviations[k] for k in kept]])
+    deviation = np.array([[group.bounds[k] for k in kept]])
     policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
     used, begins = np.zeros(len(kept), bool), []
     for view in views:

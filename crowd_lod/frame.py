@@ -282,10 +282,10 @@ def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
 
 
 def deviations(groups: Sequence[Group], count: int) -> np.ndarray | None:
-    """(G, count) float64 metres: the measured deviation of each group's LODs; None while one is not measured."""
-    if not all(len(group.deviations) >= count for group in groups):
+    """(G, count) float64 metres: what each group's LODs deviate at most; None while one is not measured."""
+    if not all(len(group.bounds) >= count for group in groups):
         return None
-    return np.array([group.deviations[:count] for group in groups], np.float64)
+    return np.array([group.bounds[:count] for group in groups], np.float64)
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:

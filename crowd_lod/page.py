@@ -52,10 +52,11 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
         f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by LOD and from above"></a></section>',
         "<h2>Levels of detail</h2>",
-        f"<p>Deviation is the largest distance between the surfaces of LOD and character, both ways, over the action; the "
+        f"<p>Deviation is the largest distance between the surfaces of LOD and character, both ways, over the action: "
+        f"at least what was found, at most its bound; the "
         f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}, and its pixels those of "
         f"renders {' x '.join(map(str, levels['pixels']))} large. Predicted is what the "
-        "deviation shows where the LOD begins; measured, how far its rendered outline then lies from the character's, "
+        "bound shows where the LOD begins; measured, how far its rendered outline then lies from the character's, "
         "the worst of all directions.</p>",
     ]
     parts += [_character(entry, tints) for entry in levels["characters"]]
@@ -105,12 +106,12 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
                 f"{dot}{row['lod']}" if row["to_lod"] == row["lod"] else f"{dot}{row['lod']} to {row['to_lod']}",
                 f"{row['triangles']:,}",
                 f"{row['vertices']:,}",
-                number(row["deviation_mm"]),
+                f"{number(row['deviation_mm'])} to {number(row['deviation_bound_mm'])}",
                 number(row["rms_mm"]),
                 number(row["percent"]),
                 number(row["from_m"]) if row["begins"] == "at" else row["begins"],
                 number(row["predicted_px"]),
-                number(row["measured_px"]),
+                " to ".join(map(number, row["measured_px_between"] or [None])),
                 f'<span title="{escape(row["why"] or "")}">{escape(row["way"] or "-")}</span>',
                 number(row["ms"]),
             ]

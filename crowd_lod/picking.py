@@ -92,8 +92,8 @@ def account(
     pixels = error = None
     if depth > 0 or camera.kind == "ORTHO":
         pixels = float(shown(2 * group.radius, depth, camera, 0.0))
-        if len(group.deviations) > level:
-            error = float(shown(group.deviations[level], depth, camera, group.radius))
+        if len(group.bounds) > level:
+            error = float(shown(group.bounds[level], depth, camera, group.radius))
     return Account(
         agent=agent,
         group=group.name,

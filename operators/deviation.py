@@ -8,16 +8,21 @@ import numpy as np
 
 from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.hausdorff import Moving, interval
 from . import scene as io
-from .movers import action_range
+from .movers import action_range, armatures_of
 from .operator import Stepwise
 from .populate import characters_of, groups_of, home_of, store_groups
-from .surface import Surface, deviation, has_area
+from .surface import Surface, has_area, moving, same_faces, spread
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
-POSES = 12  # spread over the action, its ends included
-# Points on each surface at every pose; so many poses of each LOD, the worst, are then measured at so many, and all corners.
-POSE_SAMPLES, WORST, SAMPLES = 2_000, 2, 20_000
+EVENLY, POSES = 6, 12  # poses spread over the action, its ends included, and with those least like any before
+AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T  # the origin and a point on each axis
+LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
+JOINTS = 500  # points of a mesh by which its poses are told apart
+SAMPLES = 5_000  # points of each surface whose root mean square distance is told
+
+Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles (m, 3)
 
 
 class Posed:
@@ -45,9 +50,14 @@ class Posed:
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
         """(the character's surface, each LOD's) at `frame`, world space; None where there is no face."""
+        character, *levels = (_surface(*shape) for shape in self.shapes(frame))
+        return character, levels
+
+    def shapes(self, frame: float) -> list[Shape]:
+        """The character's points and triangles, and each LOD's, at `frame`, world space."""
         self.stage.frame_set(int(frame // 1), subframe=float(frame % 1))
         depsgraph = self.stage.view_layers[0].depsgraph
-        return _surface(self.character, depsgraph), [_surface(each, depsgraph) for each in self.levels]
+        return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
 
     def __enter__(self):
         return self
@@ -57,22 +67,77 @@ class Posed:
         bpy.data.batch_remove(self.copies)
 
 
-def _surface(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Surface | None:
+def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
+    """(points (n, 3) float64, world space, triangles (m, 3)) of all objects together."""
     points, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int32)], 0
     for item in objects:
         corners, faces = io.world_triangles(item.evaluated_get(depsgraph))
         points.append(corners)
         triangles.append(faces + count)
         count += len(corners)
-    points, triangles = np.concatenate(points), np.concatenate(triangles)
-    # neither faces without area nor loose vertices are a surface
+    return np.concatenate(points), np.concatenate(triangles)
+
+
+def _surface(points: np.ndarray, triangles: np.ndarray) -> Surface | None:
+    """The surface: neither faces without area nor loose vertices are one."""
     used, triangles = np.unique(triangles[has_area(points[triangles])], return_inverse=True)
     return Surface(points[used], triangles.reshape(-1, 3)) if len(triangles) else None
 
 
 def poses(objects: Sequence[bpy.types.Object]) -> list[float]:
-    """The frames at which LODs of the character `objects` are measured."""
-    return np.unique(np.linspace(*action_range(objects), POSES)).tolist()
+    """The frames at which LODs of the character `objects` are measured: some evenly, and those at which its joints are farthest
+    from where they are at any before."""
+    first, last = action_range(objects)
+    times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, LOOKED_AT))
+    if len(times) <= POSES:
+        return times.tolist()
+    chosen = np.linspace(0, len(times) - 1, EVENLY).round().astype(int).tolist()
+    joints = _joints(objects, times)
+    near = np.min([_apart(joints, joints[k]) for k in chosen], axis=0)
+    while len(chosen) < POSES and near.max() > 0:
+        chosen.append(int(near.argmax()))
+        near = np.minimum(near, _apart(joints, joints[chosen[-1]]))
+    return times[sorted(chosen)].tolist()
+
+
+def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
+    """The farthest that any of `joints` (poses, n, 3) lies from where it is in one pose (n, 3): (poses,) metres."""
+    return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
+
+
+def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarray:
+    """Where the bones and objects of a character are at `times`, but for its way as a whole: (times, n, 3) metres, three points
+    of each bone, four of each object."""
+    found = []
+    with io.scratch():
+        stage = bpy.data.scenes.new("Crowd LOD poses")
+        rigs, items = armatures_of(objects), [item.copy() for item in objects]
+        for item in (*rigs, *items):
+            stage.collection.objects.link(item)
+        for item in items:
+            item.hide_viewport = False
+            item.modifiers.clear()  # from here on only where it is matters
+        for time in times.tolist():
+            stage.frame_set(int(time // 1), subframe=float(time % 1))
+            depsgraph = stage.view_layers[0].depsgraph
+            places = [_placed(item, depsgraph) @ AXES for item in items]
+            for rig in rigs:
+                bones = rig.evaluated_get(depsgraph).pose.bones
+                matrices, lengths = np.empty((len(bones), 4, 4), np.float32), np.empty((len(bones), 1, 1), np.float32)
+                bones.foreach_get("matrix", matrices.ravel())
+                bones.foreach_get("length", lengths.ravel())
+                places += list(
+                    _placed(rig, depsgraph)
+                    @ matrices.transpose(0, 2, 1)
+                    @ (AXES * [[1], [1], [1], [0]] * lengths + AXES * [[0], [0], [0], [1]])
+                )
+            places = np.array(places)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
+            found.append(places - places.mean(axis=0))
+    return np.array(found)
+
+
+def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    return np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)
 
 
 def measure(
@@ -81,52 +146,81 @@ def measure(
     levels: Sequence[Sequence[bpy.types.Object]],
     progress: tuple[float, float] = (0.0, 1.0),
 ) -> Iterator[float]:
-    """`group`, whose character is `objects`, with the deviations of its LODs, whose meshes are `levels`; a generator that
-    yields the progress within `progress` and returns the group.
+    """`group`, whose character is `objects`, with the deviations of its LODs, whose meshes are `levels`, and their bounds; a
+    generator that yields the progress within `progress` and returns the group.
 
-    All objects of a LOD together are measured against all of the character's. Every pose is measured at some points, then
-    each LOD's worst pose at many. CrowdError if the character or a LOD has no face in any pose.
+    All objects of a LOD together are measured against all of the character's, in all poses. CrowdError if the character or a LOD
+    has no face in any pose.
     """
     begin, end = progress
-    frames = poses(objects)
-    rough, diagonal = [[] for _ in levels], 0.0  # of each LOD (distance, frame) of its poses
+    frames, shapes = poses(objects), []  # of each frame (points, triangles) of the character and of each LOD
     with Posed(objects, levels) as posed:
         for done, frame in enumerate(frames, start=1):
-            character, others = posed.at(frame)
-            if character is not None:
-                diagonal = max(diagonal, float(np.linalg.norm(np.ptp(character.points, axis=0))))
-                for k, other in enumerate(others):
-                    if other is not None:
-                        rough[k].append((_roughly(character, other), frame))
-                    yield begin + (end - begin) * 0.7 * (done - 1 + (k + 1) / len(others)) / len(frames)
-        if not diagonal:
-            raise CrowdError(f"The character {group.name} shows no face in any pose of its action: check its modifiers.")
-        found = []
-        for k, each in enumerate(rough):
-            if not each:
-                raise CrowdError(f"LOD {k} of {group.name} has no face: raise its ratio and press Make LOD Meshes.")
-            measured = []
-            for j, (least, frame) in enumerate(sorted(each, key=lambda pose: -pose[0])[:WORST]):
-                character, others = posed.at(frame)
-                most, rms = (0.0, 0.0) if _same(character, others[k]) else deviation(character, others[k], SAMPLES)
-                measured.append((max(most, least), rms, frame))
-                yield begin + (end - begin) * (0.7 + 0.3 * (k + (j + 1) / WORST) / len(levels))
-            found.append(max(measured, key=lambda pose: pose[0]))
-    deviations, rms, frames = zip(*found, strict=True)
-    return replace(group, deviations=deviations, rms=rms, worst=frames, diagonal=diagonal)
+            shapes.append(posed.shapes(frame))
+            yield begin + (end - begin) * 0.3 * done / len(frames)
+    character, *others = zip(*shapes, strict=True)
+    if not any(has_area(points[triangles]).any() for points, triangles in character):
+        raise CrowdError(f"The character {group.name} shows no face in any pose of its action: check its modifiers.")
+    found, acting = [], _Acting(character)
+    for k, other in enumerate(others):
+        found.append(_measured(acting, _Acting(other), frames))
+        if found[-1] is None:
+            raise CrowdError(f"LOD {k} of {group.name} has no face: raise its ratio and press Make LOD Meshes.")
+        yield begin + (end - begin) * (0.3 + 0.7 * (k + 1) / len(others))
+    deviations, bounds, rms, worst = zip(*found, strict=True)
+    diagonal = max(float(np.linalg.norm(np.ptp(each.points, axis=0))) for each in (_surface(*shape) for shape in character) if each)
+    return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=diagonal)
 
 
-def _same(one: Surface, other: Surface) -> bool:
-    return np.array_equal(one.points, other.points) and np.array_equal(one.triangles, other.triangles)
+class _Acting:
+    """A character or a LOD in all poses. runs: of poses in which its faces are the same, of each run first that which is least unlike
+    the others. Quads are cut as in that."""
+
+    def __init__(self, shapes: Sequence[Shape]):
+        self.shapes, self.runs = shapes, []
+        self._moving: dict[tuple[int, ...], Moving | None] = {}
+        for k, (points, triangles) in enumerate(shapes):
+            for run in self.runs:
+                if len(points) == len(shapes[run[0]][0]) and same_faces(shapes[run[0]][1], triangles):
+                    run.append(k)
+                    break
+            else:
+                self.runs.append([k])
+        for run in self.runs:
+            some = np.array([shapes[k][0][:: max(1, len(shapes[k][0]) // JOINTS)] for k in run])
+            some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
+            run.insert(0, run.pop(int(np.argmin([_apart(some, one).max() for one in some]))))
+
+    def moving(self, poses: list[int]) -> Moving | None:
+        """The surface in `poses` of one run; None without a face."""
+        key = tuple(poses)
+        if key not in self._moving:
+            self._moving[key] = moving([self.shapes[k][0] for k in poses], self.shapes[poses[0]][1])
+        return self._moving[key]
 
 
-def _roughly(one: Surface, other: Surface) -> float:
-    """The symmetric Hausdorff distance of two surfaces in metres, at about POSE_SAMPLES to twice as many points of each."""
-    if _same(one, other):
-        return 0.0
-    samples = [each.samples(POSE_SAMPLES) for each in (one, other)]
-    some = [points[:: max(1, len(points) // POSE_SAMPLES)] for points in samples]
-    return float(max(other.distances(some[0]).max(), one.distances(some[1]).max()))
+def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tuple[float, float, float, float] | None:
+    """(deviation, bound, root mean square, frame of the worst pose) of a LOD in the poses at `frames`; None where there is none that
+    shows both."""
+    found, bound = [], 0.0
+    for run in character.runs:
+        for poses in ([k for k in run if k in each] for each in other.runs):
+            pair = [each.moving(poses) if poses else None for each in (character, other)]
+            if None in pair:
+                continue
+            if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
+                found.append((0.0, 0.0, frames[poses[0]]))
+                continue
+            own = interval(*pair)
+            pose = poses[own.pose]
+            found.append(
+                (own.measured, spread(*(_surface(*each.shapes[pose]) for each in (character, other)), SAMPLES), frames[pose])
+            )
+            bound = max(bound, own.bound)
+    if not found:
+        return None
+    most, rms, frame = max(found)
+    return most, float(bound), rms, frame
 
 
 def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:

@@ -38,8 +38,8 @@ TINTS = (
 # made; how, why so, and the milliseconds it took.
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
-COLUMNS = ("vertices", "triangles", "deviations", "rms", "worst")  # of Group, a value a LOD
-VERSION = 14  # of the code that makes LOD meshes: another one makes them anew
+COLUMNS = ("vertices", "triangles", "deviations", "bounds", "rms", "worst")  # of Group, a value a LOD
+VERSION = 15  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)
@@ -258,7 +258,7 @@ class _Ladder:
             if not isinstance(found, IDPropertyGroup):
                 continue
             with suppress(CrowdError):  # what is spoilt is made and measured anew
-                kinds = [int, int, float, float, float]
+                kinds = [int, int, float, float, float, float]
                 columns = [stored.read(found, *column, "", (len(self.ratios),)) for column in zip(COLUMNS, kinds, strict=True)]
                 columns = dict(zip(COLUMNS, map(tuple, columns), strict=True))
                 self.group = replace(group, diagonal=stored.read(found, "diagonal", float, ""), **columns)

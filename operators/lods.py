@@ -45,9 +45,8 @@ def tables(
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
                     pair = ((each.points, each.triangles) for each in (character, levels[k]))
-                    rows[k]["measured_px"] = _known(
-                        silhouette.error(*pair, centre, distance, camera, rows[k]["predicted_px"] or 1.0)
-                    )
+                    least, most = silhouette.error(*pair, centre, distance, camera, rows[k]["predicted_px"] or 1.0)
+                    rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
@@ -69,13 +68,15 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "triangles": group.triangles[k],
         "vertices": group.vertices[k],
         "deviation_mm": 1000 * metres * deviation,
+        "deviation_bound_mm": 1000 * metres * group.bounds[k],
         "rms_mm": 1000 * metres * group.rms[k],
         "percent": 100 * deviation / group.diagonal,
         "worst_frame": group.worst[k],
         "from_m": metres * float(begin) if np.isfinite(begin) else None,
         "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
-        "predicted_px": _known(shown(deviation, begin, camera, group.radius)) if k and begin < np.inf else None,
+        "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius)) if k and begin < np.inf else None,
         "measured_px": None,
+        "measured_px_between": None,
         "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,
         "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
         "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,

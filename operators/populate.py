@@ -33,7 +33,7 @@ MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to h
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
 GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
-OF_LEVELS = ("vertices", "triangles", "deviations", "rms", "worst", "diagonal")  # what is known of a group's LOD meshes
+OF_LEVELS = ("vertices", "triangles", "deviations", "bounds", "rms", "worst", "diagonal")  # what is known of a group's LOD meshes
 # Of each scene what was asked last: (numbers and texts, the images' values, the trajectory).
 _latest: dict[int, tuple] = {}
 
@@ -103,7 +103,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         entry = settings.groups.add()
         for name in ("name", "centre", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):  # see set_down
             setattr(entry, name, getattr(group, name))
-        for name in ("vertices", "triangles", "deviations", "rms", "worst"):
+        for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
         if group.name in own:
@@ -215,13 +215,15 @@ def _group(entry, count: int) -> Group:
         vertices=tuple(entry.vertices[:made]),
         triangles=tuple(entry.triangles[:made]),
         deviations=tuple(entry.deviations[:measured]),
+        # a file of before bounds has none
+        bounds=tuple(map(max, entry.bounds[:measured], entry.deviations[:measured])),
         rms=tuple(entry.rms[:measured]),
         worst=tuple(entry.worst[:measured]),
         diagonal=entry.diagonal,
         lowest=entry.lowest,
         on_ground=entry.on_ground,
     )
-    sizes = (group.radius, group.stride, group.period, group.diagonal, *group.deviations, *group.rms, *group.vertices)
+    sizes = (group.radius, group.stride, group.period, group.diagonal, *group.bounds, *group.rms, *group.vertices)
     if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.centre, group.lowest, *group.worst]).all():
         raise CrowdError(f"What was measured of the character group {group.name} is spoilt: press Populate, and Make LOD Meshes.")
     return group

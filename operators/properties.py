@@ -42,7 +42,10 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         name="Deviation",
         size=MOST_LEVELS,
         unit="LENGTH",
-        description="Largest distance of each LOD's surface from the character's, both ways, over its action",
+        description="Largest distance found of each LOD's surface from the character's, both ways, over its action",
+    )
+    bounds: FloatVectorProperty(
+        name="Bound", size=MOST_LEVELS, unit="LENGTH", description="What each LOD deviates at most, which LODs are chosen by"
     )
     rms: FloatVectorProperty(
         name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"

@@ -1,11 +1,12 @@
 """Surfaces of triangles: the nearest points on one, samples of one, the distance between two."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
+from ..crowd_lod.hausdorff import Moving
 from ..crowd_lod.nearest import ranges
 
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
@@ -109,6 +110,41 @@ def has_area(corners: np.ndarray) -> np.ndarray:
     return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
 
 
+def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None:
+    """The surface of triangles (m, 3) of points (n, 3) in each of some poses, without faces that have no area in any; None without
+    others. Points that are one in all poses, as importers split them along seams, are one."""
+    triangles = triangles[np.any([has_area(each[triangles]) for each in points], axis=0)]
+    if not len(triangles):
+        return None
+    used, triangles = np.unique(triangles, return_inverse=True)
+    every = np.ascontiguousarray(np.stack([each[used] for each in points], axis=1).reshape(len(used), -1))
+    _, first, one = np.unique(every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True)
+    every, triangles = every[first].reshape(len(first), -1, 3), one[triangles].reshape(-1, 3)
+    surfaces = [None] * len(points)
+
+    def find(pose: int, at: np.ndarray) -> np.ndarray:
+        if surfaces[pose] is None:
+            surfaces[pose] = Surface(every[:, pose], triangles)
+        surface = surfaces[pose]
+        hits = map(surface.tree.find_nearest, (at - surface.middle).tolist())
+        return np.concatenate([np.arange(len(triangles)), surface.lines[1]])[[hit[2] for hit in hits]]
+
+    return Moving(every, triangles, find)
+
+
+def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether triangles (m, 3) are those of the same faces, but for quads that are cut along the other diagonal, as Blender cuts those
+    that a pose folds."""
+    if one.shape != other.shape:
+        return False
+    changed = (one != other).any(axis=1)
+    if changed.sum() % 2:
+        return False
+    quads = [np.sort(each[changed].reshape(-1, 6), axis=1) for each in (one, other)]
+    each = [quad[np.pad(quad[:, 1:] != quad[:, :-1], ((0, 0), (1, 0)), constant_values=True)] for quad in quads]
+    return all(len(corners) == 4 * len(quads[0]) for corners in each) and np.array_equal(*each)
+
+
 def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     """(symmetric Hausdorff distance, root mean square), metres, between two surfaces, at the vertices, the triangles' middles and
     `count` samples of each, and at more on the triangles where these are farthest off, which are divided again and again.
@@ -119,6 +155,11 @@ def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
     """
     found = [_away(a, b, count) for a, b in ((one, other), (other, one))]
     return max(most for most, _ in found), max(rms for _, rms in found)
+
+
+def spread(one: Surface, other: Surface, count: int) -> float:
+    """The root mean square, metres, of the distances of `count` samples of each of two surfaces to the other; the larger one."""
+    return max(float(np.sqrt(np.mean(b.distances(a.at(*scattered(a.area, count))) ** 2))) for a, b in ((one, other), (other, one)))
 
 
 def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:

@@ -66,10 +66,10 @@ def pytest_collection_modifyitems(items):
 @pytest.fixture(scope="module")
 def rough_levels():
     """LOD meshes are refined for a tenth as long, and measured in few poses at few points; the users' numbers, by place."""
-    from crowd_lod_extension.crowd_lod import meshes
+    from crowd_lod_extension.crowd_lod import hausdorff, meshes
     from crowd_lod_extension.operators import deviation, ways
 
-    few = {(deviation, "POSES"): 4, (deviation, "POSE_SAMPLES"): 300, (deviation, "WORST"): 1, (deviation, "SAMPLES"): 2_000}
+    few = {(deviation, "EVENLY"): 2, (deviation, "POSES"): 4, (deviation, "SAMPLES"): 500, (hausdorff, "TOLERANCE"): 0.2}
     few |= {(ways, "SAMPLES"): 1_000, (meshes, "EFFORT"): meshes.EFFORT // 10, (meshes, "EACH"): meshes.EACH / 2}
     users = {place: getattr(*place) for place in few}
     with pytest.MonkeyPatch.context() as patch:

@@ -58,7 +58,7 @@ def made(scene, pixels=1.0):
     return scene.crowd_lod
 
 
-def test_at_the_switch_distance_the_deviation_spans_the_tolerance_in_blender_s_own_camera(tolerant):
+def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(tolerant):
     settings = made(tolerant, 2.0)
     camera, render = tolerant.camera, tolerant.render
     camera.location, camera.rotation_euler = (0, 0, 0), (0, 0, 0)
@@ -67,7 +67,7 @@ def test_at_the_switch_distance_the_deviation_spans_the_tolerance_in_blender_s_o
         bpy.context.view_layer.update()
         frame = populate.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
         for group, begins in zip(populate.groups_of(settings), frame.begins, strict=True):
-            for metres, begin in zip(group.deviations[1:], begins, strict=True):
+            for metres, begin in zip(group.bounds[1:], begins, strict=True):
                 depth = -(begin - group.radius)  # of the sphere's nearest point
                 ends = [world_to_camera_view(tolerant, camera, Vector((x, 0, depth))) for x in (0, metres)]
                 assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)

@@ -1,12 +1,14 @@
 """Deviation measured over the action, and the thresholds that follow from it, against known shapes and Blender's camera."""
 
+from dataclasses import replace
+
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import deviation, surface
+from crowd_lod_extension.operators import deviation, populate, surface
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
@@ -58,7 +60,7 @@ def test_a_hole_in_one_of_many_triangles_is_found_and_measured():
     u, v, w = len(points) + np.arange(3)
     ring = [(i, j, v), (i, v, u), (j, k, w), (j, w, v), (k, i, u), (k, u, w)]
     holed = surface.Surface(np.concatenate([points, inner]), np.concatenate([np.delete(whole, 137, axis=0), ring]))
-    most, rms = deviation.deviation(holed, surface.Surface(points, whole), 200)
+    most, rms = surface.deviation(holed, surface.Surface(points, whole), 200)
     assert 0.8 < most / (0.6 * size * (1 - 0.5**0.5)) <= 1.0001 and rms < 0.1 * most
 
 
@@ -118,7 +120,7 @@ def test_wrong_weights_show_in_motion_alone():
     assert found.deviations[0] == 0
     with deviation.Posed([right], [[wrong]]) as posed:
         at_rest, (other,) = posed.at(1)
-        assert deviation.deviation(at_rest, other, deviation.SAMPLES)[0] < 1e-6
+        assert surface.deviation(at_rest, other, deviation.SAMPLES)[0] < 1e-6
     # bent square, the part from 1 to 1.5 stands up where the right one lies flat: its end is half a metre off
     assert found.deviations[1] == pytest.approx(0.5, abs=0.12)
     assert 15 < found.worst[1] < 27 and found.rms[1] < found.deviations[1]
@@ -202,3 +204,30 @@ def test_a_face_without_area_is_no_surface():
     )
     found = finished(deviation.measure(GROUP, [stray], [[clean]]))
     assert found.deviations == (0.0,) and found.diagonal == pytest.approx(np.linalg.norm([2, 2, 2]), rel=0.05)
+
+
+def test_a_file_of_before_bounds_reads_its_deviations_as_bounds(scene):
+    entry = scene.crowd_lod.groups.add()
+    entry.name, entry.diagonal = "old", 2.0
+    entry.triangles[:2], entry.deviations[:2] = (100, 50), (0.0, 0.25)
+    scene.crowd_lod.level_count = 2
+    (group,) = populate.groups_of(scene.crowd_lod)
+    assert group.bounds == group.deviations == (0.0, 0.25)
+    populate.store_groups(scene.crowd_lod, (replace(group, bounds=(0.0, 0.5)),))
+    (group,) = populate.groups_of(scene.crowd_lod)
+    assert group.bounds == (0.0, 0.5) and group.deviations == (0.0, 0.25)
+
+
+def test_poses_are_those_that_are_least_alike():
+    """One frame of 201 in which the arm is lifted: evenly spread poses miss it."""
+    rig = bending_armature()
+    bone = rig.pose.bones["upper"]
+    for frame, angle in ((1, 0), (82, 0), (83, -1.5), (84, 0), (201, 0)):
+        bone.rotation_euler.x = angle
+        bone.keyframe_insert("rotation_euler", frame=frame)
+    item = cylinder("arm", rig, 1.0)
+    assert 83 in deviation.poses([item]) and len(deviation.poses([item])) <= deviation.POSES
+    item.parent = None
+    item.modifiers.clear()
+    found = deviation.poses([item])  # at rest there is nothing to choose by
+    assert len(found) <= deviation.EVENLY
