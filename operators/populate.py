@@ -223,7 +223,16 @@ def _group(entry, count: int) -> Group:
         lowest=entry.lowest,
         on_ground=entry.on_ground,
     )
-    sizes = (group.radius, group.stride, group.period, group.diagonal, *group.bounds, *group.rms, *group.vertices)
+    sizes = (
+        group.radius,
+        group.stride,
+        group.period,
+        group.diagonal,
+        *group.deviations,
+        *group.bounds,
+        *group.rms,
+        *group.vertices,
+    )
     if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.centre, group.lowest, *group.worst]).all():
         raise CrowdError(f"What was measured of the character group {group.name} is spoilt: press Populate, and Make LOD Meshes.")
     return group
