@@ -204,8 +204,11 @@ def _remove(hidden: Path) -> None:
         gone = hidden.with_name(f"{hidden.name}-gone")  # under its own name, work that goes on would fill it meanwhile
         with suppress(OSError):
             hidden.rename(gone)
+            hidden.touch()  # where a file is, Blender, still writing while Ctrl-C cleans up, can make no folder
         shutil.rmtree(gone, ignore_errors=True)
         shutil.rmtree(hidden, ignore_errors=True)
+        with suppress(OSError):
+            hidden.unlink()
         for part in hidden.parent.glob(f"{hidden.name}.*"):  # Blender adds to the name while it writes
             with suppress(OSError):
                 part.unlink()
