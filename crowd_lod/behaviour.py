@@ -30,7 +30,6 @@ from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOu
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
 from .speeds import check_speeds
-from .speeds import courant as courant
 from .steps import aside, breath
 from .within import Tables, mended, within
 

@@ -142,8 +142,10 @@ def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
 
 
 def pictured(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
-    """The cameras as Blender's pictures have them, of agents in float32: at 1e6 m from the origin these stand up to 0.03 m, along each axis, beside
-    their float64 positions, and are drawn with further roundings (GRAIN)."""
+    """The cameras with the rounding of Blender's pictures as their grain.
+
+    Blender draws agents at float32 positions: at 1e6 m from the origin they stand up to 0.03 m beside their float64
+    positions along each axis. Drawing rounds further (see GRAIN)."""
     return tuple(replace(camera, grain=GRAIN) for camera in cameras)
 
 

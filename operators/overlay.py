@@ -292,8 +292,9 @@ def _same(one: Bias | None, other: Bias | None) -> bool:
 def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
     """(key, what read_shutter says, or () while that is not known).
 
-    Other times are read in a scene made for it, which must not be done while Blender draws: a timer does, and the
-    viewport is drawn again. As the next frame then takes long (stepping.stage), frames that pass go without. What the camera does at other times alone is noticed when the frame or the camera changes.
+    Other times are read in a scene made for it, which must not be done while Blender draws: a timer does it, and the
+    viewport is drawn again. As the next frame then takes long (stepping.stage), frames that pass go without. What the
+    camera does at other times alone is noticed when the frame or the camera changes.
     """
     render = scene.render
     if not render.use_motion_blur:

@@ -4,7 +4,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from ..crowd_lod.behaviour import Trajectory, courant
+from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.speeds import courant
 from ..crowd_lod.walk import Trouble, trouble
 
 SECONDS = 60.0  # how far ahead is looked

@@ -5,10 +5,11 @@ import weakref
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.behaviour import HOLD, Trajectory, advance, courant, cycles_of, step
+from crowd_lod_extension.crowd_lod.behaviour import HOLD, Trajectory, advance, cycles_of, step
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.machine import load_preset, parse
 from crowd_lod_extension.crowd_lod.maps import Area, HeightMap, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.speeds import courant
 
 from .crowds import crowd_at, walker
 from .way import Agent
