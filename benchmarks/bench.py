@@ -90,7 +90,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
     nodes = peers.Nodes(crowd, PERSON, begin)
     planner = Planner(trajectory) if peers.has_gpu() else None
     c_cull = loop.library() and loop.Cull(crowd, PERSON, begin)
-    c_step = loop.library() and loop.Step(crowd, trajectory.machine, trajectory.world, (PERSON,), 1 / 24)
+    c_step = loop.library() and loop.Step(crowd, trajectory.machine, trajectory.world, 1 / 24)
     took: dict[str, list[float]] = {}
     still.at(1)
     for repeat in range(repeats + 1):
@@ -231,7 +231,7 @@ def busy(agents: int, frames: int, seed: int) -> dict:
     machine = load_preset("plaza")
     world, groups = plaza_map.plan(machine), (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9))
     trajectory = Trajectory(populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24)
-    loop_step = loop.library() and loop.Step(trajectory.start, machine, world, groups, 1 / 24)
+    loop_step = loop.library() and loop.Step(trajectory.start, machine, world, 1 / 24)
     trajectory.at(16)
     took = {"behaviour": [], "c_step": []}
     for number in range(17, 17 + frames):

@@ -26,10 +26,9 @@ void cull(int64_t n, const double *x, const double *y, const double *z, double c
     }
 }
 
-/* One step of listing 1.1 in place, cut at no border: an agent reads the label under it, moves, turns, plays its action. */
-void step(int64_t n, double *x, double *y, float *heading, uint8_t *state, float *phase, const uint8_t *group,
-          const uint8_t *labels, int64_t rows, int64_t columns, const double *area, int64_t label_count, const uint8_t *next,
-          const double *velocity, const float *angle, const double *cycles, double seconds)
+/* One step of listing 1.1 in place, cut at no border: an agent reads the label under it, moves, turns. */
+void step(int64_t n, double *x, double *y, float *heading, uint8_t *state, const uint8_t *labels, int64_t rows, int64_t columns, const double *area, int64_t label_count, const uint8_t *next,
+          const double *velocity, const float *angle, double seconds)
 {
     const double across = columns / (area[2] - area[0]), up = rows / (area[3] - area[1]);
     for (int64_t i = 0; i < n; i++) {
@@ -38,13 +37,10 @@ void step(int64_t n, double *x, double *y, float *heading, uint8_t *state, float
         row = row < 0 ? 0 : row >= rows ? rows - 1 : row;
         const int64_t at = state[i] * label_count + labels[row * columns + column];
         const double vx = velocity[2 * at], vy = velocity[2 * at + 1];
-        const double speed = sqrt(vx * vx + vy * vy);
         state[i] = next[at];
         x[i] = fmin(fmax(x[i] + vx * seconds, area[0]), area[2]);
         y[i] = fmin(fmax(y[i] + vy * seconds, area[1]), area[3]);
-        if (speed > 0)
+        if (vx != 0 || vy != 0)
             heading[i] = angle[at];
-        const double p = phase[i] + seconds * (cycles[2 * group[i]] * speed + cycles[2 * group[i] + 1]);
-        phase[i] = (float)(p - floor(p));
     }
 }

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.behaviour import cycles_of
 from crowd_lod_extension.crowd_lod.camera import Camera, planes
 from crowd_lod_extension.crowd_lod.machine import StateMachine
 from crowd_lod_extension.crowd_lod.maps import LabelMap
@@ -57,13 +56,13 @@ class Cull:
 class Step:
     """One step of behaviour after another, on copies of a crowd's columns. No timers, no random choices."""
 
-    def __init__(self, crowd: Crowd, machine: StateMachine, world: LabelMap, groups: tuple[Group, ...], seconds: float):
-        self.columns = [np.array(c) for c in (crowd.x, crowd.y, crowd.heading, crowd.state, crowd.phase, crowd.group)]
+    def __init__(self, crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float):
+        self.columns = [np.array(c) for c in (crowd.x, crowd.y, crowd.heading, crowd.state)]
         area = world.area
         velocity = np.ascontiguousarray(machine.velocity)
         self.tables = [
             np.array([area.x_min, area.y_min, area.x_max, area.y_max]), np.ascontiguousarray(machine.next_state), velocity,
-            np.arctan2(velocity[..., 1], velocity[..., 0]).astype(np.float32), cycles_of(groups),
+            np.arctan2(velocity[..., 1], velocity[..., 0]).astype(np.float32),
         ]  # fmt: skip
         self.labels, self.seconds = np.ascontiguousarray(world.labels), seconds
 

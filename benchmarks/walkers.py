@@ -8,8 +8,8 @@ from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera
 from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.gaits import Library
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.crowd_lod.poses import Library
 from crowd_lod_extension.operators import follow
 from crowd_lod_extension.operators import scene as io
 from peers import Nodes, Tree
@@ -30,12 +30,9 @@ class Points:
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behaviour to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
-        groups, held = len(self.trajectory.groups), follow.Held(found.crowd)
-        library = Library(
-            np.full(groups, POSES), np.zeros((groups, 1)), np.full(groups, np.inf), np.zeros(groups), np.zeros(groups, bool)
-        )
-        buckets, libraries = [found.buckets[level] for level in range(len(self.objects))], [library] * len(self.objects)
-        made = follow.columns_by_bucket(self.trajectory, found.crowd, held, buckets, libraries, False)
+        held, buckets = follow.Held(found.crowd, frame), [found.buckets[level] for level in range(len(self.objects))]
+        library = Library(np.full(len(self.trajectory.groups), POSES))
+        made = follow.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library, False)
         for each, columns in zip(self.objects, made, strict=True):
             io.write_points(each.data, columns)
         self.scene.view_layers[0].update()
@@ -62,7 +59,11 @@ class Walkers(Nodes):
         self.image.pixels.foreach_set(np.repeat(labels.astype(np.float32).ravel(), 4))
         super().__init__(trajectory.start, group, limits)
         crowd, mesh = trajectory.start, self.object.data
-        columns = {"state": crowd.state.astype(np.int32), "phase": crowd.phase, "group": crowd.group.astype(np.int32)}
+        columns = {
+            "state": crowd.state.astype(np.int32),
+            "phase": trajectory.phase(crowd, trajectory.first_frame),
+            "group": crowd.group.astype(np.int32),
+        }
         columns |= {
             "id": np.arange(len(crowd), dtype=np.int32),
             "looks": chance.uniform(crowd.key, chance.LOOKS).astype(np.float32),

@@ -89,11 +89,11 @@ def _dress(scene: bpy.types.Scene, way: str, number: int) -> float:
     scene.frame_set(number)
     trajectory = trajectory_of(scene)
     frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
-    agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd)
+    agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd, frame.time)
     for points in build.points_of(top).values():
         points.data.clear_geometry()
         columns = follow.columns_of(
-            trajectory, frame.crowd, held, agents, build.library_of(points, len(trajectory.groups)), settings.tilt
+            trajectory, frame.crowd, held, agents, build.library_of(top, points, trajectory.gaits), settings.tilt
         )
         if way in (EVERYONE, CAMERA_CULL) and points[build.BUCKET] == "LOD 0":
             io.write_points(points.data, columns)

@@ -13,6 +13,7 @@ MOST_AGENTS = 10_000_000
 MOST_GROUPS = 255
 # Agents of a crowd that lies in memory as it stands: a smaller one fits in the processor's cache in any order.
 IN_PLACE = 40_000
+CLASSES = 16  # phases of their action that agents share, see gaits.py
 
 
 @dataclass(frozen=True)
@@ -66,10 +67,11 @@ class Crowd:
     """n agents at one time, world space.
 
     x, y, z: (n,) float64, the feet, metres. heading: (n,) float32, radians from +x, counter-clockwise seen from above.
-    state, group: (n,) uint8. phase: (n,) float32 in [0, 1), the place in the action's cycle.
+    state, group: (n,) uint8. phase_class: (n,) uint8, which of the shared phases of the action it plays, see gaits.py.
     wait: (n,) float64, seconds until the state's timer ends the state, inf without one. key: (n,) uint64, what the
     agent's random draws hash (chance.py). mirror: (n,) uint8, whether the map's edge has reflected the agent's way in
-    x (1) and y (2). 51 bytes an agent in all. The last three may be left out: no timer runs, seed 0, not reflected.
+    x (1) and y (2). pace: (n,) uint8, which of the machine's paces it walks at. 49 bytes an agent in all. The last four may
+    be left out: no timer runs, seed 0, not reflected, the first pace.
     """
 
     x: np.ndarray
@@ -78,10 +80,11 @@ class Crowd:
     heading: np.ndarray
     state: np.ndarray
     group: np.ndarray
-    phase: np.ndarray
+    phase_class: np.ndarray
     wait: np.ndarray = None
     key: np.ndarray = None
     mirror: np.ndarray = None
+    pace: np.ndarray = None
 
     def __post_init__(self):
         n = len(self.x)
@@ -91,6 +94,8 @@ class Crowd:
             object.__setattr__(self, "key", chance.keys(0, n))
         if self.mirror is None:
             object.__setattr__(self, "mirror", np.zeros(n, np.uint8))
+        if self.pace is None:
+            object.__setattr__(self, "pace", np.zeros(n, np.uint8))
 
     def __len__(self) -> int:
         return len(self.x)
@@ -115,11 +120,11 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
     return float(centre), float((away + reach).max())
 
 
-def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap) -> Crowd:
+def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
     """The crowd's first frame: `count` agents at random on the labels where `machine` lets them start.
 
     The same arguments give the same crowd, bit for bit. State follows the machine's start weights; the group, of
-    `groups`, and the phase are uniform; the heading is that of the first move, uniform for those who stand. Agents of
+    `groups`, and the phase, of `classes`, are uniform; the heading is that of the first move, uniform for those who stand. Agents of
     one group follow one another, so that the culling need not look up each one's sphere (see `runs`).
     """
     if not 1 <= count <= MOST_AGENTS:
@@ -136,8 +141,9 @@ def populate(count: int, seed: int, groups: int, machine: StateMachine, world: L
     y = world.area.y_min + (row + random.random(count)) * world.cell[1]
     state = np.searchsorted(np.cumsum(machine.start)[:-1], random.random(count), side="right").astype(np.uint8)
     group = np.sort(random.integers(groups, size=count, dtype=np.uint8))
-    phase = random.random(count, dtype=np.float32)
-    first_move = machine.velocity[state, world.at(x, y)]
+    phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
+    label = world.at(x, y)
+    first_move, pace = machine.velocity[state, label], machine.paces.of[state, label]
     heading = np.where(
         first_move.any(axis=1),
         np.arctan2(first_move[:, 1], first_move[:, 0]),
@@ -145,6 +151,6 @@ def populate(count: int, seed: int, groups: int, machine: StateMachine, world: L
     ).astype(np.float32)
     if count >= IN_PLACE:
         order = curve.order_of(x, y, group, world.area)
-        x, y, heading, state, group, phase = (column[order] for column in (x, y, heading, state, group, phase))
+        x, y, heading, state, group, phase, pace = (each[order] for each in (x, y, heading, state, group, phase, pace))
     key = chance.keys(seed, count)
-    return Crowd(x, y, np.full(count, world.area.z), heading, state, group, phase, machine.waits(state, key), key)
+    return Crowd(x, y, np.full(count, world.area.z), heading, state, group, phase, machine.waits(state, key), key, pace=pace)

@@ -1,8 +1,8 @@
 """Steps that need no look at the map: agents that walk straight on, known some steps ahead.
 
 Until an agent comes to another label, to a corner of cells, or to the end of its timer, each step adds the same way to its
-place, and the same part of a cycle to its phase. For how many steps that is sure, is worked out once. While they last they are
-taken for all agents at once by a few additions, the same as those of behaviour.advance.
+place. For how many steps that is sure, is worked out once. While they last they are taken for all agents at once by a few
+additions, the same as those of behaviour.advance.
 
 Whose steps end is looked at: who only comes into the next cell of its label goes on, all others go the long way. As no agent
 looks at another, the long steps of several frames to come, each agent's at its own time, are made together, and kept until
@@ -18,7 +18,7 @@ from .agents import Crowd
 from .lean import NOTHING
 from .machine import StateMachine
 from .maps import LabelMap
-from .within import BLOCK, Tables, mended, play, within
+from .within import BLOCK, Tables, mended, within
 
 # The most steps that are known ahead.
 MOST = 4095
@@ -216,5 +216,3 @@ def _go_on(crowd: Crowd, cases: np.ndarray, tables: Tables, into: dict[str, np.n
                 np.add(getattr(crowd, name)[block], way.take(case, mode="clip"), out=into[name][block])
         if "wait" in tables.changing:
             np.subtract(crowd.wait[block], tables.seconds, out=into["wait"][block])
-        if "phase" in tables.changing:
-            play(crowd.phase[block], tables, case, crowd.group[block], into["phase"][block])

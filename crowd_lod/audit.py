@@ -50,7 +50,7 @@ def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
     """A crowd at the points (n, 3)."""
     still = np.zeros(len(points), np.float32)
     none = np.zeros(len(points), np.uint8)
-    return Crowd(*np.ascontiguousarray(points.T, np.float64), still, none, none if group is None else group, still)
+    return Crowd(*np.ascontiguousarray(points.T, np.float64), still, none, none if group is None else group, none)
 
 
 def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray) -> Verdict:

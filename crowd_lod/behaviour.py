@@ -24,9 +24,10 @@ from functools import cached_property, lru_cache, partial
 import numpy as np
 
 from . import blocks, borders, chance, curve
-from .agents import Crowd, Group
+from .agents import CLASSES, Crowd, Group
 from .ahead import look, onward, opened
-from .lean import ALL, NOTHING, ONE_ACTION, ONE_LABEL, STILL, UNCHANGING, LeftOut, needless
+from .gaits import gaits_of
+from .lean import ALL, NOTHING, ONE_LABEL, ONE_PACE, STILL, UNCHANGING, LeftOut, needless
 from .machine import StateMachine
 from .maps import HeightMap, LabelMap
 from .speeds import check_speeds
@@ -66,14 +67,13 @@ def step(
     crowd: Crowd,
     machine: StateMachine,
     world: LabelMap,
-    cycles: np.ndarray,
     seconds: float,
     leave: frozenset[LeftOut] = NOTHING,
     tables: Tables | None = None,
 ) -> Crowd:
     """The crowd `seconds` later, by one step of listing 1.1 cut at the cells' borders.
 
-    cycles: (G, 2) float64 from `cycles_of`. Agents that reach the map's edge meet the machine's policy: `clamp` slides
+    Agents that reach the map's edge meet the machine's policy: `clamp` slides
     along it, `stop` stands, `wrap` goes on at the other side, `reflect` goes on mirrored until the state changes.
     leave: what of it to leave out, from lean.needless. tables: those of the step, if they are made.
     CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
@@ -81,17 +81,17 @@ def step(
     if tables is None:
         check_speeds(machine, world, seconds)
     if len(crowd) < FEW:
-        return advance(crowd, machine, world, cycles, seconds, leave=leave)[0]
-    moved, rest = within(crowd, machine, world, tables or Tables(machine, cycles, seconds), leave)
-    return mended(moved, crowd, rest, lambda some: advance(some, machine, world, cycles, seconds, leave=leave)[0])
+        return advance(crowd, machine, world, seconds, leave=leave)[0]
+    moved, rest = within(crowd, machine, world, tables or Tables(machine, seconds), leave)
+    return mended(moved, crowd, rest, lambda some: advance(some, machine, world, seconds, leave=leave)[0])
 
 
-def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float, exact=False, leave=NOTHING):
+def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, exact=False, leave=NOTHING):
     """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
     further than out of the cell on whose border it stands, and reads the table again (walk.py)."""
     area = world.area
     x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
-    heading, state, phase = crowd.heading.copy(), crowd.state.copy(), crowd.phase.copy()
+    heading, state = crowd.heading.copy(), crowd.state.copy()
     wait, key, mirror = crowd.wait.copy(), crowd.key, crowd.mirror
     draws, reflects = machine.timed or machine.chancy, machine.edge == "reflect"
     key = key.copy() if draws else key
@@ -107,7 +107,6 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
     rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
     # NumPy is several times faster along rows than across pairs
     table = np.ascontiguousarray(machine.velocity.reshape(-1, 2).T)
-    per_metre, per_second = np.ascontiguousarray(cycles.T)
     cell = np.array(world.cell)[:, None]
     timed = machine.timed
     while len(rest):
@@ -168,9 +167,6 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
         y[agents] = np.clip(to_y, area.y_min, area.y_max)
         speed = np.hypot(*velocity)
         heading[agents] = np.where(speed > 0, np.arctan2(velocity[1], velocity[0]), heading[agents])
-        group = 0 if ONE_ACTION in leave else crowd.group[agents]
-        plays = span * (per_metre[group] * speed + per_second[group])
-        phase[agents] = (phase[agents] + plays) % 1.0
         if timed:
             wait[agents] -= span
         rest = rest - span
@@ -181,18 +177,17 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
         if slow.any():
             idle[j] = np.where(slow, before[j] + 1, 0)
             if repeats:
-                met = np.full((7, len(x)), np.nan) if met is None else met
-                now = np.array([x[agents], y[agents], state[agents], phase[agents], column, row, rest])[:, j]
+                met = np.full((6, len(x)), np.nan) if met is None else met
+                now = np.array([x[agents], y[agents], state[agents], column, row, rest])[:, j]
                 skipped = borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
                 idle[j] += skipped
                 reads += int(skipped.sum())
         pieces, reads, stands = pieces + 1, reads + int(read.sum()), False
         if pieces >= borders.MANY:
             now = None if draws else np.array([x[agents], y[agents], state[agents], mirror[agents], column, row])
-            gone = np.array([span * np.abs(velocity / cell).max(axis=0), plays, read])
-            times, took, (_, plays, more), caught, stands = rounds.piece(pieces, now, rest, gone)
+            gone = np.array([span * np.abs(velocity / cell).max(axis=0), read])
+            times, took, (_, more), caught, stands = rounds.piece(pieces, now, rest, gone)
             rest = np.maximum(rest - times * took, 0)
-            phase[agents] = (phase[agents] + times * plays) % 1.0
             reads += int(times @ more)
             held[agents[caught]] = True
         goes = rest > 0
@@ -206,9 +201,9 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.nda
         if pieces >= borders.MANY:
             rounds.keep(goes)
         rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
-    phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
     wait = wait if timed else crowd.wait
-    moved = replace(crowd, x=x, y=y, heading=heading, state=state, phase=phase, wait=wait, key=key, mirror=mirror)
+    pace = crowd.pace if ONE_PACE in leave else pace_of(x, y, state, machine, world)
+    moved = replace(crowd, x=x, y=y, heading=heading, state=state, wait=wait, key=key, mirror=mirror, pace=pace)
     return moved, Tally(reads, held, pieces)
 
 
@@ -220,14 +215,18 @@ def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
     wait[out] = machine.waits(state[out], key[out])
 
 
-def cycles_of(groups: tuple[Group, ...]) -> np.ndarray:
-    """(G, 2) float64: how many cycles of the action each group plays per metre walked, and per second."""
-    return np.array([(1 / g.stride, 0.0) if g.stride > 0 else (0.0, 1 / g.period if g.period > 0 else 0.0) for g in groups])
+def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap) -> np.ndarray:
+    """(n,) uint8: which of the paces of `machine` agents walk at who go on from x, y in `state`, (n,) each."""
+    label = world.at(x, y)
+    pace = machine.paces.of[state, label]
+    if machine.edge == "stop":
+        pace[borders.leaves_map(x, y, machine.velocity[state, label].T, world.area)] = 0  # who stands
+    return pace
 
 
-def _tables(machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float) -> Tables:
+def _tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
     check_speeds(machine, world, seconds)
-    return Tables(machine, cycles, seconds)
+    return Tables(machine, seconds)
 
 
 @dataclass
@@ -237,7 +236,7 @@ class Trajectory:
     Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
     `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one
     crowd is kept, so that going back is cheap (of a long shot of a large crowd fewer, see MOST_KEPT); Blender may ask from
-    several threads. leave: what may be left out where the scene does not need it (lean.py).
+    several threads. leave: what may be left out where the scene does not need it (lean.py). classes: of phases, see gaits.py.
     """
 
     start: Crowd
@@ -249,6 +248,7 @@ class Trajectory:
     every: int = 16
     heights: HeightMap | None = None
     leave: frozenset[LeftOut] = ALL
+    classes: int = CLASSES
     _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
@@ -257,7 +257,9 @@ class Trajectory:
             place = getattr(self.start, axis)
             if np.isinf(place).any():  # who stands beyond the map is taken onto it, but from infinity nobody comes back
                 self.start = replace(self.start, **{axis: np.where(np.isinf(place), np.nan, place)})
-        self._cycles = cycles_of(self.groups)
+        self.gaits = gaits_of(self.groups, self.machine.paces, self.classes)
+        pace = pace_of(self.start.x, self.start.y, self.start.state, self.machine, self.world)
+        self.start = replace(self.start, pace=pace)
         self._kept[0] = self.start
         # the latest, and the one before it once that has been asked for, as open shutters do
         self._recent, self._looks_back = ((0, self.start),), False
@@ -267,7 +269,7 @@ class Trajectory:
         )
         self._blocks = self._order = None, None
         self._pace = blocks.pace(self.machine, self.heights) if STILL not in self.left_out else blocks.STANDING
-        self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world, self._cycles))
+        self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
         self._ahead = None, None  # a crowd, and what is known of its next steps
         self.memo = None  # of frame.plan: a cache, never the truth
 
@@ -275,7 +277,7 @@ class Trajectory:
         """The crowd at `time`, in frames."""
         whole, part = divmod(max(time - self.first_frame, 0.0), 1.0)
         crowd = self._at_whole(int(whole))
-        crowd = self._step(crowd, part) if part else crowd
+        crowd = self._step(crowd, part, int(whole)) if part else crowd
         if self.heights is None:
             return crowd
         x, z = self._ground
@@ -283,6 +285,15 @@ class Trajectory:
             z = self.heights.at(crowd.x, crowd.y)
             self._ground = (crowd.x, z) if STILL in self.left_out else (None, None)
         return replace(crowd, z=z)
+
+    def phase(self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """(m,) float32 in [0, 1): the place in their action's cycle of `agents` (m,), who stand in `crowd`, at `time`, in frames:
+        before the first frame, too, for which the characters are posed as for any other."""
+        return self.gaits.phase(crowd, self.seconds(time), agents)
+
+    def seconds(self, time: float) -> float:
+        """Seconds from the first frame to `time`, in frames; below 0 before it."""
+        return (time - self.first_frame) * self.seconds_per_frame
 
     def approach(self, time: float) -> Iterator[float]:
         """Make what `at` and `blocks` say of `time`, in frames, so that they know it. Yields the progress, 0 to 1, where that
@@ -340,13 +351,14 @@ class Trajectory:
         """(n,) float32 in [0, 1), a number of each agent's own."""
         return chance.uniform(self.start.key, chance.LOOKS).astype(np.float32)
 
-    def _step(self, crowd: Crowd, frames: float) -> Crowd:
-        seconds = frames * self.seconds_per_frame
+    def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
+        """The crowd, which is that of the frame `since`, counted from 0, so many `frames` later, 1 at most."""
         if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
-            return self._play(crowd, seconds)
+            return crowd
+        seconds = frames * self.seconds_per_frame
         tables, (known, ahead) = self._tables(seconds), self._ahead
 
-        about = self.machine, self.world, self._cycles
+        about = self.machine, self.world
 
         def long(some: Crowd, seconds: float) -> Crowd:
             return advance(some, *about, seconds, leave=self.left_out)[0]
@@ -361,18 +373,10 @@ class Trajectory:
             moved = step(crowd, *about, seconds, self.left_out, tables)
         else:
             moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
+        moved = self.gaits.joined(crowd, moved, (since + frames) * self.seconds_per_frame)
         if frames == 1:
             self._ahead = moved, ahead
         return moved
-
-    def _play(self, crowd: Crowd, seconds: float) -> Crowd:
-        """The crowd `seconds` later where nothing but the actions that play by time goes on: as `advance` rounds it."""
-        per_second = self._cycles[:, 1]
-        if not per_second.any():
-            return crowd
-        phase = ((crowd.phase + seconds * per_second[crowd.group]) % 1.0).astype(np.float32)
-        phase[phase >= 1] = 0
-        return replace(crowd, phase=phase)
 
     def _kept_at(self, frame: int) -> Crowd:
         """The crowd at a frame from which blocks are made, counted from 0; it may have been let go in between."""
@@ -415,7 +419,7 @@ class Trajectory:
         """(frame, crowd) at the frame `target`, or at the one that is reached by the end of a TURN."""
         (frame, crowd), until = self._nearest(target, *own), clock.monotonic() + TURN
         while frame < target and clock.monotonic() < until:
-            before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0)
+            before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0, frame)
             if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
                 self._keep(frame, crowd)
                 if self._ahead[1] is None:

@@ -143,19 +143,18 @@ class Rounds:
 
     def piece(self, pieces: int, now: np.ndarray | None, rest: np.ndarray, gone: np.ndarray) -> tuple:
         """After so many `pieces`, of which none is left out from MANY on: (times, seconds, round, caught, stands): how often
-        agents go their round within `rest`, (k,), the seconds that one takes, (k,), and what is `gone` in it, (3, k); who gets
+        agents go their round within `rest`, (k,), the seconds that one takes, (k,), and what is `gone` in it, (2, k); who gets
         nowhere, (k,) bool, and of these who stands.
 
         now: (6, k), all that their way depends on, x and y first, None where it depends on chance or timers; rest: (k,), the seconds left;
-        gone: (3, k), the cells that they walked, the cycles that they played of their action, and their reads of the table in the
-        last piece.
+        gone: (2, k), the cells that they walked, and their reads of the table in the last piece.
         """
         count, marks = pieces - self.since, not pieces & (pieces - 1)
         times, took = np.zeros((2, len(rest)))
         whole = self.gone = gone + (self.gone if self.since else 0.0)
         if self.since and now is not None:
             took, off = self.had - rest, np.abs(now - self.met)
-            back = (off[:2] <= self.rounding * whole[2]).all(axis=0) & ~off[2:].any(axis=0)
+            back = (off[:2] <= self.rounding * whole[1]).all(axis=0) & ~off[2:].any(axis=0)
             back &= (took > 0) & (whole[0] > PROGRESS * count)
             times = np.floor(np.divide(rest, took, where=back, out=times))
         slow = whole[0] * self.most < count

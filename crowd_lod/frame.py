@@ -42,8 +42,8 @@ class Frame:
 
     time: in frames. visible: (n,) bool. levels: (n,) uint8, the LOD of every agent, also of those culled. Both are made when
     first asked for: the buckets say as much of those who are seen. begins: (G, n - 1) metres, where each group's LODs 1 ...
-    n - 1 begin (levels.limits). find_levels: makes the levels. vertices,
-    triangles: to be drawn for the visible agents; full_vertices, full_triangles: without culling and LOD.
+    n - 1 begin (levels.limits). find_levels: makes the levels. phase_of: (agents (m,)) -> (m,) float32 in [0, 1), the places in
+    their action's cycle. vertices, triangles: to be drawn for the visible agents; full_vertices, full_triangles: without culling and LOD.
     milliseconds: of each stage, in the order of the pipeline. camera: the first where there are several. dropped: agents
     left out because they stand at NaN or infinity. left_out: what the scene did not need, in the order of the pipeline;
     like the milliseconds it tells how this plan was made, and all else is the same without it. shadow, mirrored: agents that
@@ -56,6 +56,7 @@ class Frame:
     buckets: Buckets
     begins: np.ndarray
     find_levels: Callable[[], np.ndarray]
+    phase_of: Callable[[np.ndarray], np.ndarray]
     vertices: int
     triangles: int
     full_vertices: int
@@ -116,7 +117,8 @@ def plan(
         if made is not None and made[1] == asked[1] and all(map(operator.is_, made[0], asked[0])):
             ticks += [clock.perf_counter()] * 3
             left_out = STATIC, *made[2].left_out
-            return replace(made[2], time=time, crowd=crowd, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out)
+            now = {"time": time, "crowd": crowd, "phase_of": partial(trajectory.phase, crowd, time)}
+            return replace(made[2], **now, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out)
     begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
     views = [(time, pictured(cameras), reach), *((sample, pictured(eyes), grown) for sample, eyes in shutter)]
     way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
@@ -138,6 +140,7 @@ def plan(
         buckets=buckets,
         begins=begin,
         find_levels=find_levels,
+        phase_of=partial(trajectory.phase, crowd, time),
         vertices=vertices,
         triangles=triangles,
         full_vertices=full_vertices,

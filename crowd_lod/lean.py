@@ -25,7 +25,7 @@ STILL = LeftOut("behaviour", "No agent ever moves or changes its state: behaviou
 UNCHANGING = LeftOut("behaviour", "No label on the map changes a state: no transition is looked up.")
 ONE_LABEL = LeftOut("behaviour", "The map bears one label: it is not looked up.")
 NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
-ONE_ACTION = LeftOut("behaviour", "There is one character group: its action's pace is a number, not one looked up for each agent.")
+ONE_PACE = LeftOut("behaviour", "All walk at one pace: no agent ever changes its phase class.")
 ONE_GROUP = LeftOut("culling", "There is one character group: its sphere is a number, not one looked up for each agent.")
 IN_ORDER = LeftOut("culling", "Agents of one group follow one another: its sphere is looked up once for many, not for each agent.")
 FLAT = LeftOut("culling", "All agents stand at one height: two products a plane instead of three.")
@@ -47,7 +47,7 @@ WORKBENCH = LeftOut(
 
 # In the order of the pipeline.
 ITEMS = (
-    STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_ACTION, NO_HEIGHTS,
+    STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_PACE, NO_HEIGHTS,
     ONE_GROUP, IN_ORDER, FLAT, BLOCKS, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
@@ -66,7 +66,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
         UNCHANGING: unchanging,
         ONE_LABEL: len(labels) == 1,
         NO_HEIGHTS: not relief,
-        ONE_ACTION: groups == 1,
+        ONE_PACE: len(machine.paces.speeds) == 1,
         ONE_GROUP: groups == 1,
         IN_ORDER: in_order,
         # of agents of mixed groups the product would be looked up for each, which costs more than it saves
@@ -74,7 +74,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
     }
     holds[BLOCKS] = len(crowd) >= curve.FEWEST
     if holds[STILL]:  # then there are no steps to make shorter
-        holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_ACTION), False)
+        holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_PACE), False)
     return frozenset(item for item, true in holds.items() if true)
 
 

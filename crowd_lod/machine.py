@@ -29,8 +29,19 @@ from .reader import Reader
 
 EDGES = ("clamp", "wrap", "reflect", "stop")
 SHORTEST = 0.001  # seconds that a timer runs at least
+MOST_PACES = 6  # of a state machine: each has its own posed characters
 PRESETS = Path(__file__).parent / "presets"
 SCHEMA = PRESETS / "schema.json"
+
+
+@dataclass(frozen=True)
+class Paces:
+    """The speeds at which agents play a walk. speeds: (P,) float64, metres per second, rising; of: (S, L) uint8, which of them
+    an agent in each state walks at on each label; off: the largest share by which its own speed is another: its feet slide by it."""
+
+    speeds: np.ndarray
+    of: np.ndarray
+    off: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -67,6 +78,19 @@ class StateMachine:
     def moves(self) -> bool:
         """Whether any agent can ever move."""
         return bool(self.velocity.any())
+
+    @cached_property
+    def paces(self) -> Paces:
+        """Its speeds; of more than MOST_PACES the nearest of so many, by their ratio, from the slowest to the fastest."""
+        speed = np.hypot(*np.moveaxis(self.velocity, 2, 0))
+        stands = [0.0] if self.edge == "stop" or not speed.all() else []
+        walks = np.unique(speed[speed > 0].round(9))
+        if len(stands) + len(walks) > MOST_PACES:
+            walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
+        found = np.array([*stands, *walks])
+        of = np.abs(np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))).argmin(axis=-1)
+        off = np.abs(np.divide(found[of], speed, out=np.ones_like(speed), where=speed > 0) - 1.0).max()
+        return Paces(found, of.astype(np.uint8), float(off) if off > 1e-6 else 0.0)
 
     @cached_property
     def timed(self) -> bool:

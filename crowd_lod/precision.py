@@ -19,7 +19,7 @@ from .exact import seen
 from .levels import LevelPolicy, assign, limits
 from .machine import StateMachine
 from .maps import LabelMap
-from .walk import STILL, convergence, drift, listing, walk
+from .walk import convergence, drift, listing, walk
 
 MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # metres of fixed Delta
 OFFSETS = (0.0, 1e5)  # metres by which crowd and camera are moved together, to show what float32 loses far out
@@ -62,7 +62,7 @@ def behaviour(
             def run(method=method, count=count):
                 moved = crowd
                 for _ in range(count):
-                    moved = method(moved, machine, world, STILL, seconds / count)
+                    moved = method(moved, machine, world, seconds / count)
 
             spent = {key: ms / seconds for key, ms in timed(run, repeats).items()}
             errors = {f"{key}_m": float(getattr(found, key)[k]) for key in ("median", "mean", "worst")}

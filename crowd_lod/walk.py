@@ -23,10 +23,8 @@ from .behaviour import advance, step
 from .machine import StateMachine
 from .maps import LabelMap
 
-STILL = np.zeros((256, 2))  # cycles of the actions, where the phase does not matter
 
-
-def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, cycles: np.ndarray = STILL):
+def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float):
     """(crowd, chatters) `seconds` later, exact but for the rounding of float64, a few units in the last place a border.
 
     chatters: (n,) bool, agents that came to a place where the table changes their state for ever and time cannot go on:
@@ -35,11 +33,11 @@ def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, c
     a long enough row of changes counts as for ever.) So do agents between walls that leave them next to no room, where
     they touch at a corner: they go to and fro there in equal rounds, or stand (borders.Rounds).
     """
-    moved, tally = advance(crowd, machine, world, cycles, seconds, exact=True)
+    moved, tally = advance(crowd, machine, world, seconds, exact=True)
     return moved, tally.held
 
 
-def listing(crowd: Crowd, machine: StateMachine, world: LabelMap, cycles: np.ndarray, seconds: float) -> Crowd:
+def listing(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
     """Listing 1.1 to the letter: one read and one move of any length, walls or not; clamped to the map. It knows no
     timers. For comparison only."""
     label = world.at(crowd.x, crowd.y)
@@ -86,7 +84,7 @@ def convergence(
     for count in steps:
         moved = crowd
         for _ in range(count):
-            moved = method(moved, machine, world, STILL, seconds / count)
+            moved = method(moved, machine, world, seconds / count)
         off = np.abs(np.stack([moved.x - exact.x, moved.y - exact.y]))[:, ~chatters]
         if machine.edge == "wrap":
             off = np.minimum(off, np.array(world.area.size)[:, None] - off)

@@ -1,7 +1,7 @@
 """Steps within a cell: what nearly all agents do in nearly all steps, done for all at once.
 
 An agent whose step changes no state, and leaves no cell of the map but for one of the same label at its side, reads the
-table once and moves once; all that the step does to it follows from its state, its label, and its character group. It is
+table once and moves once; all that the step does to it follows from its state and its label. It is
 looked up in tables made for the step, block by block. Who changes state, draws, waits for less than a step, or comes to
 another label or to the border of the map goes the long way (behaviour.advance), with the same result to the bit.
 """
@@ -19,17 +19,14 @@ from .maps import LabelMap
 
 # Agents a block: its columns stay in the processor's cache.
 BLOCK = 16_384
-# Cases of which a table has an entry for each group; of more a step looks up what each group plays.
-MOST_CASES = 65_536
 # The signs of the velocity along x and y for each value of Crowd.mirror.
 MIRRORED = np.array([(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
 
 
 class Tables:
-    """What one step of `seconds` does in each case: each table is (cases,), in the order mirror, state, label, and group where
-    groups differ in what they do."""
+    """What one step of `seconds` does in each case: each table is (cases,), in the order mirror, state, label."""
 
-    def __init__(self, machine: StateMachine, cycles: np.ndarray, seconds: float):
+    def __init__(self, machine: StateMachine, seconds: float):
         self.seconds, velocity = seconds, machine.velocity[None]
         if machine.edge == "reflect":
             velocity = velocity * MIRRORED[:, None, None]
@@ -38,24 +35,13 @@ class Tables:
         self.x, self.y = vx * seconds, vy * seconds
         self.turns, self.stands = speed > 0, speed == 0
         self.heading = np.arctan2(vy, vx).astype(np.float32)
-        per_metre, per_second = cycles.T
-        plays = seconds * (per_metre * speed[:, None] + per_second)
-        self.groups = len(cycles) if (plays != plays[:, :1]).any() else 1
-        self.plays = plays[:, : self.groups].ravel()
-        if (self.plays == self.plays[0]).all():
-            self.groups, self.plays = 1, self.plays[:1]
         states = np.arange(len(machine.states))[:, None]
         changes = (machine.next_state != states) | (machine.next_choice >= 0)
         # who changes state is in no cell afterwards, so that one comparison finds all who go the long way
         self.x[np.broadcast_to(changes, (len(velocity), *changes.shape)).ravel()] = np.nan
-        changing = {"x": self.x.any(), "y": self.y.any(), "phase": self.plays.any(), "wait": machine.timed}
+        changing = {"x": self.x.any(), "y": self.y.any(), "wait": machine.timed}
         self.changing = [name for name, changes in changing.items() if changes]  # columns that a step within a cell changes
         self.labels, self.size, self.mirrors = len(machine.labels), machine.next_state.size, len(velocity) > 1
-        self.each = self.groups if len(speed) * self.groups <= MOST_CASES else 1
-        if self.each > 1:
-            for name in ("x", "y", "turns", "stands", "heading"):
-                setattr(self, name, np.repeat(getattr(self, name), self.each))
-            self.groups = 1
         self.number = np.min_scalar_type(len(self.x))
 
     def cases(self, crowd: Crowd, block: slice, label: np.ndarray) -> np.ndarray:
@@ -64,9 +50,6 @@ class Tables:
         if self.mirrors:
             case += np.multiply(crowd.mirror[block], self.size, dtype=self.number)
         case += label
-        if self.each > 1:
-            case *= self.each
-            case += crowd.group[block]
         return case.astype(np.intp)
 
 
@@ -79,7 +62,6 @@ def within(
     """
     x, y = np.empty_like(crowd.x), np.empty_like(crowd.y)
     heading = np.empty_like(crowd.heading) if tables.turns.any() else crowd.heading
-    phase = np.empty_like(crowd.phase) if tables.plays.any() else crowd.phase
     wait = np.empty_like(crowd.wait) if machine.timed else crowd.wait
     area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
     sides = (
@@ -124,10 +106,8 @@ def within(
             other |= leaves
         if heading is not crowd.heading:
             _turn(crowd.heading[block], tables, case, heading[block])
-        if phase is not crowd.phase:
-            play(crowd.phase[block], tables, case, crowd.group[block], phase[block])
         rest.append(np.flatnonzero(other) + at)
-    moved = replace(crowd, x=x, y=y, heading=heading, phase=phase, wait=wait)
+    moved = replace(crowd, x=x, y=y, heading=heading, wait=wait)
     return moved, np.concatenate(rest) if rest else np.empty(0, np.intp)
 
 
@@ -150,15 +130,3 @@ def _turn(old: np.ndarray, tables: Tables, case: np.ndarray, new: np.ndarray) ->
     if not tables.turns.all():
         stands = np.flatnonzero(tables.stands.take(case, mode="clip"))
         new[stands] = old[stands]
-
-
-def play(old: np.ndarray, tables: Tables, case: np.ndarray, group: np.ndarray, new: np.ndarray) -> None:
-    """Put the phases (b,) that follow the `old` into `new`."""
-    plays = tables.plays
-    if len(plays) > 1:
-        plays = plays.take(case * tables.groups + group if tables.groups > 1 else case, mode="clip")
-    phase = old + plays
-    phase -= np.floor(phase)  # of what is not negative, this is % 1.0 to the bit
-    new[:] = phase
-    if new.max() >= 1:  # a float64 just below 1 may have rounded up
-        new[new >= 1] = 0

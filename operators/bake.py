@@ -7,14 +7,14 @@ import numpy as np
 
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.poses import Library
+from ..crowd_lod.gaits import Library
 from ..crowd_lod.steps import share
 from . import cameras, lights, stepping
 from . import scene as io
 from .build import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
-from .populate import frame_of, trajectory_of
-from .poses import Posed, make_poses
+from .populate import frame_of, policy_of, trajectory_of
+from .poses import discard, make_cast, read_library
 
 LONGEST = 1.0  # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
@@ -36,16 +36,18 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
             f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "
             "a time, so set it below 1, or render with Crowd LOD installed."
         )
-    posed = None
-    done = False
+    done, read, cast = False, None, None
     try:
-        posed = yield from share(make_poses(scene), 0.0, 0.3)
-        rows = yield from share(_rows(scene, posed, frames), 0.3, 0.95)
+        read = yield from share(read_library(scene), 0.0, 0.2)
+        rows = yield from share(_rows(scene, Library(read[0]), frames), 0.2, 0.8)
+        cast = yield from share(make_cast(scene, _kept(scene, rows), read), 0.8, 0.95)
         done = True
     finally:
-        if posed is not None and not done:
-            bpy.data.batch_remove(list(posed.names))
-    top = install(scene, posed)
+        if not done and cast is None and read is not None:
+            bpy.data.batch_remove(read[-1])
+        elif not done and cast is not None:
+            discard(cast)
+    top = install(scene, cast)
     mark(scene, frames)
     for name, item in points_of(top).items():
         columns = rows[name][0].keys()
@@ -53,6 +55,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
         rows[name].clear()
     dress_all(scene)
     yield 1.0
+    return cast
 
 
 def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
@@ -62,12 +65,23 @@ def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
     scene.crowd_lod.build[BAKED] = [rate, opening(render), float(frames[0]), float(frames[-1])]
 
 
-def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterator[float]:
-    """The points of each bucket, by its name, frame by frame, that show the poses `posed`. Yields the progress."""
+def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) -> list[np.ndarray]:
+    """Of each LOD the characters (k,) intp, rising, that `rows` show; rows then name them by their place among these."""
+    kept = [np.empty(0, np.intp)] * policy_of(scene.crowd_lod).count
+    for bucket in buckets_of(scene):
+        shown = [columns["pose"] for columns in rows[bucket.name]]
+        kept[bucket.level] = np.union1d(kept[bucket.level], np.concatenate(shown)).astype(np.intp)
+    for bucket in buckets_of(scene):
+        for columns in rows[bucket.name]:
+            columns["pose"] = np.searchsorted(kept[bucket.level], columns["pose"]).astype(np.int32)
+    return kept
+
+
+def _rows(scene: bpy.types.Scene, library: Library, frames: Sequence[int]) -> Iterator[float]:
+    """The points of each bucket, by its name, frame by frame, that show characters of the `library`. Yields the progress."""
     render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
-    libraries = {bucket.name: posed.library(bucket.level) for bucket in buckets_of(scene)}
-    rows: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in libraries}
-    points = dict.fromkeys(libraries, 0)
+    rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}
+    points = dict.fromkeys(rows, 0)
     with stepping.stepped(scene) as at:
         for done, number in enumerate(frames):
             time = io.remapped(render, number)
@@ -76,9 +90,9 @@ def _rows(scene: bpy.types.Scene, posed: Posed, frames: Sequence[int]) -> Iterat
             around = lights.read_surroundings(scene, at((), time), time, at=at)
             shutter = cameras.read_shutter(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
-            held = held_by(scene, trajectory, number, frame.crowd, film)
+            held = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
-                rows[name].append(columns_in_time(trajectory, held, number, agents, libraries[name], tilt))
+                rows[name].append(columns_in_time(trajectory, held, number, agents, library, tilt))
                 points[name] += len(agents)
                 if points[name] > MOST_POINTS:
                     raise CrowdError(

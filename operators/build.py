@@ -1,48 +1,70 @@
 """The render set-up: a point object a bucket, whose instances, by geometry nodes, show the poses of their phases."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
+from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.gaits import Gaits, Library
 from ..crowd_lod.levels import MOST_LEVELS
-from ..crowd_lod.poses import MOST_RATES, Library
 from . import scene as io
 from . import stored
 from .collection_caches import note_change
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
-from .populate import groups_of, home_of, policy_of
-from .poses import Posed, make_poses
+from .populate import groups_of, home_of, policy_of, trajectory_of
+from .poses import POSES as POSED_MESHES
+from .poses import Cast, make_cast
 
-# Custom properties. Of a point object: its LOD, its bucket, and what a Library holds.
+# Custom properties. Of a point object: its LOD and its bucket; in builds from before there were rigs its poses, and their rates.
 LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
-COARSE, BENT, CLOSED = "crowd_lod_coarse", "crowd_lod_bent", "crowd_lod_closed"
-LIBRARY = "crowd_lod_library"  # of the collection of all poses, and of a LOD's collection in it
-MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it poses
+LIBRARY = "crowd_lod_library"  # of the collection of all characters, and of a LOD's collection in it
+RIGS = "crowd_lod_rigs"  # of the collection of all rigs in that
+MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
+POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"  # of the build's collection: see Library, and _played
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
 HIDDEN = "crowd_lod_hidden"  # of the build's collection: the characters' collection, if the build hides it from renders
-BLURRED = "crowd_lod_blurred"  # of the build's collection: its poses' limbs are blurred
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
 
 
-def library_of(points: bpy.types.Object, groups: int) -> Library:
-    """The poses that a point object shows of so many `groups`; one each in a build from before there were poses."""
+def library_of(top: bpy.types.Collection, points: bpy.types.Object, gaits: Gaits) -> Library:
+    """What the point object `points` of the build `top` shows, of groups that play their actions by `gaits`."""
+    groups = len(gaits.rates)
+    if POSED in top:
+        return Library(np.array(stored.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
+    if POSES not in points:  # from before there were poses
+        return Library(np.ones(groups, np.intp))
+    rates = np.ones((groups, 1))
+    if RATES in points:
+        rates = np.array(stored.read(points, RATES, float, REMEDY, range(groups, 4 * groups + 1, groups))).reshape(groups, -1)
+    return Library(np.array(stored.read(points, POSES, int, REMEDY, (groups,), (1, np.inf))), np.isfinite(rates).sum(axis=1))
 
-    def column(key: str, kind: type, missing, least: float = 0, counts: Sequence[int] = (groups,)) -> np.ndarray:
-        bounds = least, np.inf
-        return np.array(stored.read(points, key, kind, REMEDY, counts, bounds) if key in points else [missing] * groups, kind)
 
-    rates = column(RATES, float, 0.0, counts=range(groups, groups * MOST_RATES + 1, groups)).reshape(groups, -1)
-    return Library(
-        column(POSES, int, 1, least=1), rates, column(COARSE, float, np.inf), column(BENT, float, 0.0), column(CLOSED, bool, False)
-    )
+def libraries_of(
+    top: bpy.types.Collection, points: dict[str, bpy.types.Object], names: Iterable[str], trajectory: Trajectory
+) -> list[tuple[Library, list[str]]]:
+    """Of the point objects `names` of the build `top`, from `points`, those that show the same Library, with it. CrowdError if
+    the build's rigs play otherwise than agents of `trajectory` do."""
+    names, gaits = list(names), trajectory.gaits
+    if PLAYED in top and list(top[PLAYED]) != _played(trajectory):
+        raise CrowdError("Agents walk at other paces, or frame rates, than the characters of the build: press Build again.")
+    if POSED in top:
+        return [(library_of(top, points[names[0]], gaits), names)] if names else []
+    return [(library_of(top, points[name], gaits), [name]) for name in names]
+
+
+def _played(trajectory: Trajectory) -> list[float]:
+    """What rigs depend on that play as agents of `trajectory` do."""
+    gaits = trajectory.gaits
+    own = trajectory.first_frame, trajectory.seconds_per_frame, gaits.classes, *np.concatenate(gaits.distinct)
+    return [float(each) for each in own]
 
 
 @dataclass(frozen=True)
@@ -89,21 +111,21 @@ def made_from(scene: bpy.types.Scene) -> str:
 
 
 def build(scene: bpy.types.Scene) -> Iterator[float]:
-    """Put one point object a bucket, and the poses that they show, into a collection of the scene; yields the progress.
+    """Put one point object a bucket, and the characters that they show, into a collection of the scene; yields the progress.
 
-    What an earlier build made stays, with all that the user changed or added there, but for the poses: those are new,
+    What an earlier build made stays, with all that the user changed or added there, but for the characters: those are new,
     and returned. Closed early, it leaves the scene as it was.
     """
     io.check_own(scene)
     check_levels(scene)
     check_build(scene)
-    posed = yield from make_poses(scene)
-    install(scene, posed)
-    return posed
+    cast = yield from make_cast(scene)
+    install(scene, cast)
+    return cast
 
 
-def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
-    """Put the poses and, where there are none yet, point objects into the build of `scene`: its collection."""
+def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
+    """Put the characters and, where there are none yet, point objects into the build of `scene`: its collection."""
     settings = scene.crowd_lod
     upgrade()
     top = _own(scene)
@@ -111,17 +133,15 @@ def install(scene: bpy.types.Scene, posed: Posed) -> bpy.types.Collection:
         top = settings.build = bpy.data.collections.new("Crowd LOD Build")
         top[OWNED] = True
         scene.collection.children.link(top)
-    top[MADE_FROM], top[BLURRED] = made_from(scene), posed.blurred
+    top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), _played(trajectory_of(scene))
     top.pop(BAKED, None)
-    _shelve(scene, top, posed)
+    _shelve(scene, top, cast)
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
         points[LEVEL], points[BUCKET] = bucket.level, bucket.name
-        points[POSES] = posed.counts[:, bucket.level].tolist()
-        points[RATES] = posed.rates.ravel().tolist()
-        points[COARSE], points[BENT] = (each[:, bucket.level].tolist() for each in (posed.coarse, posed.bent))
-        points[CLOSED] = posed.closed.tolist()
+        for key in (POSES, RATES):
+            points.pop(key, None)
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
     return top
@@ -188,6 +208,19 @@ def told_of_characters(scene: bpy.types.Scene) -> str:
     return f"The characters in {characters.name} stay in renders: {_shown_for(scene)}."
 
 
+def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
+    """Sentences on what of the characters' motion the build does not show as it is; "" where all is."""
+    found = [
+        f"{name} is shown in {POSED_MESHES} posed meshes, whose limbs have no blur: {why}." for name, why in cast.refused.items()
+    ]
+    slides = trajectory_of(scene).gaits.paces.off
+    if slides:
+        found.append(
+            f"The state machine has more speeds than characters are made for: feet slide by up to {slides:.0%} of the way."
+        )
+    return " ".join(found)
+
+
 def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
     """The scene's build. A linked copy of a scene begins with that of the other, which stays the other's: it is let go."""
     if io.shared(scene, "build"):
@@ -232,42 +265,49 @@ def dress_all(scene: bpy.types.Scene) -> None:
         points.update_tag()
 
 
-def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, posed: Posed) -> None:
-    """Put the poses into the build, in place of those that it has."""
+def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+    """Put the characters into the build, in place of those that it has."""
     library = _library_of(top)
     if library is None:
-        library = _library(top, "Crowd LOD Poses", -1)
+        library = _library(top, "Crowd LOD Characters", LIBRARY, -1)
         library.hide_render = library.hide_viewport = True  # else a view layer that the user adds later would show them
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             exclude(view_layer.layer_collection, library)
-    shelves = _shelves(top)
+    shelves, levels = _shelves(top), len(cast.collections)
     gone, spare = bpy.data.collections.new("Crowd LOD"), {}
-    scene.collection.children.link(gone)  # what the user put into poses is to stay in this scene
+    scene.collection.children.link(gone)  # what the user put into characters is to stay in this scene
     for level, shelf in list(shelves.items()):
         spare[level] = _emptied(shelf, gone)
-        if level >= len(posed.collections):
+        if level >= levels:
             gone.children.link(shelves.pop(level))
-    for level, poses in enumerate(posed.collections):
+    for level, characters in enumerate(cast.collections):
         if level not in shelves:
-            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} poses", level), []
-        for home in spare[level][len(poses) :]:
+            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level), []
+        for home in spare[level][len(characters) :]:
             shelves[level].children.unlink(home)
             gone.children.link(home)
+    rigs = next((child for child in library.children if RIGS in child), None) or _library(library, "Crowd LOD Rigs", RIGS, True)
+    for rig in [item for item in rigs.objects if item.get(OWNED)]:
+        rigs.objects.unlink(rig)
+        gone.objects.link(rig)
     remove_owned(gone)
-    for level, poses in enumerate(posed.collections):
-        homes = spare[level][: len(poses)]
+    bpy.data.batch_remove([action for action in bpy.data.actions if action.get(OWNED) and not action.users])
+    for rig in cast.rigs:
+        rigs.objects.link(rig)
+    for level, characters in enumerate(cast.collections):
+        homes = spare[level][: len(characters)]
         for home in homes:
-            home.name = "Crowd LOD pose"  # none keeps what another is to be called
-        for number, (name, items) in enumerate(poses):
+            home.name = "Crowd LOD character"  # none keeps what another is to be called
+        for number, (name, items) in enumerate(characters):
             home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
             home.name, home[OWNED] = name, True
             for item in items:
                 home.objects.link(item)
             if number >= len(homes):
                 shelves[level].children.link(home)
-    note_change(top, library, *shelves.values())
-    for block, name in posed.names.items():
+    note_change(top, library, rigs, *shelves.values())
+    for block, name in cast.names.items():
         block.name = name
 
 
@@ -287,9 +327,9 @@ def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bp
     return left
 
 
-def _library(parent: bpy.types.Collection, name: str, level: int) -> bpy.types.Collection:
+def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
     made = bpy.data.collections.new(name)
-    made[OWNED], made[LIBRARY] = True, level
+    made[OWNED], made[key] = True, level
     parent.children.link(made)
     return made
 

@@ -9,16 +9,16 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ..crowd_lod.agents import Crowd, Group
+from ..crowd_lod.agents import Crowd
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.camera import Camera, differs
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame
+from ..crowd_lod.gaits import Library
 from ..crowd_lod.lean import FLAT
-from ..crowd_lod.poses import Library, beside, nearest_rate, pixels_per_metre, played, pose_of, rounded, shared
 from . import cameras, lights, stepping
 from . import scene as io
-from .build import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, library_of, made_from, points_of
+from .build import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, libraries_of, made_from, points_of
 from .populate import frame_of, trajectory_of
 from .threads import on_main_thread
 
@@ -36,87 +36,40 @@ def members(frame: Frame) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Held:
-    """What a frame holds while its shutter is open. crowd: that of the frame; film: its cameras, or none, then all agents
-    show the nearest of their poses. ends: without motion blur none, else when the shutter opens and closes, in frames of the
-    timeline from that frame, and the crowd then; seconds: of the animation in between; pace: seconds of the animation in one
-    of the timeline."""
+    """What a frame holds while its shutter is open: who shows which character. crowd: that of the frame; time: its own, frames of
+    the animation; ends: without motion blur none, else when the shutter opens and closes, in frames of the timeline from that
+    frame, and the crowd then."""
 
     crowd: Crowd
-    film: Sequence[Camera] = ()
+    time: float
     ends: tuple[tuple[float, Crowd], ...] = ()
-    seconds: float = 1.0
-    pace: float = 1.0
-
-    def poses(
-        self, agents: np.ndarray, phase: np.ndarray, group: np.ndarray, library: Library, groups: Sequence[Group]
-    ) -> dict[str, np.ndarray]:
-        """The point attributes of `agents` (m,), with the `phase` (m,) at the frame and the `group` (m,), that say which poses
-        they show, of the phase in the middle of the shutter.
-
-        pose: the nearest, blurred at the rate at which the action is played meanwhile. Where agents may be so near that
-        it is off by more than the tolerance: blend, the share, 0 to 0.5, of the pose `beside` it, mixed and mixes, of
-        crowd_lod.poses.shared; with motion blur also blend_rate, how often a second of the timeline all the way from the
-        one to the other is played.
-        """
-        rate = None
-        if self.ends:
-            phase, change = played(*(crowd.phase[agents] for _, crowd in self.ends))
-            rate = change / self.seconds
-        pose = pose_of(phase, rate, group, library.counts, library.rates)
-        if not np.isfinite(library.coarse).any() or not self.film:
-            return {"pose": pose}
-        about = np.array([(each.centre, each.radius) for each in groups])[group].T
-        points = np.stack([getattr(self.crowd, axis)[agents] for axis in "xyz"])
-        points[2] += about[0]
-        scale = pixels_per_metre(points, about[1], self.film)
-        (near,) = np.nonzero(0.5 * scale > library.coarse[group])
-        phase, rate, group = phase[near], rate if rate is None else rate[near], group[near]
-        count = library.counts[group]
-        step, share = beside(phase, count, library.closed[group])
-        share = rounded(share, scale[near], library.coarse[group], library.bent[group])
-        here, other = pose[near], pose_of((phase + step / count) % 1.0, rate, group, library.counts, library.rates)
-        back = (share == 0.5) & (other < here)  # the same from both sides
-        here, other, step = np.where(back, other, here), np.where(back, here, other), np.where(back, -step, step)
-        own = {"beside": other, "blend": share, **dict(zip(("mixed", "mixes"), shared(here, other, share), strict=True))}
-        if self.ends:
-            known = library.rates[group]
-            played_at = known[np.arange(len(near)), nearest_rate(rate, known)]
-            own["blend_rate"] = (step * count * played_at * self.pace).astype(np.float32)
-        pose[near] = here
-        columns = {"pose": pose}
-        for name, values in own.items():
-            columns[name] = np.zeros(len(agents), values.dtype)
-            columns[name][near] = values
-        return columns
 
 
-def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd, film: Sequence[Camera]) -> Held:
-    """What the frame `number` of the timeline holds; crowd, film: at that frame."""
+def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
+    """What the frame `number` of the timeline holds; crowd: at that frame."""
     render = scene.render
-    length = render.motion_blur_shutter
+    length, time = render.motion_blur_shutter, io.remapped(render, number)
     if not render.use_motion_blur or not length:
-        return Held(crowd, film)
+        return Held(crowd, time)
     opens = cameras.OPENS[render.motion_blur_position] * length
     parts = -opens, length - opens
-    ends = tuple((part, trajectory.at(io.remapped(render, number + part)) if part else crowd) for part in parts)
-    pace = io.remapped(render, 1.0)
-    return Held(crowd, film, ends, length * pace * trajectory.seconds_per_frame, pace)
+    return Held(crowd, time, tuple((part, trajectory.at(io.remapped(render, number + part)) if part else crowd) for part in parts))
 
 
 def columns_of(
     trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library, tilt: bool
 ) -> dict[str, np.ndarray]:
     """The point attributes of `agents` (m,) as they stand in `crowd`, by name: see `columns_by_bucket`."""
-    return columns_by_bucket(trajectory, crowd, held, [agents], [library], tilt)[0]
+    return columns_by_bucket(trajectory, crowd, held, [agents], library, tilt)[0]
 
 
 def columns_by_bucket(
-    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], libraries: Sequence[Library], tilt: bool
+    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], library: Library, tilt: bool
 ) -> list[dict[str, np.ndarray]]:
     """Of each of the `buckets` the point attributes of its agents (m,) as they stand in `crowd`, by name; see scene.write_points.
 
-    position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase;
-    group; what `held` says of the poses of the bucket's library; looks, a number in [0, 1) of the agent's own for materials to
+    position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase and group;
+    pose, which of the `library`'s characters each shows, of the frame that is `held`; looks, a number in [0, 1) of the agent's own for materials to
     vary by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
     the blur would draw it all across the picture.
     """
@@ -134,18 +87,16 @@ def columns_by_bucket(
             continue
         there = of(getattr(crowd, name))
         place[:, axis] = there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
-    heading, phase, group = of(crowd.heading), of(crowd.phase), of(crowd.group)
-    at_frame = phase if crowd is held.crowd else of(held.crowd.phase)
-    columns = {"position": place, "heading": heading, "phase": phase, "group": group.astype(np.int32)}
-    columns |= {"looks": of(trajectory.looks), "id": ids}
+    heading, seconds = of(crowd.heading), trajectory.seconds(held.time)
+    columns = {"position": place, "heading": heading, "phase": trajectory.gaits.phase(held.crowd, seconds, agents)}
+    columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
+    columns["pose"] = library.shown(trajectory.gaits, held.crowd, seconds, agents)
     if tilt and trajectory.heights is not None:
         pitch, roll = trajectory.heights.tilt(of(crowd.x), of(crowd.y), heading)
         columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
     found, at = [], 0
-    for bucket, library in zip(buckets, libraries, strict=True):
-        own = slice(at, at + len(bucket))
-        poses = held.poses(agents[own], at_frame[own], group[own], library, trajectory.groups)
-        found.append({name: values[own] for name, values in columns.items()} | poses)
+    for bucket in buckets:
+        found.append({name: values[at : at + len(bucket)] for name, values in columns.items()})
         at += len(bucket)
     return found
 
@@ -166,10 +117,10 @@ def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held:
     points = points_of(top)
     shown = {name: agents for name, agents in members(frame).items() if name in points}
     shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
-    libraries = [library_of(points[name], len(trajectory.groups)) for name in shown]
-    made = columns_by_bucket(trajectory, crowd, held, list(shown.values()), libraries, tilt) if shown else []
-    for name, columns in zip(shown, made, strict=True):
-        io.write_points(points[name].data, columns)
+    for library, names in libraries_of(top, points, shown, trajectory):
+        made = columns_by_bucket(trajectory, crowd, held, [shown[name] for name in names], library, tilt)
+        for name, columns in zip(names, made, strict=True):
+            io.write_points(points[name].data, columns)
 
 
 def _empty(mesh: bpy.types.Mesh) -> bool:
@@ -295,7 +246,7 @@ def _planned(
         shutter = cameras.read_shutter(scene, whole, at) if blurred else []
         around = lights.read_surroundings(scene, depsgraph, whole, [part for part, _ in shutter] or own, at)
     frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
-    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd, film), shutter
+    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd), shutter
 
 
 def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, shutter: Shutter) -> None:

@@ -10,7 +10,7 @@ from ..crowd_lod.reasons import REASONS
 from ..crowd_lod.words import number
 from . import overlay
 from . import scene as io
-from .build import BAKED, BLURRED, baked_of, layers_of
+from .build import BAKED, baked_of, layers_of
 from .hud import STAGES, share, told
 from .populate import count_of
 
@@ -270,8 +270,6 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
                 layout.label(text="Baked: frames {2:g} to {3:g}".format(*baked_of(settings.build)), icon="FREEZE")
             except CrowdError as error:
                 _say(context, layout, str(error), "ERROR")
-        if settings.build is not None and context.scene.render.use_motion_blur and not settings.build.get(BLURRED):
-            _say(context, layout, "Built without motion blur: limbs are not blurred. Build again.", "INFO")
         if settings.build is not None and len(context.scene.view_layers) > 1:
             column = layout.column(heading="View Layers")
             for name, place in layers_of(context.scene).items():

@@ -142,7 +142,7 @@ def _instances(
     agents = np.zeros((len(order), 8), np.float32)
     agents[:, :3] = _relative(crowd, order, frame.camera.origin)
     agents[:, 3] = crowd.heading[order]
-    agents[:, 4] = crowd.phase[order]
+    agents[:, 4] = frame.phase_of(order)
     agents[:, 5] = 4.0 * colours.index[order] + 2.0 + shares
     if slopes is not None:
         agents[:, 6], agents[:, 7] = slopes.tilt(crowd.x[order], crowd.y[order], crowd.heading[order])

@@ -1,206 +1,168 @@
-"""Posed LODs: of each LOD of each character group the objects of each pose, which the build's agents instance."""
+"""What the build's agents instance: of each LOD of each character group a copy for each phase class, moved by a rig that all LODs
+share; or, where no rig can show the group, the LOD's meshes in even poses of its action."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..crowd_lod.frame import deviations
-from ..crowd_lod.levels import limits
-from ..crowd_lod.poses import (
-    MOST,
-    Library,
-    Motion,
-    blended,
-    first_poses,
-    longest_step,
-    path_pixels,
-    pose_counts,
-    rates_of,
-)
+from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.gaits import Library
+from ..crowd_lod.steps import share
+from . import rigs
 from . import scene as io
-from .cameras import cameras_at
 from .deviation import SOLID
 from .levels import OWNED
 from .movers import action_range
-from .populate import characters_of, groups_of, home_of, machine_of, policy_of
+from .populate import characters_of, groups_of, home_of, policy_of, trajectory_of
 from .rendered import as_rendered
 
-MOST_CAMERAS = 9  # times of the shot whose cameras say how large a LOD is seen
-MEASURING = 0.3  # part of the time
-STILL = 1e-6  # metres per second and less are no motion
-TINY = 1e-6  # metres, rounding
+POSES = 32  # of a group that no rig can show, in a cycle of its action
+
+Wanted = Sequence[np.ndarray]  # of each LOD, (k,) intp rising, the characters of a Library that it has
 
 
 @dataclass(frozen=True)
-class Posed:
-    """Poses that stand in no scene yet.
+class Cast:
+    """The characters that a build shows, in no scene yet. posed: (G,) intp, see Library. collections: of each LOD its characters,
+    each a collection's name and objects; sorted by name they stand in the order of the Library. rigs: what moves them; names:
+    what each new block is to be called, as soon as those of an earlier build have gone. refused: of each group that no rig can
+    show, by its name, the reason. wanted: those that there are, None for all."""
 
-    counts: (G, n), poses of each group and LOD, at each of its rates. blurred: whether their vertices have velocities, by
-    which Cycles blurs limbs; rates: (G, r), cycles per second that these are for, see rates_of. coarse, bent: (G, n), and
-    closed: (G,), see Library. off: pixels that a vertex is at most, about, from its place at the agent's own phase, where a LOD
-    begins (LOD 0, which begins at the camera, left out). collections: of each LOD its poses, each a collection's name and
-    objects; sorted by name they stand in the order of pose_of. names: what each new block is to be called, as soon as those of
-    an earlier build have gone.
-    """
-
-    counts: np.ndarray
-    blurred: bool
-    rates: np.ndarray
-    coarse: np.ndarray
-    bent: np.ndarray
-    closed: np.ndarray
-    off: float
+    posed: np.ndarray
     collections: list[list[tuple[str, list[bpy.types.Object]]]]
-    names: dict[bpy.types.ID, str]
+    rigs: list[bpy.types.Object] = field(default_factory=list)
+    names: dict[bpy.types.ID, str] = field(default_factory=dict)
+    refused: dict[str, str] = field(default_factory=dict)
+    wanted: Wanted | None = None
 
-    def library(self, level: int) -> Library:
-        """The poses of one LOD."""
-        return Library(self.counts[:, level], self.rates, self.coarse[:, level], self.bent[:, level], self.closed)
+
+@dataclass
+class _Actors:
+    """One group while it is made: its number and name, its LODs' collections, and where they act, see as_rendered."""
+
+    g: int
+    name: str
+    objects: list[bpy.types.Object]
+    homes: list[bpy.types.Collection]
+    stage: bpy.types.Scene
+    actors: dict[bpy.types.Object, bpy.types.Object]
 
 
-def make_poses(scene: bpy.types.Scene) -> Iterator[float]:
-    """Evaluate the LODs of `scene` at even phases of their actions; yields the progress, 0 to 1, and returns the Posed.
-
-    A pose holds copies of the LOD's objects without modifiers, parents and animation, where the originals stand at that
-    phase; an object that does not deform has one mesh in all poses, unless motion blur is on: then each vertex has the
-    velocity that it has at a rate of the action, in each pose at each rate. Closed early, it leaves nothing behind.
-    """
+def read_library(scene: bpy.types.Scene) -> Iterator[float]:
+    """Find out which groups of `scene` rigs can show; yields the progress and returns ((G,) intp, see Library; of each group its
+    Model, or None; why not, by the group's name; the data-blocks made for it). Closed early, it leaves nothing behind."""
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
-    policy = policy_of(scene.crowd_lod)
-    count, tolerance = policy.count, policy.tolerance
-    blurred, rates = scene.render.use_motion_blur, np.zeros((len(characters), 1))
-    if blurred:
-        rates = rates_of(groups_of(scene.crowd_lod), machine_of(scene.crowd_lod))
-    pace = io.remapped(scene.render, 1.0)  # Cycles' seconds are those of the timeline
-    motions, names = [], {}
-    done = False
+    count, measured = policy_of(scene.crowd_lod).count, groups_of(scene.crowd_lod)
+    posed, models, refused, made, done = np.zeros(len(characters), np.intp), [], {}, [], False
     try:
-        chains = [[home_of(level, g, name) for level in levels[:count]] for g, (name, _, _) in enumerate(characters)]
-        for g, (_, objects, _) in enumerate(characters):
-            share = MEASURING / len(characters)
-            motions.append((yield from _motion(objects, chains[g][0], bool(tolerance), g * share, share)))
-        vertices = np.array([[_vertices(home) for home in chain] for chain in chains])
-        mixed = np.array([all(_mixes(item) for home in chain for item in home.objects) for chain in chains])
-        pixels = _pixels(scene, np.array([motion.path for motion in motions]))
-        counts, coarse, bent, off = blended(motions, pixels, pose_counts(pixels, vertices, tolerance), mixed, tolerance)
-        closed = np.array([motion.closed for motion in motions])
-        worst = float(off[:, 1:].max(initial=0.0))
-        posed = Posed(counts, blurred, rates, coarse, bent, closed, worst, [[] for _ in range(count)], names)
-        begins = [first_poses(counts[:, k], rates) for k in range(count)]
         for g, (name, objects, _) in enumerate(characters):
-            finest, own = int(counts[g].max()), rates[g][np.isfinite(rates[g])]
-            meshes: dict[bpy.types.Object, bpy.types.Mesh] = {}  # of each object its first pose's
-            with as_rendered(item for home in chains[g] for item in home.objects) as (stage, actors):
-                for step in range(finest):
-                    flows = _flows(stage, objects, actors, step / finest) if own.any() else {}
-                    depsgraph = _act(stage, objects, step / finest)
-                    for k, home in enumerate(chains[g]):
-                        j, between = divmod(step * int(counts[g, k]), finest)
-                        if between:
-                            continue
-                        for r, rate in enumerate(own * pace):
-                            number = r * int(counts[g, k]) + j
-                            pose = f"{begins[k][g] + number:05d} {name} LOD {k}", []
-                            for item in home.objects:
-                                flow = flows.get(actors[item], 0.0) * rate
-                                evaluated = actors[item].evaluated_get(depsgraph)
-                                pose[1].append(_still(item, home, evaluated, depsgraph, flow, meshes, names, number))
-                            posed.collections[k].append(pose)
-                    yield MEASURING + (1 - MEASURING) * (g + (step + 1) / finest) / len(characters)
+            first, last = action_range(objects)
+            homes = [home_of(level, g, name) for level in levels[:count]]
+            model, reason = None, ""
+            if first == last:
+                posed[g] = 1
+            else:
+                with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
+                    size = measured[g].diagonal or 2 * measured[g].radius
+                    making = rigs.modelled(name, homes, actors, stage, size, made)
+                    model, reason = yield from share(making, g / len(characters), (g + 1) / len(characters))
+            if reason:
+                posed[g], refused[name] = POSES, reason
+            models.append(model)
+            yield (g + 1) / len(characters)
         done = True
     finally:
         if not done:
-            bpy.data.batch_remove(list(names))
-    for block in names:
+            bpy.data.batch_remove(made)
+    return posed, models, refused, made
+
+
+def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple | None = None) -> Iterator[float]:
+    """Make the characters that agents of `scene` may show, those `wanted` or all; yields the progress, 0 to 1, and returns the
+    Cast. read: what read_library found, which then belongs to it. Closed early, it leaves nothing behind."""
+    if read is None:
+        read = yield from share(read_library(scene), 0.0, 0.5)
+    posed, models, refused, made = read
+    characters, levels = characters_of(scene), scene.crowd_lod.levels.children
+    count, trajectory = policy_of(scene.crowd_lod).count, trajectory_of(scene)
+    first = Library(posed).first(trajectory.gaits)
+    cast, done = Cast(posed, [[] for _ in range(count)], refused=refused, wanted=wanted), False
+    cast.names.update((block, block.name) for block in made)
+    try:
+        for g, (name, objects, _) in enumerate(characters):
+            homes = [home_of(level, g, name) for level in levels[:count]]
+            with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
+                group = _Actors(g, name, objects, homes, stage, actors)
+                for number in range(first[g], first[g + 1]):
+                    of_levels = [k for k in range(count) if wanted is None or number in wanted[k]]
+                    if of_levels:
+                        own = number - int(first[g])
+                        if models[g] is None:
+                            _pose(cast, group, number, own / posed[g], of_levels)
+                        else:
+                            _rig(cast, group, number, own, of_levels, models[g], trajectory)
+                    yield 0.5 + 0.5 * number / first[-1]
+        done = True
+    finally:
+        if not done:
+            bpy.data.batch_remove(list(cast.names))
+    for block in cast.names:
         block[OWNED] = True
-    return posed
+    return cast
 
 
-def _mixes(item: bpy.types.Object) -> bool:
-    """Whether a mesh between two poses can show in the object's place: the mesh is then the point object's."""
-    return item.type in SOLID and io.shows_plainly(item)
+def discard(cast: Cast) -> None:
+    """Remove all that was made for `cast`, which is in no build."""
+    with suppress(ReferenceError):
+        bpy.data.batch_remove(list(cast.names))
 
 
-def _vertices(home: bpy.types.Collection) -> int:
-    return sum(len(item.data.vertices) for item in home.objects if item.type == "MESH")
+def _rig(
+    cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], model: rigs.Model, trajectory: Trajectory
+) -> None:
+    """Put the `number`-th character, the group's `own`-th, which a rig moves, into the collections of LODs of `cast`."""
+    gaits = trajectory.gaits
+    pace, which = divmod(own, gaits.classes)
+    rate = float(gaits.distinct[group.g][pace]) * trajectory.seconds_per_frame
+    phase = which / gaits.classes - rate * trajectory.first_frame
+    title = f"{group.name} {number:05d}"
+    made = rigs.perform(model, title, rate, phase, action_range(group.objects))
+    cast.rigs.extend(made.values())
+    cast.names.update((rig, rig.name) for rig in made.values())
+    for k in of_levels:
+        copies = []
+        for item in group.homes[k].objects:
+            copies.append(rigs.dress(item, model, made))
+            cast.names[copies[-1]] = f"{item.name} {number:05d}"
+        cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
 
 
-def _motion(
-    objects: list[bpy.types.Object], home: bpy.types.Collection, bends: bool, begin: float, share: float
-) -> Iterator[float]:
-    """The Motion of the group of `objects`, whose LOD is `home`, its path alone if not `bends`; yields the progress from `begin`
-    on, `share` in all."""
-    first, last = action_range(objects)
-    if first == last:
-        return Motion()
-    longest, rough, fine = 0.0, 0.0, 0.0
-    with as_rendered(home.objects) as (stage, actors):
-
-        def points(half: int) -> np.ndarray:
-            depsgraph = _act(stage, objects, half / (2 * MOST))
-            return np.concatenate([io.world_points(actor.evaluated_get(depsgraph)) for actor in actors.values()])
-
-        begins = ends = points(0)
-        for half in range(0, 2 * MOST, 4):
-            seen = {0: ends} | {k: points(half + k) for k in ((1, 2, 3, 4) if bends else (2, 4))}
-            ends = seen[4]
-            longest = max(longest, longest_step(seen[0], seen[2]), longest_step(seen[2], seen[4]))
-            if bends and np.isfinite(longest):
-                rough = max(rough, longest_step((seen[0] + seen[4]) / 2, seen[2]))
-                fine = max(fine, *(longest_step((seen[i] + seen[i + 2]) / 2, seen[i + 1]) for i in (0, 2)))
-            yield begin + share * (half + 4) / (2 * MOST)
-    return Motion(MOST * longest, (rough, fine), longest_step(begins, ends) <= max(fine, TINY))
-
-
-def _pixels(scene: bpy.types.Scene, paths: np.ndarray) -> np.ndarray:
-    """path_pixels (G, n), the most that a camera of the shot shows."""
-    groups, policy = groups_of(scene.crowd_lod), policy_of(scene.crowd_lod)
-    radius, measured = np.array([group.radius for group in groups]), deviations(groups, policy.count)
-    frames = np.unique(np.linspace(scene.frame_start, scene.frame_end, MOST_CAMERAS).round())
-    times = [io.remapped(scene.render, frame) for frame in frames]
-    eyes = [eye for film in cameras_at(scene, times) for eye in film]
-    return np.max([path_pixels(paths, limits(policy, eye, radius, measured), radius, eye) for eye in eyes], axis=0)
-
-
-def _act(stage: bpy.types.Scene, objects: list[bpy.types.Object], phase: float) -> bpy.types.Depsgraph:
-    """Take the stage to `phase` of the action of `objects`."""
-    first, last = action_range(objects)
+def _pose(cast: Cast, group: _Actors, number: int, phase: float, of_levels: list[int]) -> None:
+    """Put the `number`-th character, a pose of the group at `phase`, into the collections of LODs of `cast`."""
+    first, last = action_range(group.objects)
     frame = first + (last - first) * phase
-    stage.frame_set(int(frame // 1), subframe=frame % 1)
-    return stage.view_layers[0].depsgraph
+    group.stage.frame_set(int(frame // 1), subframe=frame % 1)
+    depsgraph = group.stage.view_layers[0].depsgraph
+    for k in of_levels:
+        home = group.homes[k]
+        stills = [_still(cast, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number) for item in home.objects]
+        cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", stills))
 
 
-def _flows(stage: bpy.types.Scene, objects: list[bpy.types.Object], actors: dict, phase: float) -> dict:
-    """Of each actor the way of its vertices (v, 3) about `phase`, metres per cycle in the world, from half a frame before to
-    half a frame after, within the action; not of those whose vertices become more or fewer meanwhile."""
-    first, last = action_range(objects)
-    if first == last:
-        return {}
-    begin, end = max(phase - 0.5 / (last - first), 0.0), min(phase + 0.5 / (last - first), 1.0)
-    before, after = [], []
-    for when, found in ((begin, before), (end, after)):
-        depsgraph = _act(stage, objects, when)
-        found += [io.world_points(actor.evaluated_get(depsgraph)) for actor in actors.values()]
-    pairs = zip(actors.values(), before, after, strict=True)
-    return {actor: (b - a) / (end - begin) for actor, a, b in pairs if a.shape == b.shape}
-
-
-def _still(
-    item, home: bpy.types.Collection, evaluated, depsgraph, flow, meshes: dict, names: dict, number: int
-) -> bpy.types.Object:
+def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evaluated, depsgraph, number: int) -> bpy.types.Object:
     """A copy of the LOD object `item`, in the collection `home`, as `evaluated`, that keeps slots, visibility and custom
-    properties; its vertices move by `flow`, (v, 3) metres per second in the world, or 0. What has no faces, hair, moves with
-    its parent but keeps its shape. It stands about the collection's offset as it will about the origin: geometry nodes
-    instance collections without their offsets."""
+    properties. What has no faces, hair, moves with its parent but keeps its shape. It stands about the collection's offset as it
+    will about the origin: geometry nodes instance collections without their offsets."""
     mesh = None
     if item.type in SOLID:
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else io.mesh_like(item, mesh)
-    names[still] = f"{item.name} pose {number:02d}"
+    cast.names[still] = f"{item.name} {number:05d}"
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None
@@ -208,39 +170,10 @@ def _still(
     if mesh is None:
         return still
     still.modifiers.clear()
-    for index, slot in enumerate(item.material_slots[: len(mesh.materials)]):
-        if slot.link == "OBJECT":  # which a mesh between two poses would lose
-            mesh.materials[index] = slot.material
     skew = still.matrix_basis.inverted_safe() @ matrix  # what location, rotation and scale cannot say
-    if max(abs(a - b) for row, one in zip(skew, Matrix.Identity(4), strict=True) for a, b in zip(row, one, strict=True)) > 1e-5:
+    if np.abs(np.array(skew) - np.eye(4)).max() > 1e-5:
         mesh.transform(skew)
-    if np.shape(flow) == (len(mesh.vertices), 3) and np.abs(flow).max(initial=0.0) > STILL:
-        # by this attribute Cycles blurs a mesh, also an instanced one, about the middle of the shutter
-        speeds = flow @ np.linalg.pinv(np.array(still.matrix_basis)[:3, :3]).T
-        mesh.attributes.new("velocity", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", np.float32(speeds).ravel())
-    first = meshes.setdefault(item, mesh)
-    shared = first is not mesh and _same(first, mesh)
-    still.data = first if shared else mesh
-    if shared:
-        bpy.data.meshes.remove(mesh)  # with whatever object still held it
-        mesh = first
-    if mesh not in names:
-        names[mesh] = names[still]
-        still.vertex_groups.clear()  # done with, and half of the memory
+    still.data = mesh
+    cast.names[mesh] = cast.names[still]
+    still.vertex_groups.clear()  # done with, and half of the memory
     return still
-
-
-def _same(one: bpy.types.Mesh, other: bpy.types.Mesh) -> bool:
-    """Whether two poses of one object are alike."""
-    if len(one.vertices) != len(other.vertices) or len(one.loops) != len(other.loops):
-        return False
-    return all(np.array_equal(_vectors(one, name), _vectors(other, name)) for name in ("position", "velocity"))
-
-
-def _vectors(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
-    """(3v,) float32: an attribute of the mesh's points; none where it has none of this name."""
-    attribute = mesh.attributes.get(name)
-    values = np.empty(0 if attribute is None else 3 * len(mesh.vertices), np.float32)
-    if len(values):
-        attribute.data.foreach_get("vector", values)
-    return values

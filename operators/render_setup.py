@@ -8,7 +8,7 @@ from ..crowd_lod.steps import share, standing
 from . import lights, stepping
 from . import scene as io
 from .bake import bake
-from .build import build, hide_characters, remove_build, told_of_characters
+from .build import build, hide_characters, remove_build, told_of_cast, told_of_characters
 from .follow import update
 from .levels import make_levels
 from .operator import Reporting, Stepwise
@@ -55,11 +55,10 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         scene = context.scene
         if not len(scene.crowd_lod.groups):
             trajectory_of(scene)  # says to populate first
-        posed = yield from prepared(scene, lambda: build(scene))
+        cast = yield from prepared(scene, lambda: build(scene))
         frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
-        poses = f"up to {posed.counts.max()} poses a walk, where a LOD begins at most {posed.off:.2g} pixels off"
-        return " ".join(filter(None, (f"{seen}; {poses}." if posed.off else f"{seen}.", told_of_characters(scene))))
+        return " ".join(filter(None, (f"{seen}.", told_of_cast(scene, cast), told_of_characters(scene))))
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
@@ -71,9 +70,9 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
     def steps(self, context):
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        yield from prepared(scene, lambda: bake(scene, frames))
+        cast = yield from prepared(scene, lambda: bake(scene, frames))
         baked = f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
-        return " ".join(filter(None, (baked, told_of_characters(scene), stepping.unbaked(scene))))
+        return " ".join(filter(None, (baked, told_of_cast(scene, cast), told_of_characters(scene), stepping.unbaked(scene))))
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):

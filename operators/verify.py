@@ -200,7 +200,7 @@ def _frame(scene, at: stepping.At, top, outline, number: int, wanted: Verify, fo
     outline.frame_set(number)
     total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
     so_far = done * total / len(wanted.frames)
-    held = held_by(scene, trajectory, number, planned.crowd, film)
+    held = held_by(scene, trajectory, number, planned.crowd)
     worlds = scene.world, _dark(scene.world)
     row = {
         "frame": number,
@@ -245,7 +245,7 @@ def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: 
     """Write the agents of the frame's buckets to the point objects in `home`, where with motion blur they move."""
     points = build.points_of(home)
     for name, agents in members(frame).items():
-        library = build.library_of(points[name], len(trajectory.groups))
+        library = build.library_of(home, points[name], trajectory.gaits)
         columns = bake.columns_in_time(trajectory, held, number, agents, library, stage.crowd_lod.tilt)
         io.write_points(points[name].data, columns)
 

@@ -6,7 +6,7 @@ from . import instances
 from .trees import attribute, current, spread
 
 NAME = "Crowd LOD Baked"
-VERSION = 2
+VERSION = 3
 
 
 def baked() -> bpy.types.GeometryNodeTree:

@@ -67,15 +67,15 @@ def test_the_c_loop_steps_as_the_core_within_cells(bench):
     if bench.loop.library() is None:
         pytest.skip("no C compiler")
     trajectory, _ = bench.crowd_of(5000, 1)
-    stepper = bench.loop.Step(trajectory.start, trajectory.machine, trajectory.world, (bench.PERSON,), 1 / 24)
+    stepper = bench.loop.Step(trajectory.start, trajectory.machine, trajectory.world, 1 / 24)
     stepper()
     after = trajectory.at(2)
-    x, y, heading, state, phase, _ = stepper.columns
+    x, y, heading, state = stepper.columns
     cells = [np.stack(trajectory.world.cells(c.x, c.y)) for c in (trajectory.start, after)]
     stay = (cells[0] == cells[1]).all(axis=0)  # the core cuts the others' steps at the border
     edge = np.isin(trajectory.world.at(*[0.1 * np.sign(v) + v for v in (after.x, after.y)]), 0, invert=True)  # some turn back there
     assert (stay & ~edge).mean() > 0.8
-    for mine, theirs, off in ((x, after.x, 1e-12), (y, after.y, 1e-12), (heading, after.heading, 0), (phase, after.phase, 1e-6)):
+    for mine, theirs, off in ((x, after.x, 1e-12), (y, after.y, 1e-12), (heading, after.heading, 0)):
         assert np.allclose(mine[stay & ~edge], theirs[stay & ~edge], rtol=0, atol=off)
     assert (state == after.state)[stay & ~edge].all()
 

@@ -10,7 +10,7 @@ def crowd_at(points, group=None):
     n = len(points)
     zeros = np.zeros(n, np.float32)
     group = np.zeros(n, np.uint8) if group is None else np.asarray(group, np.uint8)
-    return Crowd(*points.T.copy(), zeros, np.zeros(n, np.uint8), group, zeros)
+    return Crowd(*points.T.copy(), zeros, np.zeros(n, np.uint8), group, np.zeros(n, np.uint8))
 
 
 def walker(stride=1.25, period=1.0, sizes=(1000, 400, 120)):

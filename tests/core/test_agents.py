@@ -24,7 +24,7 @@ def test_crowd_starts_where_it_may_and_spreads_evenly():
     assert (crowd.y >= 5).all() and (crowd.y < 25).all() and (crowd.z == 2).all()
     assert (crowd.state == 0).all()  # the chapter's start: all walk right
     assert (crowd.heading == 0).all()
-    assert ((crowd.phase >= 0) & (crowd.phase < 1)).all()
+    assert abs(np.bincount(crowd.phase_class, minlength=16) - 20_000 / 16).max() < 5 * np.sqrt(20_000 * 15 / 16**2)
     # 20,000 fair draws into 3 groups and 4 quarters stay within 5 standard deviations
     assert abs(np.bincount(crowd.group, minlength=3) - 20_000 / 3).max() < 5 * np.sqrt(20_000 * 2 / 9)
     quarters = np.bincount((crowd.x > 10) * 2 + (crowd.y > 15), minlength=4)

@@ -9,13 +9,13 @@ import pytest
 from crowd_lod_extension.crowd_lod import ahead, behaviour
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.ahead import look, onward, opened
-from crowd_lod_extension.crowd_lod.behaviour import advance, cycles_of, step
+from crowd_lod_extension.crowd_lod.behaviour import advance, step
 from crowd_lod_extension.crowd_lod.machine import load_preset, preset_names
 from crowd_lod_extension.crowd_lod.maps import LabelMap
 from crowd_lod_extension.crowd_lod.within import Tables
 
 from .test_lean import AREA, ground, random_table, shot, walking
-from .test_within import GROUPS, odd, same
+from .test_within import odd, same
 
 
 @pytest.fixture(autouse=True)
@@ -26,17 +26,16 @@ def every_crowd_looks_ahead(monkeypatch):
 
 def check(crowd, machine, world, seconds, steps):
     """The steps of `crowd` are those of the long way; the part of all steps that was known ahead."""
-    cycles = cycles_of(GROUPS)
-    tables, part = Tables(machine, cycles, seconds), Tables(machine, cycles, 0.37 * seconds)
-    way = partial(step, machine=machine, world=world, cycles=cycles)
+    tables, part = Tables(machine, seconds), Tables(machine, 0.37 * seconds)
+    way = partial(step, machine=machine, world=world)
     known, there = 0.0, look(crowd, machine, world, tables)
     for _ in range(steps):
         if not there.turns:
             there = opened(crowd, there, machine, world, tables, partial(way, seconds=seconds))
         known += 1 / steps - len(there.turns[0].agents) / len(crowd) / steps
         between, nothing = onward(crowd, there, part, partial(way, seconds=part.seconds))
-        assert same(between, step(crowd, machine, world, cycles, part.seconds)) and nothing is None
-        long, _ = advance(crowd, machine, world, cycles, seconds)
+        assert same(between, step(crowd, machine, world, part.seconds)) and nothing is None
+        long, _ = advance(crowd, machine, world, seconds)
         crowd, there = onward(crowd, there, tables, partial(way, seconds=seconds))
         assert same(crowd, long)
     return known
@@ -52,7 +51,7 @@ def test_steps_are_the_long_way_to_the_bit(seed, monkeypatch):
         machine = replace(machine, velocity=machine.velocity * np.eye(2)[seed % 3 % 2])
     crowd = populate(400, seed, 3, machine, world)
     if machine.edge == "reflect" or seed % 2:
-        crowd = odd(crowd, random)
+        crowd = odd(crowd, random, machine, world)
         crowd.x[10:20], crowd.y[20:30], crowd.x[30] = -0.0, -0.0, np.nextafter(AREA.x_max, 0)
     check(crowd, machine, world, float(random.choice([1 / 24, 0.3, 1e-9, 2.0])), 12)
 
@@ -81,7 +80,8 @@ def test_aslant_among_cells_of_one_label(turn, cells):
     world = LabelMap(np.kron(ground([(2, 4)]).labels, np.ones((6, 6), int)).astype(np.uint8), AREA)
     machine, way = walking(), np.array([np.cos(turn * np.pi / 8), np.sin(turn * np.pi / 8)])
     velocity = np.sign(machine.velocity[..., :1]) * way / np.abs(way).max() * world.cell * cells * 24
-    machine, crowd = replace(machine, velocity=velocity), populate(300, turn, 3, machine, world)
+    machine = replace(machine, velocity=velocity)
+    crowd = populate(300, turn, 3, machine, world)
     for place, low, size in ((crowd.x, AREA.x_min, world.cell[0]), (crowd.y, AREA.y_min, world.cell[1])):
         place[:100] = low + np.round((place[:100] - low) / size * 4) / 4 * size
     known = check(crowd, machine, world, 1 / 24, 60)
@@ -94,7 +94,7 @@ def test_far_from_the_origin_and_at_nan_nothing_is_known_that_does_not_hold():
     assert check(populate(500, 1, 3, machine, world), machine, world, 1e-6, 40) > 0.5
     crowd = populate(50, 1, 3, machine, world)
     crowd.x[:10], crowd.y[5:20] = np.nan, np.inf
-    tables = Tables(machine, cycles_of(GROUPS), 1 / 24)
+    tables = Tables(machine, 1 / 24)
     assert not look(crowd, machine, world, tables).steps[:20].any()
 
 

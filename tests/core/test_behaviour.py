@@ -5,7 +5,7 @@ import weakref
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.behaviour import HOLD, Trajectory, advance, cycles_of, step
+from crowd_lod_extension.crowd_lod.behaviour import HOLD, Trajectory, advance, step
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.machine import load_preset, parse
 from crowd_lod_extension.crowd_lod.maps import Area, HeightMap, LabelMap, edge_map
@@ -13,8 +13,6 @@ from crowd_lod_extension.crowd_lod.speeds import courant
 
 from .crowds import crowd_at, walker
 from .way import Agent
-
-CYCLES = cycles_of((walker(),))
 
 
 def machine_of(states, edge="clamp", labels=("ground", "wall")):
@@ -45,7 +43,7 @@ def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
     labels = random.integers(len(machine.labels), size=(40, 40)).astype(np.uint8)
     world = LabelMap(labels, Area(0, 0, 20, 20))
     crowd = populate(2000, 3, 1, machine, world)
-    after = step(crowd, machine, world, CYCLES, 1 / 24)
+    after = step(crowd, machine, world, 1 / 24)
     stayed = 0
     for i in range(len(crowd)):
         s, row, column = crowd.state[i], int(crowd.y[i] / 0.5), int(crowd.x[i] / 0.5)
@@ -66,7 +64,7 @@ def test_steps_over_borders_are_the_listing_cut_at_each(seed):
     crowd = populate(60, seed, 1, machine, world)
     agents = [Agent(*of, machine, world.labels, world.area) for of in zip(crowd.x, crowd.y, crowd.state, strict=True)]
     for _ in range(4):
-        crowd, tally = advance(crowd, machine, world, CYCLES, 0.25)
+        crowd, tally = advance(crowd, machine, world, 0.25)
         before = sum(agent.reads for agent in agents)
         for agent in agents:
             agent.stood = False
@@ -85,7 +83,7 @@ def test_chapter_walks_right_to_the_edge_turns_and_walks_left():
     crowd = crowd_at([(60.0, 0.5, 0)])
     xs, states = [], []
     for _ in range(24 * 120):
-        crowd = step(crowd, machine, world, CYCLES, 1 / 24)
+        crowd = step(crowd, machine, world, 1 / 24)
         xs.append(crowd.x[0])
         states.append(crowd.state[0])
     assert 63 - 1.25 / 24 <= max(xs) <= 63 and 1 <= min(xs) <= 1 + 1.25 / 24
@@ -104,7 +102,7 @@ def test_fast_agents_do_not_jump_over_a_wall():
     labels[0, 50] = 1
     world = LabelMap(labels, Area(0, 0, 100, 1))
     for x in np.linspace(0.01, 49.99, 97):
-        crowd = step(crowd_at([(x, 0.5, 0)]), machine, world, CYCLES, 1.0)
+        crowd = step(crowd_at([(x, 0.5, 0)]), machine, world, 1.0)
         assert crowd.x[0] == 50 and crowd.state[0] == 1
 
 
@@ -136,7 +134,7 @@ def test_a_diagonal_wall_of_cells_that_touch_at_corners_is_never_crossed(rising,
 
             before = side(crowd)
             for _ in range(3):
-                crowd = step(crowd, machine, world, CYCLES, 1.0)
+                crowd = step(crowd, machine, world, 1.0)
             after = side(crowd)
             # an agent stops on entering the wall's cell, at its border: the rounding of the border may fall to either
             assert (after * before >= 0).all(), (speed, way)
@@ -152,7 +150,7 @@ def test_cost_grows_with_the_fast_agents_only():
     x = np.random.default_rng(0).uniform(0, 100, counts.sum())
     crowd = crowd_at(np.stack([x, 0 * x + 0.5, 0 * x], axis=1))
     crowd = dataclasses.replace(crowd, state=np.repeat(np.arange(7), counts).astype(np.uint8))
-    moved, tally = advance(crowd, machine, world, CYCLES, 1.0)
+    moved, tally = advance(crowd, machine, world, 1.0)
     crossed = np.floor(x + np.repeat(speeds, counts)) - np.floor(x)
     assert tally.reads == len(x) + crossed.sum()
     assert tally.reads < 1.25 * len(x)
@@ -167,7 +165,7 @@ def test_nobody_gets_further_than_its_speed_about_the_origin():
         world = LabelMap(labels, Area(-width / 2, -depth / 2, width / 2, depth / 2))
         crowd, reach = populate(500, 1, 1, table, world), np.hypot(*table.velocity.reshape(-1, 2).T).max() / 24
         for _ in range(12):
-            before, crowd = crowd, step(crowd, table, world, cycles_of((walker(),)), 1 / 24)
+            before, crowd = crowd, step(crowd, table, world, 1 / 24)
             fastest.append(np.hypot(crowd.x - before.x, crowd.y - before.y).max() / reach)
     assert 0.9 < max(fastest) < 1 + 1e-9
 
@@ -176,10 +174,10 @@ def test_absurd_speeds_are_refused_by_name():
     machine = machine_of({"walk": {"on": {"*": {}}}, "warp": {"on": {"*": {}, "wall": {"move": [0, -1e9]}}}})
     world = LabelMap(np.zeros((10, 10), np.uint8), Area(0, 0, 10, 10))
     with pytest.raises(CrowdError, match=r"1e\+09 cells.*'warp' on 'wall'.*65536"):
-        step(crowd_at([(1, 1, 0)]), machine, world, CYCLES, 1.0)
+        step(crowd_at([(1, 1, 0)]), machine, world, 1.0)
     huge = machine_of({"warp": {"on": {"*": {"move": [1.7e308, 1.7e308]}}}})
     with pytest.raises(CrowdError, match="inf cells"):
-        step(crowd_at([(1, 1, 0)]), huge, world, CYCLES, 1.0)
+        step(crowd_at([(1, 1, 0)]), huge, world, 1.0)
 
 
 def mirrored(value, low, high):
@@ -203,7 +201,7 @@ def test_edge_policies_at_any_speed(edge, seed):
         x, y = crowd.x, crowd.y
         vx, vy = machine.velocity[0, 0]
         for count in (1, 2, 3):
-            crowd = step(crowd, machine, world, CYCLES, 1.0)
+            crowd = step(crowd, machine, world, 1.0)
             far_x, far_y = x + vx * count, y + vy * count
             if edge == "clamp":
                 far_x, far_y = far_x.clip(-4, 8), far_y.clip(1, 10)
@@ -220,25 +218,13 @@ def test_edge_policies_at_any_speed(edge, seed):
             np.testing.assert_allclose(crowd.y, far_y, atol=1e-9)
 
 
-def test_phase_advances_with_the_ground_walked():
-    machine = machine_of({"go": {"on": {"*": {"move": [0.75, 1.0]}}}})
-    world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1000))
-    crowd = crowd_at([(1.0, 1.0, 0)])
-    for _ in range(40):
-        crowd = step(crowd, machine, world, CYCLES, 0.1)
-    # 4 s at 1.25 m/s are 5 m, 4 strides of 1.25 m; and 0.1 of a stride more
-    crowd = step(crowd, machine, world, CYCLES, 0.1)
-    assert crowd.phase[0] == pytest.approx(0.1, abs=1e-5)
-    assert crowd.heading[0] == pytest.approx(np.arctan2(1.0, 0.75))
-
-
 TO_AND_FRO = {"a": {"on": {"ground": {"move": [1, 0]}, "wall": {"move": [-1, 0]}}}}
 
 
 def test_an_agent_that_the_table_sends_to_and_fro_stands_and_is_told():
     machine = machine_of(TO_AND_FRO)
     world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
-    crowd, tally = advance(crowd_at([(0.5, 0.5, 0), (0.1, 0.5, 0)]), machine, world, CYCLES, 0.75)
+    crowd, tally = advance(crowd_at([(0.5, 0.5, 0), (0.1, 0.5, 0)]), machine, world, 0.75)
     assert tally.held.tolist() == [True, False] and tally.reads == 2 + HOLD
     np.testing.assert_allclose(crowd.x, [1.0, 0.85], atol=1e-12)
 
@@ -318,9 +304,9 @@ def test_timers_and_chances_do_not_depend_on_the_length_of_the_step():
     start = populate(500, 9, 1, machine, world)
     coarse = fine = start
     for _ in range(5):
-        coarse = step(coarse, machine, world, CYCLES, 2.0)
+        coarse = step(coarse, machine, world, 2.0)
     for _ in range(240):
-        fine = step(fine, machine, world, CYCLES, 1 / 24)
+        fine = step(fine, machine, world, 1 / 24)
     assert (coarse.state == fine.state).all() and (coarse.key == fine.key).all() and (start.key != fine.key).all()
     np.testing.assert_allclose(coarse.wait, fine.wait, atol=1e-4)
     np.testing.assert_allclose(coarse.x, fine.x, atol=1e-3)
@@ -332,7 +318,7 @@ def test_timers_end_after_their_seconds():
     crowd = populate(20_000, 0, 1, machine, world)
     left = []
     for _ in range(50):
-        crowd = step(crowd, machine, world, CYCLES, 0.1)
+        crowd = step(crowd, machine, world, 0.1)
         left.append((crowd.state == 0).mean())
     assert left[18] == 1 and left[41] == 0
     expected = np.interp(0.1 * np.arange(1, 51), [2, 4], [1, 0])
@@ -380,7 +366,7 @@ def test_chances_follow_their_weights_and_fall_once_a_label():
     world = LabelMap(np.array([[0, 1, 1, 1, 1, 0, 0]], np.uint8), Area(0, 0, 7, 1))
     crowd = populate(20_000, 5, 1, machine, LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1, 1)))
     for _ in range(120):
-        crowd = step(crowd, machine, world, CYCLES, 0.05)
+        crowd = step(crowd, machine, world, 0.05)
     share = np.bincount(crowd.state, minlength=3) / 20_000
     np.testing.assert_allclose(share, [4 / 8, 3 / 8, 1 / 8], atol=5 * np.sqrt(0.25 / 20_000))
 
@@ -395,7 +381,7 @@ def test_a_label_is_drawn_for_anew_each_time_it_is_entered():
     world = LabelMap(np.array([[0, 0, 0, 1]], np.uint8), Area(0, 0, 4, 1))
     crowd = populate(20_000, 2, 1, machine, LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 3, 1)))
     for _ in range(48):
-        crowd = step(crowd, machine, world, CYCLES, 0.25)
+        crowd = step(crowd, machine, world, 0.25)
     assert (crowd.state == 0).mean() == pytest.approx(1 / 8, abs=5 * np.sqrt(0.25 / 20_000))
 
 
@@ -411,7 +397,7 @@ def test_what_follows_a_timer_does_not_hang_on_what_the_label_drew():
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1, 1))
     crowd = populate(20_000, 2, 1, machine, world)
     for _ in range(3):
-        crowd = step(crowd, machine, world, CYCLES, 0.75)
+        crowd = step(crowd, machine, world, 0.75)
     share = np.bincount(crowd.state, minlength=4) / 20_000
     np.testing.assert_allclose(share, [0, 1 / 2, 1 / 4, 1 / 4], atol=5 * np.sqrt(0.25 / 20_000))
 
@@ -425,7 +411,7 @@ def test_a_reflected_agent_walks_mirrored_until_its_state_changes():
     world = LabelMap(np.array([[0, 1, 0, 0]], np.uint8), Area(0, 0, 4, 4))
     crowd, seen = crowd_at([(2.6, 0.5, 0)]), []
     for _ in range(8):
-        crowd = step(crowd, machine, world, CYCLES, 0.5)
+        crowd = step(crowd, machine, world, 0.5)
         seen.append((crowd.x[0], int(crowd.state[0]), int(crowd.mirror[0])))
     # to the edge at 4 m, mirrored back to the label at 2 m and on to the step's end, then east as the table says
     expected = [(3.1, 0, 0), (3.6, 0, 0), (3.9, 0, 1), (3.4, 0, 1), (2.9, 0, 1), (2.4, 0, 1), (1.9, 1, 0), (2.4, 1, 0)]
@@ -439,7 +425,7 @@ def test_time_passes_for_an_agent_that_is_sent_to_and_fro():
     world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
     crowd = dataclasses.replace(crowd_at([(0.75, 0.25, 0)]), wait=np.ones(1))
     for _ in range(6):
-        crowd = step(crowd, machine, world, CYCLES, 0.25)
+        crowd = step(crowd, machine, world, 0.25)
     assert crowd.state[0] == 1 and crowd.y[0] == pytest.approx(0.75)
 
 

@@ -52,7 +52,7 @@ def test_a_long_shot_keeps_few_crowds_and_stays_a_function_of_the_frame(monkeypa
     times = 700, 130, 500, 65, 64.5, 300, 129, 1, 499.25, 700
     free = shot(walking("wrap"), count=300)
     right = [raw(plan(free, camera, policy, time)) for time in times]
-    monkeypatch.setattr(behaviour, "MOST_KEPT", 300 * 30 * 10)
+    monkeypatch.setattr(behaviour, "MOST_KEPT", 300 * 26 * 10)
     tight = shot(walking("wrap"), count=300)
     for time, expected in zip(times, right, strict=True):
         assert raw(plan(tight, camera, policy, time)) == expected

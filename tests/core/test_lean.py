@@ -144,7 +144,7 @@ def test_bounds_of_agents_on_planes_never_say_more_than_the_radar(lens):
         (lean.UNCHANGING, {"table": walking()}, {"table": walking(), "world": ground([(3, 4)])}),
         (lean.UNCHANGING, {"table": walking(turn=""), "world": ground([(3, 4)])}, {"table": walking(), "world": ground([(3, 4)])}),
         (lean.ONE_LABEL, {"table": walking()}, {"table": walking(), "world": ground([(3, 4)])}),
-        (lean.ONE_ACTION, {"table": walking()}, {"table": walking(), "groups": (walker(), IDLER)}),
+        (lean.ONE_PACE, {"table": load_preset("chapter")}, {"table": walking()}),
         (lean.ONE_GROUP, {}, {"groups": (walker(), IDLER)}),
         (lean.IN_ORDER, {"groups": (walker(), IDLER)}, {}),
         (lean.FLAT, {"groups": (walker(), IDLER)}, {"heights": HeightMap(np.full((2, 2), 0.5, np.float32), AREA)}),
@@ -181,7 +181,8 @@ def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
     assert lean.STATIC not in first.left_out and lean.STILL in first.left_out
     for time in (10, 40, 3, 7.25):
         assert lean.STATIC in left(trajectory, straight(offset=(0, 30, 0)), POLICY, time)
-    assert (plan(trajectory, camera, POLICY, 12).crowd.phase != first.crowd.phase).any()
+    everyone = slice(None)
+    assert (plan(trajectory, camera, POLICY, 12).phase_of(everyone) != first.phase_of(everyone)).any()
     changes = [
         (replace(camera, far=99.0), POLICY),
         (replace(camera, origin=np.array([0, np.nextafter(30, 31), 0])), POLICY),

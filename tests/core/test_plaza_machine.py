@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import Group, populate
-from crowd_lod_extension.crowd_lod.behaviour import cycles_of, step
+from crowd_lod_extension.crowd_lod.behaviour import step
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.sample_scenes import NAMES, make, plaza_map
@@ -68,11 +68,11 @@ def test_beside_an_obstacle_the_plan_says_the_way_out(machine, world):
 @pytest.mark.parametrize("frames_per_second", [24, 60])
 def test_the_crowd_walks_on_and_stays_out_of_the_walls(machine, world, frames_per_second):
     crowd = populate(3000, 3, 1, machine, world)
-    cycles, solid = cycles_of((WALK,)), [machine.labels.index("wall"), machine.labels.index("water")]
+    solid = [machine.labels.index("wall"), machine.labels.index("water")]
     first = machine.labels.index("turn east")
     turning = longest = np.zeros(len(crowd), int)
     for _ in range(500):
-        crowd = step(crowd, machine, world, cycles, 1 / frames_per_second)
+        crowd = step(crowd, machine, world, 1 / frames_per_second)
         label = world.at(crowd.x, crowd.y)
         assert not np.isin(label, solid).any()
         turning = np.where(label >= first, turning + 1, 0)

@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.walk import trouble, walk
 
 from .crowds import crowd_at, walker
-from .test_behaviour import CYCLES, machine_of, mirrored, random_machine, same
+from .test_behaviour import machine_of, mirrored, random_machine, same
 from .way import Agent
 
 FRAME = 1 / 24
@@ -52,7 +52,7 @@ def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_in_whole_roun
         way = random.uniform(0.2, 2, 2)
         crowd = crowd_at(np.append(at + random.uniform(0.1, 1, (20, 2)) * (-away, away), np.zeros((20, 1)), axis=1))
         crowd = dataclasses.replace(crowd, state=np.zeros(20, np.uint8))
-        moved, tally = advance(crowd, turning(way), world, CYCLES, FRAME)
+        moved, tally = advance(crowd, turning(way), world, FRAME)
         assert tally.pieces < 100
         expected = [to_and_fro(place, way, FRAME, at) for place in zip(crowd.x, crowd.y, strict=True)]
         # float64 knows places and times to a few units in the last place: that much a turn, more where it walks aslant
@@ -73,7 +73,7 @@ def test_who_does_not_come_back_to_where_it_was_stands_after_so_many_turns(edge,
     machine, world = turning((1, 0.7), edge, back, **more), corner()
     for away in 10.0 ** -np.arange(2, 16, 3):
         crowd = dataclasses.replace(crowd_at([(1 - away, 1 + away / 3, 0)]), wait=np.full(1, 50.0 if more else np.inf))
-        moved, tally = advance(crowd, machine, world, CYCLES, FRAME)
+        moved, tally = advance(crowd, machine, world, FRAME)
         assert tally.pieces <= most and tally.reads <= 3 * most
         assert tally.held.all() or away > 1e-4
         assert np.hypot(moved.x - 1, moved.y - 1) < 10 * away + 0.05 * (not tally.held[0])
@@ -97,7 +97,7 @@ def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypat
     asked, whole = make(), make()
     alone = crowd
     for frame in range(6):
-        alone, _ = advance(alone, machine, world, CYCLES, FRAME) if frame else (alone, None)
+        alone, _ = advance(alone, machine, world, FRAME) if frame else (alone, None)
         assert same(asked.at(frame), alone) and same(whole.full.at(frame), alone)
     for time in (4.5, 2, 5):
         assert same(asked.at(time), make().at(time))
@@ -122,7 +122,7 @@ def test_a_million_metres_a_second(edge, way):
         labels = np.pad(np.zeros((62, 62), np.uint8), 1, constant_values=walls)
         world, machine = LabelMap(labels, Area(-32, 0, 32, 64)), turning((vx, vy), edge)
         x, y = random.uniform(-30, 30, 50), random.uniform(2, 62, 50)
-        moved, tally = advance(crowd_at(np.array([x, y, 0 * x]).T), machine, world, CYCLES, FRAME)
+        moved, tally = advance(crowd_at(np.array([x, y, 0 * x]).T), machine, world, FRAME)
         assert not tally.held.any() and tally.pieces < (200 if 0 in way else 12_000)
         if walls:  # straight back from the first wall on either side
             with np.errstate(divide="ignore"):
@@ -156,7 +156,7 @@ def go_like_one_by_one(crowd, machine, world, seconds, steps):
     reads = 0
     agents = [Agent(*of, machine, world.labels, world.area) for of in zip(crowd.x, crowd.y, crowd.state, strict=True)]
     for _ in range(steps):
-        crowd, tally = advance(crowd, machine, world, CYCLES, seconds)
+        crowd, tally = advance(crowd, machine, world, seconds)
         reads += tally.reads
         for agent in agents:
             agent.stood = False

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.walk import convergence, drift, listing, trouble, walk
 
 from .crowds import crowd_at
-from .test_behaviour import CYCLES, TO_AND_FRO, machine_of, random_machine, random_world
+from .test_behaviour import TO_AND_FRO, machine_of, random_machine, random_world
 from .way import Agent
 
 
@@ -98,7 +98,7 @@ def test_drift_rounds_as_the_step_does():
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(-1e4, 0, 1e4, 1))
     crowd = crowd_at([(0.1, 0.5, 0)])
     for _ in range(500):
-        crowd = step(crowd, machine, world, CYCLES, 1 / 24)
+        crowd = step(crowd, machine, world, 1 / 24)
     assert crowd.x[0] == np.add.accumulate(np.r_[0.1, np.full(500, 1.1 * (1 / 24))])[-1]
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod import behaviour, borders, lean, within
 from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.behaviour import advance, cycles_of, step
+from crowd_lod_extension.crowd_lod.behaviour import advance, pace_of, step
 from crowd_lod_extension.crowd_lod.machine import load_preset, preset_names
 from crowd_lod_extension.crowd_lod.maps import LabelMap
 
@@ -26,7 +26,7 @@ def same(one, other):
     return all(getattr(one, f.name).tobytes() == getattr(other, f.name).tobytes() for f in dataclasses.fields(one))
 
 
-def odd(crowd, random):
+def odd(crowd, random, machine, world):
     """With agents on the map's border or next to it, on cells' borders, beyond the map, and mirrored."""
     x, y = crowd.x.copy(), crowd.y.copy()
     right = random.choice([AREA.x_max, np.nextafter(AREA.x_max, 0)])
@@ -34,7 +34,8 @@ def odd(crowd, random):
     x[4::11], y[5::11] = AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape), AREA.y_min + 100 / 7 * 3
     x[6::101], y[7::101] = -70, 170
     mirror = random.integers(4, size=len(x)).astype(np.uint8)
-    return replace(crowd, x=x, y=y, mirror=mirror, group=random.integers(3, size=len(x)).astype(np.uint8))
+    pace = pace_of(x, y, crowd.state, machine, world)
+    return replace(crowd, x=x, y=y, mirror=mirror, group=random.integers(3, size=len(x)).astype(np.uint8), pace=pace)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -44,11 +45,10 @@ def test_a_step_is_the_long_way_to_the_bit(seed, monkeypatch):
     machine, world = random_table(random), ground([(random.integers(7), random.integers(9))])
     crowd = populate(500, seed, 3, machine, world)
     if machine.edge == "reflect" or seed % 2:
-        crowd = odd(crowd, random)
+        crowd = odd(crowd, random, machine, world)
     seconds = float(random.choice([1 / 24, 0.3, 1e-9, 2.0]))
-    cycles = cycles_of(GROUPS)
     for _ in range(6):
-        short, (long, _) = step(crowd, machine, world, cycles, seconds), advance(crowd, machine, world, cycles, seconds)
+        short, (long, _) = step(crowd, machine, world, seconds), advance(crowd, machine, world, seconds)
         assert same(short, long)
         assert not same(short, crowd) or not machine.moves
         crowd = short
@@ -59,11 +59,11 @@ def test_presets_and_what_is_left_out(name):
     machine, random = load_preset(name), np.random.default_rng(1)
     labels = random.integers(len(machine.labels), size=(23, 17), dtype=np.uint8)
     for world in (LabelMap(labels, AREA), LabelMap(labels[:1, :1], AREA)):
-        crowd, cycles = populate(3000, 1, 3, machine, world) if machine.spawn[labels[0, 0]] else None, cycles_of(GROUPS)
+        crowd = populate(3000, 1, 3, machine, world) if machine.spawn[labels[0, 0]] else None
         for _ in range(3 if crowd else 0):
             leave = lean.needless(crowd, machine, world, 3, False)
             assert (lean.ONE_LABEL in leave) == (world.labels.size == 1)
-            short, (long, _) = step(crowd, machine, world, cycles, 0.2, leave), advance(crowd, machine, world, cycles, 0.2)
+            short, (long, _) = step(crowd, machine, world, 0.2, leave), advance(crowd, machine, world, 0.2)
             assert same(short, long)
             crowd = short
 
@@ -71,7 +71,7 @@ def test_presets_and_what_is_left_out(name):
 def test_most_agents_go_the_short_way_and_columns_that_stay_are_shared():
     machine, world = load_preset("chapter"), ground()
     crowd = populate(1000, 1, 1, machine, world)
-    moved, rest = within.within(crowd, machine, world, within.Tables(machine, cycles_of((walker(),)), 1 / 24), lean.NOTHING)
+    moved, rest = within.within(crowd, machine, world, within.Tables(machine, 1 / 24), lean.NOTHING)
     assert len(rest) < 50
     assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
     assert (moved.x != crowd.x).all() and moved.x is not crowd.x
@@ -92,9 +92,9 @@ def test_rounds_of_trapped_agents_are_left_out_to_the_bit(edge, monkeypatch):
         return np.zeros_like(idle)
 
     for _ in range(4):
-        quick, tally = advance(quick, table, world, cycles_of(GROUPS[:1]), 0.8)
+        quick, tally = advance(quick, table, world, 0.8)
         with monkeypatch.context() as patch:
             patch.setattr(borders, "rounds", one_by_one)
-            slow, told = advance(slow, table, world, cycles_of(GROUPS[:1]), 0.8)
+            slow, told = advance(slow, table, world, 0.8)
         assert same(quick, slow) and tally.reads == told.reads and (tally.held == told.held).all()
         assert tally.held.sum() > 20

@@ -49,7 +49,7 @@ def planned(shift=(0.0, 0.0, 0.0)):
         heading=np.zeros(n, np.float32),
         state=np.zeros(n, np.uint8),
         group=np.array([group for _, group, _ in AGENTS], np.uint8),
-        phase=np.zeros(n, np.float32),
+        phase_class=np.zeros(n, np.uint8),
     )
     machine = load_preset("chapter")
     world = edge_map(Area(-50, -50, 50, 50), machine.labels)
