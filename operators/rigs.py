@@ -16,9 +16,10 @@ from . import scene as io
 from .movers import action_range, armatures_of
 
 FARTHEST = 1_048_574  # frames: Blender's last
-FINEST = 8  # keys a frame of the action, at most
+FINEST = 16  # keys a frame of the action, at most
 NEAR = 1e-4  # of the character's diagonal: how far what rigs show may be from what the character is
 STILL = 1e-6  # metres, and radians: an object that moves by less stands
+ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change
 TRACKS = "Crowd LOD tracks"  # a rig whose bones carry objects
 LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_SYSTEM", "COLLISION", "EXPLODE"}
@@ -167,7 +168,10 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, span: tuple[fl
     columns = {"location": [place for place, _, _ in parts], "rotation_quaternion": turns, "scale": [size for _, _, size in parts]}
     for path, values in columns.items():
         for index, column in enumerate(np.array(values, np.float64).T):
-            still = np.abs(column - column[0]).max() < 1e-7
+            still = np.ptp(column) < ROUNDING
+            at_rest = 1.0 if path == "scale" or (path == "rotation_quaternion" and index == 0) else 0.0
+            if still and path != "rotation_quaternion" and abs(column[0] - at_rest) < ROUNDING:
+                continue  # each curve costs time in each rig at each frame
             keys = np.stack([times[:1], column[:1]] if still else [times, column], axis=1)
             curve = curves.new(f'pose.bones["{bpy.utils.escape_identifier(bone)}"].{path}', index=index)
             _fill(curve, keys)
@@ -263,8 +267,11 @@ def modelled(
             return model, ""
         bpy.data.batch_remove(own)
         if keys == FINEST or not np.isfinite(off):
-            reason = f"bones show it {off:.2g} m off"
-        keys *= 2
+            reason = f"bones show it {off:.2g} m off" if np.isfinite(off) else "its vertices become more or fewer"
+            break
+        keys = min(
+            FINEST, keys * max(2, int(np.ceil(1.1 * np.sqrt(off / (NEAR * diagonal)))))
+        )  # the chords' error falls by squares
     return None, reason
 
 

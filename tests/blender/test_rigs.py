@@ -2,8 +2,6 @@
 
 import bpy
 import numpy as np
-import pytest
-from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.movers import action_range
