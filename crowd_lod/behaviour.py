@@ -292,8 +292,8 @@ class Trajectory:
         return self.gaits.phase(crowd, self.seconds(time), agents)
 
     def seconds(self, time: float) -> float:
-        """Seconds from the first frame to `time`, in frames; below 0 before it."""
-        return (time - self.first_frame) * self.seconds_per_frame
+        """Seconds from frame 0 to `time`, in frames: actions play on whichever frame is the crowd's first."""
+        return time * self.seconds_per_frame
 
     def approach(self, time: float) -> Iterator[float]:
         """Make what `at` and `blocks` say of `time`, in frames, so that they know it. Yields the progress, 0 to 1, where that
@@ -373,7 +373,7 @@ class Trajectory:
             moved = step(crowd, *about, seconds, self.left_out, tables)
         else:
             moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
-        moved = self.gaits.joined(crowd, moved, (since + frames) * self.seconds_per_frame)
+        moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
         if frames == 1:
             self._ahead = moved, ahead
         return moved

@@ -40,14 +40,14 @@ class Gaits:
         return np.array([np.searchsorted(own, rates.round(9)) for own, rates in zip(self.distinct, self.rates, strict=True)])
 
     def phase(self, crowd: Crowd, seconds: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """(m,) float32 in [0, 1): the place of `agents` (m,) in their action's cycle, `seconds` after the crowd's first frame."""
+        """(m,) float32 in [0, 1): the place of `agents` (m,) in their action's cycle, `seconds` after frame 0."""
         rate = self.rates[crowd.group[agents], crowd.pace[agents]]
         phase = ((crowd.phase_class[agents] / self.classes + rate * seconds) % 1.0).astype(np.float32)
         phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
         return phase
 
     def joined(self, before: Crowd, after: Crowd, seconds: float) -> Crowd:
-        """The crowd `after`, `seconds` after its first frame, whose agents walked at the paces of `before` until then: those of
+        """The crowd `after`, `seconds` after frame 0, whose agents walked at the paces of `before` until then: those of
         another pace are in the class that is nearest to the phase that they had."""
         if after.pace is before.pace:
             return after
@@ -86,7 +86,7 @@ class Library:
         return np.append(0, np.cumsum(np.where(self.posed > 0, self.posed * self.times, rigs)))
 
     def shown(self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray) -> np.ndarray:
-        """(m,) int32: which of them each of `agents` (m,) shows, `seconds` after the crowd's first frame."""
+        """(m,) int32: which of them each of `agents` (m,) shows, `seconds` after frame 0."""
         group = crowd.group[agents]
         number = gaits.which[group, crowd.pace[agents]] * gaits.classes + crowd.phase_class[agents]
         if self.posed.any():

@@ -14,7 +14,7 @@ from . import scene as io
 from .build import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
 from .populate import frame_of, policy_of, trajectory_of
-from .poses import discard, make_cast, read_library
+from .poses import make_cast, read_library
 
 LONGEST = 1.0  # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
@@ -36,17 +36,13 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
             f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "
             "a time, so set it below 1, or render with Crowd LOD installed."
         )
-    done, read, cast = False, None, None
+    read, rows = (yield from share(read_library(scene), 0.0, 0.2)), None
     try:
-        read = yield from share(read_library(scene), 0.0, 0.2)
         rows = yield from share(_rows(scene, Library(read[0]), frames), 0.2, 0.8)
-        cast = yield from share(make_cast(scene, _kept(scene, rows), read), 0.8, 0.95)
-        done = True
     finally:
-        if not done and cast is None and read is not None:
-            bpy.data.batch_remove(read[-1])
-        elif not done and cast is not None:
-            discard(cast)
+        if rows is None:
+            bpy.data.batch_remove(list(read[-1]))
+    cast = yield from share(make_cast(scene, _kept(scene, rows), read), 0.8, 0.99)
     top = install(scene, cast)
     mark(scene, frames)
     for name, item in points_of(top).items():

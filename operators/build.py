@@ -53,7 +53,7 @@ def libraries_of(
     """Of the point objects `names` of the build `top`, from `points`, those that show the same Library, with it. CrowdError if
     the build's rigs play otherwise than agents of `trajectory` do."""
     names, gaits = list(names), trajectory.gaits
-    if PLAYED in top and list(top[PLAYED]) != _played(trajectory):
+    if PLAYED in top and np.ravel(top[PLAYED]).tolist() != _played(trajectory):
         raise CrowdError("Agents walk at other paces, or frame rates, than the characters of the build: press Build again.")
     if POSED in top:
         return [(library_of(top, points[names[0]], gaits), names)] if names else []
@@ -63,7 +63,7 @@ def libraries_of(
 def _played(trajectory: Trajectory) -> list[float]:
     """What rigs depend on that play as agents of `trajectory` do."""
     gaits = trajectory.gaits
-    own = trajectory.first_frame, trajectory.seconds_per_frame, gaits.classes, *np.concatenate(gaits.distinct)
+    own = trajectory.seconds_per_frame, gaits.classes, *np.concatenate(gaits.distinct)
     return [float(each) for each in own]
 
 
@@ -292,7 +292,6 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
         rigs.objects.unlink(rig)
         gone.objects.link(rig)
     remove_owned(gone)
-    bpy.data.batch_remove([action for action in bpy.data.actions if action.get(OWNED) and not action.users])
     for rig in cast.rigs:
         rigs.objects.link(rig)
     for level, characters in enumerate(cast.collections):

@@ -192,6 +192,7 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
     bpy.data.batch_remove(doomed)
+    bpy.data.batch_remove([action for action in bpy.data.actions if action.get(OWNED) and not action.users])  # rigs played them
 
 
 def _earlier(

@@ -2,7 +2,6 @@
 share; or, where no rig can show the group, the LOD's meshes in even poses of its action."""
 
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 
 import bpy
@@ -54,10 +53,10 @@ class _Actors:
 
 def read_library(scene: bpy.types.Scene) -> Iterator[float]:
     """Find out which groups of `scene` rigs can show; yields the progress and returns ((G,) intp, see Library; of each group its
-    Model, or None; why not, by the group's name; the data-blocks made for it). Closed early, it leaves nothing behind."""
+    Model, or None; why not, by the group's name; of the data-blocks made for it, what they are to be called). Closed early, it leaves nothing behind."""
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
     count, measured = policy_of(scene.crowd_lod).count, groups_of(scene.crowd_lod)
-    posed, models, refused, made, done = np.zeros(len(characters), np.intp), [], {}, [], False
+    posed, models, refused, made, done = np.zeros(len(characters), np.intp), [], {}, {}, False
     try:
         for g, (name, objects, _) in enumerate(characters):
             first, last = action_range(objects)
@@ -77,7 +76,7 @@ def read_library(scene: bpy.types.Scene) -> Iterator[float]:
         done = True
     finally:
         if not done:
-            bpy.data.batch_remove(made)
+            bpy.data.batch_remove(list(made))
     return posed, models, refused, made
 
 
@@ -91,7 +90,7 @@ def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple 
     count, trajectory = policy_of(scene.crowd_lod).count, trajectory_of(scene)
     first = Library(posed).first(trajectory.gaits)
     cast, done = Cast(posed, [[] for _ in range(count)], refused=refused, wanted=wanted), False
-    cast.names.update((block, block.name) for block in made)
+    cast.names.update(made)
     try:
         for g, (name, objects, _) in enumerate(characters):
             homes = [home_of(level, g, name) for level in levels[:count]]
@@ -115,12 +114,6 @@ def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple 
     return cast
 
 
-def discard(cast: Cast) -> None:
-    """Remove all that was made for `cast`, which is in no build."""
-    with suppress(ReferenceError):
-        bpy.data.batch_remove(list(cast.names))
-
-
 def _rig(
     cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], model: rigs.Model, trajectory: Trajectory
 ) -> None:
@@ -128,11 +121,10 @@ def _rig(
     gaits = trajectory.gaits
     pace, which = divmod(own, gaits.classes)
     rate = float(gaits.distinct[group.g][pace]) * trajectory.seconds_per_frame
-    phase = which / gaits.classes - rate * trajectory.first_frame
     title = f"{group.name} {number:05d}"
-    made = rigs.perform(model, title, rate, phase, action_range(group.objects))
+    made = rigs.perform(model, title, rate, which / gaits.classes, action_range(group.objects))
     cast.rigs.extend(made.values())
-    cast.names.update((rig, rig.name) for rig in made.values())
+    cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
     for k in of_levels:
         copies = []
         for item in group.homes[k].objects:

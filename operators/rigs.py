@@ -107,9 +107,9 @@ def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     return plain, float(scales.mean())
 
 
-def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarray, span: tuple[float, float], made: list) -> Model:
+def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarray, span: tuple[float, float], made: dict) -> Model:
     """The model of the character `name` from what was recorded at even times over `span`, frames of its action, about its
-    `origin` (3,), metres; `made` gets the data-blocks."""
+    `origin` (3,), metres; `made` gets the data-blocks, with what they are to be called."""
     shift = np.eye(4)
     shift[:3, 3] = -np.asarray(origin)
     back, carried, tracks = np.linalg.inv(shift), {}, Bones()
@@ -125,9 +125,8 @@ def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarra
             continue
         rest = {bone: shift @ matrix for bone, matrix in own.rest.items()}
         data = _armature(f"{name} {armature}", rest, own.lengths)
-        made.append(data)
         action = bpy.data.actions.new(f"{name} {armature}")
-        made.append(action)
+        made |= {data: f"{name} {armature}", action: f"{name} {armature}"}
         for bone, moves in own.moves.items():
             _bake(action, bone, np.linalg.inv(rest[bone]) @ (shift @ np.array(moves) @ back) @ rest[bone], span)
         rigs[armature] = data, action
@@ -248,7 +247,7 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
 
 
 def modelled(
-    name: str, homes: Sequence[bpy.types.Collection], actors: dict, stage: bpy.types.Scene, diagonal: float, made: list
+    name: str, homes: Sequence[bpy.types.Collection], actors: dict, stage: bpy.types.Scene, diagonal: float, made: dict
 ) -> Iterator[float]:
     """Make the model of the character `name`, whose LODs are in `homes`, with as many keys as keep what its rigs show within NEAR
     of its `diagonal`, metres. Yields the progress; returns (the Model, "") or (None, why no rigs can show it)."""
@@ -259,13 +258,13 @@ def modelled(
     while not reason:
         times = np.linspace(*span, max(int(np.ceil((span[1] - span[0]) * keys)), 1) + 1)
         bones, places = yield from record(stage, actors, objects, times)
-        own: list[bpy.types.ID] = []
+        own: dict[bpy.types.ID, str] = {}
         model = model_of(name, bones, places, origin, span, own)
         off = _off(model, actors, stage, origin, span, times)
         if off <= NEAR * diagonal:
-            made += own
+            made |= own
             return model, ""
-        bpy.data.batch_remove(own)
+        bpy.data.batch_remove(list(own))
         if keys == FINEST or not np.isfinite(off):
             reason = f"bones show it {off:.2g} m off" if np.isfinite(off) else "its vertices become more or fewer"
             break

@@ -1,5 +1,7 @@
 """A second build changes nothing but what must; a removed one leaves nothing; files of older versions follow."""
 
+import re
+
 import bpy
 import numpy as np
 import pytest
@@ -56,15 +58,14 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     top.name, top.hide_select = "my build", True
     layer = built.view_layers[0].layer_collection.children[top.name]
     layer.children[0].exclude, layer.holdout = False, True
-    names = {block.name for kind in ("objects", "meshes", "collections", "node_groups") for block in getattr(bpy.data, kind)}
+    kinds = "objects", "meshes", "armatures", "actions", "collections", "node_groups"
+    names = {block.name for kind in kinds for block in getattr(bpy.data, kind)}
     items, shown, before, looks = builder.points_of(top), points(top), counts(), visible()
     ours = first.modifiers[0]
     list(builder.build(built))
     built.frame_set(1)
     assert built.crowd_lod.build == top and builder.points_of(top) == items
-    assert names == {
-        block.name for kind in ("objects", "meshes", "collections", "node_groups") for block in getattr(bpy.data, kind)
-    }
+    assert names == {block.name for kind in kinds for block in getattr(bpy.data, kind)}
     assert points(top) == shown and counts() == before
     assert [modifier.name for modifier in first.modifiers] == ["Crowd LOD", "mine"] and first.modifiers[0].name == ours.name
     assert later.node_group.name == "my tree" and first.data.materials[0].name == "my material"
@@ -103,7 +104,7 @@ def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built
         list(builder.build(built))
         names = sorted(child.name for child in shelf.children)
         assert [name.split(" ")[0] for name in names] == [f"{number:05d}" for number in range(len(names))]
-        assert sum(builder.points_of(built.crowd_lod.build)["LOD 0"][builder.POSES]) == len(names)
+        assert list(built.crowd_lod.build[builder.POSED]) == ([1, 0] if given is None else [0, 0])
         assert all(
             len(child.objects) == 1 and child.objects[0].name.split(" ")[0] == child.name.split(" ")[1] for child in shelf.children
         )
@@ -151,10 +152,10 @@ def test_a_build_from_before_the_poses_opens_and_shows_each_groups_lod(built, tm
     library = next(child for child in top.children if builder.LIBRARY in child)
     bpy.data.batch_remove([item for item in builder.points_of(top).values() if not item.visible_camera])
     for item in builder.points_of(top).values():
-        for name in (builder.BUCKET, builder.POSES, builder.RATES, builder.COARSE, builder.BENT, builder.CLOSED):
-            del item[name]
+        del item[builder.BUCKET]
         item.data.attributes.remove(item.data.attributes["pose"])
-    del top[builder.MADE_FROM]
+    for key in (builder.MADE_FROM, builder.POSED, builder.PLAYED):
+        del top[key]
     bpy.data.batch_remove([*library.children_recursive, *library.all_objects, library])
     stale(trees.made(NAME))
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
@@ -170,7 +171,7 @@ def test_a_build_from_before_the_poses_opens_and_shows_each_groups_lod(built, tm
     np.testing.assert_allclose(visible()[:, :2], shown[:, :2], atol=1e-5)
     names = {each.object.name for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance}
     names -= {"Crowd LOD 0 points"}  # meshes of the nearest agents' own
-    assert len(names) > 50 and all(" pose " in name for name in names)
+    assert len(names) > 50 and all(re.search(r" \d{5}$", name) for name in names)
 
 
 def test_a_stale_bake_is_rebuilt_with_its_inputs(built, tmp_path):
@@ -223,16 +224,16 @@ def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(
 
 
 def shown_in(layer):
-    """How many instances the view layer shows, and how many posed meshes by themselves."""
+    """How many instances the view layer shows, and how many characters by themselves."""
     layer.update()
-    found = [each.is_instance for each in layer.depsgraph.object_instances if " pose " in each.object.name]
+    found = [each.is_instance for each in layer.depsgraph.object_instances if re.search(r" \d{5}$", each.object.name)]
     return sum(found), len(found) - sum(found)
 
 
 def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
     first, later = built.view_layers[0], built.view_layers.new("later")
     there = shown_in(first)
-    assert there[0] > 0 and there[1] == 0 and shown_in(later) == there  # not the poses themselves
+    assert there[0] > 0 and there[1] == 0 and shown_in(later) == there  # not the characters themselves
     levels = [item for home in built.crowd_lod.levels.children_recursive for item in home.objects]
     assert built.crowd_lod.levels.hide_render and levels
     builder.check_layers(built, ["later"])
@@ -278,9 +279,8 @@ SPOILT = {
     "a LOD as a text": (lambda top: builder.points_of(top)["LOD 1"], builder.LEVEL, "one"),
     "a LOD that there is not": (lambda top: builder.points_of(top)["LOD 1"], builder.LEVEL, 10**9),
     "a bucket as numbers": (lambda top: builder.points_of(top)["Shadow 0"], builder.BUCKET, [1, 2]),
-    "poses as a text": (lambda top: builder.points_of(top)["LOD 0"], builder.POSES, "x"),
-    "too few poses": (lambda top: builder.points_of(top)["LOD 0"], builder.POSES, [8]),
-    "rates at NaN": (lambda top: builder.points_of(top)["LOD 0"], builder.RATES, [float("nan")] * 2),
+    "poses as a text": (lambda top: top, builder.POSED, "x"),
+    "too few poses": (lambda top: top, builder.POSED, [8]),
     "a shelf as a list": (lambda top: top.children[0].children[1], builder.LIBRARY, [1, 2]),
     "baked by three numbers": (lambda top: top, builder.BAKED, [1.0, 2.0, 3.0]),
 }
@@ -296,7 +296,7 @@ def test_what_is_spoilt_in_a_build_is_named_and_nothing_is_left_behind(built, ca
     told = capfd.readouterr().err
     assert "Traceback" not in told
     for work in (bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.bake):
-        if key in (builder.POSES, builder.RATES):  # these are written anew
+        if key == builder.POSED:  # these are written anew
             assert f'"{key}" of {block.name} is ' in told and told.count("\n") == 1
             assert len(builder.points_of(built.crowd_lod.build)["LOD 1"].data.vertices) == 0  # not another frame's
             break

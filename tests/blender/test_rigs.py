@@ -2,10 +2,13 @@
 
 import bpy
 import numpy as np
+import pytest
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.movers import action_range
-from crowd_lod_extension.operators.populate import characters_of, frame_of, trajectory_of
+from crowd_lod_extension.operators.populate import characters_of, frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.poses import POSES, make_cast
 
 
 def instances(scene):
@@ -47,7 +50,7 @@ def worst(scene, frame, agents=4):
     off = 0.0
     for agent in chosen:
         rate = trajectory.gaits.rates[crowd.group[agent], crowd.pace[agent]]
-        seconds = (frame - trajectory.first_frame) * scene.render.fps_base / scene.render.fps
+        seconds = frame * scene.render.fps_base / scene.render.fps
         phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * seconds) % 1.0
         angle = crowd.heading[agent] + io.rotation(scene.crowd_lod.forward)
         c, s = np.cos(angle), np.sin(angle)
@@ -77,8 +80,224 @@ def test_rigs_play_before_the_first_frame_and_after_hours(built):
             phase = strip.fcurves.find("strip_time").evaluate(time)
             number = int(name.split()[1])
             g, own = divmod(number, trajectory.gaits.classes)
-            wanted = (own / trajectory.gaits.classes + trajectory.gaits.distinct[g][0] * (time - 1) / 24) % 1.0
+            wanted = (own / trajectory.gaits.classes + trajectory.gaits.distinct[g][0] * time / 24) % 1.0
             first, last = action_range(characters_of(built)[g][1])
             apart = ((phase - first) / (last - first) - wanted + 0.5) % 1 - 0.5
             assert abs(apart) < 2e-3, (name, time)
             assert rig.evaluated_get(depsgraph)
+
+
+def test_poses_are_held_while_the_shutter_is_open(built):
+    """Cycles blurs an instance by its matrices at several times: it must be the same one at them all."""
+    built.render.use_motion_blur = True
+    held = []
+    for time in (10.75, 11.0, 11.25):
+        built.frame_set(int(time), subframe=time % 1)
+        mesh = built.crowd_lod.build.objects[0].data
+        values = np.empty(len(mesh.vertices), np.int32)
+        mesh.attributes["pose"].data.foreach_get("value", values)
+        held.append(values.tobytes())
+    assert held[0] == held[1] == held[2]
+
+
+def props(scene, *objects):
+    """`scene` with a crowd of these objects, with their LODs, built; [the objects that agents show, in order]."""
+    top = bpy.data.collections.new("Props")
+    scene.collection.children.link(top)
+    scene.crowd_lod.characters, scene.crowd_lod.level_count = top, 1
+    group = bpy.data.collections.new("someone")
+    top.children.link(group)
+    for item in objects:
+        for home in item.users_collection:
+            home.objects.unlink(item)
+        group.objects.link(item)
+    store_groups(scene.crowd_lod, measure_groups(scene))
+    list(make_levels(scene))
+    list(builder.build(scene))
+    shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(builder.LIBRARY) == 0)
+    assert not any(any(home.instance_offset) for home in shelf.children)  # geometry nodes would not heed it
+    return [item for home in shelf.children for item in home.objects]
+
+
+def turning_ball(turn=3.0):
+    bpy.ops.mesh.primitive_uv_sphere_add()
+    ball = bpy.context.object
+    ball.name = "ball"
+    for frame, angle in ((1, 0.0), (25, turn)):
+        ball.rotation_euler.z = angle
+        ball.keyframe_insert("rotation_euler", frame=frame)
+    return ball
+
+
+def test_what_no_rig_can_show_is_posed_and_keeps_what_materials_need(scene):
+    ball = turning_ball()
+    own, other = bpy.data.materials.new("own"), bpy.data.materials.new("other")
+    ball.data.materials.append(own)
+    ball.material_slots[0].link, ball.material_slots[0].material = "OBJECT", other
+    ball.parent = bpy.data.objects.new("pivot", None)
+    ball.parent.scale = (1, 3, 1)  # the ball turns under it: a shear, which bones have not
+    ball.parent.location = (3, -2, 0.7)  # where a character stands in the scene is no matter
+    balls = props(scene, ball)
+    assert list(scene.crowd_lod.build[builder.POSED]) == [POSES] and len(balls) == POSES
+    assert all(item.material_slots[0].material == other for item in balls) and ball.data.materials[0] == own
+    assert all(item.data.uv_layers and item.parent is None and not item.modifiers for item in balls)
+    low = scene.crowd_lod.groups[0].lowest
+    for j in (0, 7, 20):
+        scene.frame_set(1 + int(24 * j / POSES), subframe=24 * j / POSES % 1)
+        wanted = io.world_points(ball.evaluated_get(bpy.context.evaluated_depsgraph_get())) - (0, 0, low)
+        points = np.array([vertex.co for vertex in balls[j].data.vertices])
+        matrix = np.array(balls[j].matrix_basis)
+        np.testing.assert_allclose(points @ matrix[:3, :3].T + matrix[:3, 3], wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("why", ["shape keys", "cloth", "bendy bones"])
+def test_why_a_character_is_posed_is_said(scene, why):
+    ball = turning_ball()
+    if why == "shape keys":
+        ball.shape_key_add(name="Basis")
+        ball.shape_key_add(name="flat").data[0].co.z = 3
+        ball.data.shape_keys.key_blocks["flat"].keyframe_insert("value", frame=1)
+    elif why == "cloth":
+        ball.modifiers.new("Cloth", "CLOTH")
+    else:
+        data = bpy.data.armatures.new("rig")
+        rig = bpy.data.objects.new("rig", data)
+        scene.collection.objects.link(rig)
+        bpy.context.view_layer.objects.active = rig
+        bpy.ops.object.mode_set(mode="EDIT")
+        bone = data.edit_bones.new("bone")
+        bone.tail, bone.bbone_segments = (0, 0, 1), 4
+        bpy.ops.object.mode_set(mode="OBJECT")
+        ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
+        ball.modifiers.new("rig", "ARMATURE").object = rig
+    props(scene, ball)
+    making = make_cast(scene)
+    while True:
+        try:
+            next(making)
+        except StopIteration as end:
+            cast = end.value
+            break
+    assert list(cast.posed) == [POSES] and why in builder.told_of_cast(scene, cast).lower()
+    bpy.data.batch_remove(list(cast.names))
+
+
+def test_objects_that_move_as_a_whole_are_carried(scene):
+    """A text, with its own material and custom property, and the hair on it, whose parent it is."""
+    words = bpy.data.curves.new("words", "FONT")
+    words.body, words.extrude = "Hi", 0.1
+    sign = bpy.data.objects.new("sign", words)
+    words.materials.append(bpy.data.materials.new("shared"))
+    sign.material_slots[0].link, sign.material_slots[0].material = "OBJECT", bpy.data.materials.new("own")
+    sign.visible_shadow, sign["looks"] = False, 3
+    hair = bpy.data.objects.new("hair", bpy.data.hair_curves.new("hair"))
+    hair.data.add_curves([4, 4])
+    for frame, x in ((1, 0.0), (25, 3.0)):
+        sign.location.x = x
+        sign.keyframe_insert("location", frame=frame)
+    hair.parent = sign
+    items = props(scene, sign, hair)
+    assert list(scene.crowd_lod.build[builder.POSED]) == [0]
+    signs, hairs = ([item for item in items if kind in item.name] for kind in ("sign", "hair"))
+    assert len(signs) == len(hairs) >= 16 and {item.type for item in hairs} == {"CURVES"}
+    assert all(i.material_slots[0].material.name == "own" and not i.visible_shadow and i["looks"] == 3 for i in signs)
+    bpy.context.view_layer.depsgraph.update()
+    stage = bpy.data.scenes.new("stage")
+    for item in items:
+        stage.collection.objects.link(item)
+        stage.collection.objects.link(item.parent) if item.parent.name not in stage.collection.objects else None
+    stage.frame_set(7)
+    depsgraph = stage.view_layers[0].depsgraph
+    for own in (signs, hairs):
+        x = np.array([item.evaluated_get(depsgraph).matrix_world.translation.x for item in own])
+        assert np.ptp(x) > 2.0 and -0.1 < x.min() and x.max() < 3.1
+
+
+def test_a_group_that_stands_still_has_one_pose(scene):
+    for rig in [o for o in scene.crowd_lod.characters.all_objects if o.type == "ARMATURE"]:
+        rig.animation_data_clear()
+    store_groups(scene.crowd_lod, measure_groups(scene))
+    list(make_levels(scene))
+    list(builder.build(scene))
+    assert list(scene.crowd_lod.build[builder.POSED]) == [1, 1]
+    meshes = {item.data for c in scene.crowd_lod.build.children_recursive for item in c.objects}
+    assert len(meshes) == 6
+
+
+def test_rigs_share_the_meshes_of_the_lods(built):
+    shown = {item.data for c in built.crowd_lod.build.children_recursive for item in c.objects if item.type == "MESH"}
+    assert shown == {item.data for home in built.crowd_lod.levels.children_recursive for item in home.objects}
+
+
+def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
+    from crowd_lod_extension.operators.bake import bake
+
+    whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(builder.LIBRARY, -1) >= 0)
+    list(bake(built, [3, 4]))
+    top, used = built.crowd_lod.build, 0
+    shelves = {c[builder.LIBRARY]: c for c in top.children_recursive if c.get(builder.LIBRARY, -1) >= 0}
+    for level, shelf in shelves.items():
+        shown = set()
+        for points in builder.points_of(top).values():
+            if points[builder.LEVEL] == level and "pose" in points.data.attributes:
+                values = np.empty(len(points.data.vertices), np.int32)
+                points.data.attributes["pose"].data.foreach_get("value", values)
+                shown |= set(values.tolist())
+        assert shown == set(range(len(shelf.children)))
+        used += len(shown)
+    assert 0 < used < whole
+    built.frame_set(3)
+    assert worst(built, 3) < 3e-4
+
+
+def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
+    before = set(bpy.data.user_map())
+    for steps in (1, 30, 70, 150):
+        making = make_cast(levelled)
+        for _ in range(steps):
+            next(making)
+        making.close()
+        assert set(bpy.data.user_map()) == before
+
+
+def test_another_frame_rate_asks_for_another_build(built, capfd):
+    built.render.fps = 30
+    built.frame_set(5)
+    assert "press Build again" in capfd.readouterr().err
+    assert not any(len(item.data.vertices) for item in builder.points_of(built.crowd_lod.build).values())
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
+def test_neighbours_are_drawn_in_different_poses(built, tmp_path, engine):
+    """Two agents side by side, of one group: with the same phase their silhouettes are the same, with others not."""
+    settings = built.crowd_lod
+    settings.count, settings.size, settings.centre = 2, (3, 3), (0, 0, 0)
+    settings.characters.children.unlink(settings.characters.children["child"])
+    list(make_levels(built))
+    list(builder.build(built))
+    built.camera.animation_data_clear()
+    built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 6
+    built.camera.location, built.camera.rotation_euler = (0, -10, 1), (np.pi / 2, 0, 0)
+    built.render.engine, built.render.film_transparent = engine, True
+    built.render.resolution_x, built.render.resolution_y = 300, 150
+    built.render.image_settings.color_mode = "RGBA"
+    built.cycles.samples, built.cycles.use_denoising = 1, False
+    built.frame_set(1)
+    (points,) = [item.data for item in settings.build.objects if len(item.data.vertices)]
+
+    def silhouettes(phases, name):
+        """Of both agents, cut out of a picture where they stand 3 m apart, at these poses."""
+        for vertex, x in zip(points.vertices, (-1.5, 1.5), strict=True):
+            vertex.co = (x, 0, 0)
+        points.attributes["heading"].data.foreach_set("value", np.zeros(2, np.float32))
+        points.attributes["pose"].data.foreach_set("value", np.array(phases, np.int32))
+        points.update_tag()
+        settings.build = None  # else the render would write the points anew
+        built.render.filepath = str(tmp_path / f"{name}.png")
+        bpy.ops.render.render(write_still=True)
+        alpha = io.load_pixels(tmp_path / f"{name}.png")[..., 3] > 127
+        return alpha[:, :150], alpha[:, 150:]
+
+    same = np.logical_xor(*silhouettes((5, 5), "same")).sum()
+    left, right = silhouettes((5, 13), "apart")
+    assert left.sum() > 1000 and same < 0.02 * left.sum() and np.logical_xor(left, right).sum() > 0.15 * left.sum()
