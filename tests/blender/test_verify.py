@@ -118,6 +118,17 @@ def test_reflections_come_back_with_their_bucket(lit, tmp_path):
     assert 0 < row["b_bounces_mean"] < row["bare_bounces_mean"] / 2
 
 
+def test_far_from_the_origin_no_shadow_is_missed(lit, tmp_path):
+    """Cycles starts its rays to lamps up to 256 spacings of float32 beside the surface that they leave: up to 16 m here."""
+    away = 9.9e5
+    for item in lit.objects:
+        if item.parent is None and item.name not in lit.crowd_lod.characters.all_objects:
+            item.location.x, item.location.y = item.location.x + away, item.location.y - away
+    lit.crowd_lod.centre = away, -away, 0
+    row = rendered(lit, tmp_path / "out")["frames"][0]
+    assert row["b_pixels"] == 0 and row["bare_pixels"] > 10
+
+
 def blurred(scene):
     """Camera and agents move while the shutter is open."""
     scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.9
