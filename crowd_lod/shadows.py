@@ -19,6 +19,9 @@ from .looks import BEYOND
 from .sorting import sort
 
 PART = 4096  # agents tested at a time, which a processor's cache holds with their distances from all planes
+# Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of float32 along its normal from
+# it, relative to the surface's coordinates, and near 0 up to LIFT metres (ray_offset in its bvh/util.h).
+OFFSET, LIFT = 256 * float(np.finfo(np.float32).eps), 2.0**-16
 
 
 @dataclass(frozen=True)
@@ -209,6 +212,12 @@ def _along(normals: np.ndarray, ways: np.ndarray) -> np.ndarray:
     return normals[:, :1] * x + normals[:, 1:2] * y + normals[:, 2:] * z
 
 
+def left_from(volume: Volume, about: np.ndarray, turn: float = 0.0) -> Volume:
+    """The volume of all points from which rays start that leave surfaces in the volume, or surfaces that show it. Those lie at
+    coordinates of at most |about| and, if turn is OFFSET, as much more as they are away from the volume's origin."""
+    return replace(volume, pad=volume.pad + OFFSET * float(np.abs(about).max()) + LIFT, turn=volume.turn + turn)
+
+
 def bounded(volume: Volume, box: np.ndarray) -> Volume:
     """The part of the volume within the box (2, 3), its least and most corners."""
     normals = np.concatenate([volume.normals, np.eye(3), -np.eye(3)])
@@ -238,16 +247,16 @@ def surround(
     for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
         beside = GRAIN * max(np.abs(eye.origin).sum() for eye in eyes)  # spheres are drawn: camera.pictured
         views = [view(eye) for eye in eyes]
-        mirrors = [mirrored(eye, mirror) for eye in eyes for mirror in around.mirrors]
-        mirrors = [volume for volume in mirrors if volume is not None]
-        lit = [*views, *mirrors]
+        shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
+        mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
+        lit = [left_from(volume, volume.origin, OFFSET) for volume in (*views, *mirrors)]
         if around.box is not None:
             box = _joined(around.box, crowd, centre, size)
             lit = [bounded(volume, box) for volume in lit]
         moved, larger = made and trajectory.moved(time, made[0]), float((size - radius).max()) + beside
         larger += GRAIN * 3 * (made[1].extent + np.abs(moved).max()) if made else 0.0
         asked = [(reflects, volume, None) for volume in mirrors]
-        asked += [(shades, volume, light) for volume, light in product(lit, around.lights)]
+        asked += [(shades, volume, light) for volume, light in product(lit, map(_spread, around.lights))]
         for sought, volume, light in asked:
             touches = partial(within, volume) if light is None else partial(shaded, volume, light)
             leaves = made and near(made[1], sought.leaves, moved, larger, _about(made[1], volume, light), touches)
@@ -274,6 +283,15 @@ def surround(
         left_out=(*frame.left_out, *around.left_out),
         milliseconds=frame.milliseconds | {"surroundings": 1000 * (clock.perf_counter() - begun)},
     )
+
+
+def _spread(light: Light) -> Light:
+    """The light whose cone holds all rays to it from where those start that leave what it lights. One that starts d beside its
+    place, R from the lamp at L, d <= OFFSET (|L| + R) + LIFT, passes a place r <= R from the lamp d r / R beside."""
+    if light.origin is None or light.angle >= np.pi:
+        return light
+    size = light.size + OFFSET * float(np.abs(light.origin).max()) + LIFT
+    return replace(light, size=size, angle=light.angle + OFFSET)
 
 
 @dataclass(frozen=True)

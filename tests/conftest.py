@@ -65,12 +65,15 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="module")
 def rough_levels():
-    """LOD meshes are refined for a tenth as long, and measured in few poses at few points; the users' numbers, by place."""
-    from crowd_lod_extension.crowd_lod import hausdorff, meshes
-    from crowd_lod_extension.operators import deviation, ways
+    """LOD meshes are refined for a tenth as long, and measured in few poses at few points, their silhouettes from few sides,
+    drawn small; the users' numbers, by place."""
+    from crowd_lod_extension.crowd_lod import hausdorff, meshes, silhouette
+    from crowd_lod_extension.operators import deviation, lod_picture, ways
 
     few = {(deviation, "EVENLY"): 2, (deviation, "POSES"): 4, (deviation, "SAMPLES"): 500, (hausdorff, "TOLERANCE"): 0.2}
     few |= {(ways, "SAMPLES"): 1_000, (meshes, "EFFORT"): meshes.EFFORT // 10, (meshes, "EACH"): meshes.EACH / 2}
+    few |= {(silhouette, "AROUND"): 2, (silhouette, "ABOVE"): 1, (silhouette, "MOST_PIXELS"): 300, (silhouette, "CLOSER"): 2}
+    few |= {(lod_picture, "TALL"): 120}
     users = {place: getattr(*place) for place in few}
     with pytest.MonkeyPatch.context() as patch:
         for place, value in few.items():

@@ -98,7 +98,33 @@ def by_handler(scene):
     bpy.app.handlers.frame_change_pre.append(carry)
 
 
-WAYS = by_property, by_frame, by_active_scene, by_rigid_body, by_handler
+def by_camera_solver(scene):
+    """Its way is solved from a clip of 12 points, filmed by a camera that goes past them."""
+    picture = bpy.data.images.new("film", 64, 36)
+    picture.filepath_raw, picture.file_format = bpy.app.tempdir + "film0001.png", "PNG"
+    picture.save()
+    clip = bpy.data.movieclips.load(picture.filepath_raw)
+    tracking, frames = clip.tracking, range(1, 22)
+    tracking.camera.units, tracking.camera.sensor_width, tracking.camera.focal_length = "MILLIMETERS", 36, 36
+    tracking.objects[0].keyframe_a, tracking.objects[0].keyframe_b = frames[0], frames[-1]
+    for point in np.random.default_rng(0).uniform((-4, -2, 8), (4, 2, 14), (12, 3)):
+        markers = tracking.tracks.new(name="point", frame=1).markers
+        for frame in frames:
+            x, y, depth = point - (0.2 * frame, 0.02 * frame, 0)
+            markers.insert_frame(frame, co=(0.5 + x / depth, 0.5 + y / depth * 64 / 36))
+    window = bpy.context.window_manager.windows[0]
+    area = window.screen.areas[0]
+    shown, area.type = area.type, "CLIP_EDITOR"
+    area.spaces.active.clip = clip
+    with bpy.context.temp_override(window=window, area=area, region=area.regions[-1]):
+        bpy.ops.clip.solve_camera()
+    area.type = shown
+    assert tracking.reconstruction.is_valid and tracking.reconstruction.average_error < 0.01
+    scene.active_clip = clip  # the one that the constraint looks for, in the scene that is evaluated
+    scene.camera.constraints.new("CAMERA_SOLVER")
+
+
+WAYS = by_property, by_frame, by_active_scene, by_rigid_body, by_handler, by_camera_solver
 
 
 @pytest.fixture(autouse=True)

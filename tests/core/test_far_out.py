@@ -13,6 +13,7 @@ from crowd_lod_extension.crowd_lod.culling import radar
 from crowd_lod_extension.crowd_lod.exact import sees
 from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.shadows import Light, Surroundings, shaded, surround, view
 
 from .crowds import crowd_at, walker
 from .test_behaviour import machine_of
@@ -102,3 +103,46 @@ def test_who_is_clearly_outside_is_culled_all_the_same(away, metres):
         assert not (outside & plan(shot(feet), camera, POLICY, 0).visible).any()
         culled += outside.sum()
     assert culled > 100
+
+
+def where_rays_start(points, normals):
+    """Where Cycles starts the rays that leave a surface at `points` (n, 3) float32 with the unit `normals`, once they would hit
+    it again: so many representable numbers away along each axis (Ray Tracing Gems, chapter 6; Cycles' ray_offset)."""
+    steps = np.trunc(256 * normals).astype(np.int32)
+    moved = (points.view(np.int32) + np.where(points < 0, -steps, steps)).view(np.float32)
+    return np.where(np.abs(points) < 1 / 32, points + np.float32(normals / 65536), moved).astype(np.float64)
+
+
+@pytest.mark.parametrize("away", [0.0, 1e3, 1e5, 9e5])
+@pytest.mark.parametrize("kind", ["sun", "spot"])
+def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away):
+    """Of points at a side of the picture, lit along it, so that a ray beside them never comes into the picture."""
+    random, asked, missed = np.random.default_rng([kind == "sun", int(away)]), 0, 0
+    for _ in range(10):
+        camera = random_camera(random, "normal")
+        way = random.normal(size=3) * [1, 1, 0.1]
+        camera = in_float32(replace(camera, origin=camera.origin + away * way / np.linalg.norm(way), near=0.1, far=100.0))
+        out, w = planes(camera).normals[random.integers(4)], camera.window
+        depth, slopes = random.uniform(20, 90, 40), random.uniform([w.left, w.bottom], [w.right, w.top], (40, 2))
+        v = np.array([*(slopes.T * depth), depth]).T @ np.linalg.inv([camera.X, camera.Y, camera.Z]).T
+        points = np.float32(camera.origin + v - (v @ out)[:, None] * out)
+        seen = ((points - camera.origin) @ planes(camera).normals.T <= planes(camera).offsets + 1e-7 * (1 + away)).all(axis=1)
+        sun = np.cross(out, random.normal(size=3))
+        sun /= np.linalg.norm(sun)
+        starts, lamp = where_rays_start(points, np.broadcast_to(out, points.shape)), points[0] + 200 * sun
+        light, to_light = Light(None, -sun, angle=0.0), np.broadcast_to(200 * sun, points.shape)
+        if kind == "spot":
+            light, to_light = Light(lamp, -sun, angle=0.4), lamp - starts
+            beside = (points - lamp) @ -sun / np.linalg.norm(points - lamp, axis=1)
+            seen &= np.arccos(beside.clip(-1, 1)) < 0.4
+        aside = out - (to_light @ out / (to_light**2).sum(axis=1))[:, None] * to_light
+        aside /= np.linalg.norm(aside, axis=1)[:, None]
+        centres = starts + random.uniform(0, 0.5, (40, 1)) * to_light + (1 - 1e-6) * GROUP.radius * aside  # rays just touch them
+        feet = centres - [0, 0, GROUP.centre]
+        frame = plan(shot(feet), camera, POLICY, 0)
+        seen &= ~frame.visible
+        kept = np.isin(np.arange(40), surround(frame, shot(feet), camera, (), Surroundings((light,))).shadow.order)
+        assert not (seen & ~kept).any()
+        asked += seen.sum()
+        missed += (seen & ~shaded(view(camera), light, centres, np.full(40, GROUP.radius))).sum()
+    assert asked > 20 and missed > asked / 4  # the rays' own way makes the difference
