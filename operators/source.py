@@ -69,6 +69,10 @@ class Source:
         skin = self.skin and self.skin.telling(self.geometry[1])
         return skin, [Surface(place, self.geometry[1]) for place in skin.place] if skin else []
 
+    def offset(self, key: int) -> np.ndarray:
+        """How far the key of that number moves the mesh's vertices at the value 1, (n, 3) float32."""
+        return offset_of(self.mesh, key)
+
     @cached_property
     def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return read_weights(self.mesh)
@@ -227,6 +231,13 @@ def positions(mesh: bpy.types.Mesh) -> np.ndarray:
     points = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.vertices.foreach_get("co", points.ravel())
     return points
+
+
+def offset_of(mesh: bpy.types.Mesh, key: int) -> np.ndarray:
+    """The offsets (n, 3) float32 that travel as the mesh's attribute of the key of that number."""
+    offset = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.attributes[f"{KEY}{key}"].data.foreach_get("vector", offset.ravel())
+    return offset
 
 
 def _offset(twin, depsgraph, name: str, rest: bpy.types.Mesh) -> np.ndarray | None:

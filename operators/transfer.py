@@ -8,7 +8,7 @@ import numpy as np
 
 from ..crowd_lod.meshes import LodMesh
 from . import scene as io
-from .source import KEY, KINDS, NORMALS, Source, positions, read_attributes
+from .source import KEY, KINDS, NORMALS, Source, offset_of, positions, read_attributes
 from .surface import Surface
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
@@ -185,12 +185,17 @@ def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
     yield
     # a vertex is looked up once a chart
     _, first, back = np.unique(np.stack([result.triangles.ravel(), every], axis=1), axis=0, return_index=True, return_inverse=True)
-    edge, _ = locate(source, every[first], at.reshape(-1, 3)[first])
+    edge, off = locate(source, every[first], at.reshape(-1, 3)[first])
+    # of each point the place in the chart nearest to it
+    nearest = np.lexsort((off, result.triangles.ravel()[first]))
+    nearest = edge[nearest[np.searchsorted(result.triangles.ravel()[first][nearest], np.arange(len(result.points)))]]
     edge = edge[back.ravel()]
     yield
     attributes = read_attributes(source.mesh)
     for key, (domain, kind, values) in attributes.items():
-        if domain == "POINT":
+        if key.startswith(KEY):
+            carried = np.einsum("nk,nkd->nd", nearest.weights, values[source.geometry[1][nearest.triangle]])
+        elif domain == "POINT":
             carried = values[result.source]
         elif domain == "FACE":
             carried = values[faces[centre.triangle]]
@@ -256,12 +261,8 @@ def set_keys(item: bpy.types.Object, source: Source) -> None:
     mesh = item.data
     if not source.keys:
         return
-    points = positions(mesh)
-    offsets = []
+    points, offsets = positions(mesh), [offset_of(mesh, index) for index in range(len(source.keys))]
     for index in range(len(source.keys)):
-        offset = np.empty_like(points)
-        mesh.attributes[f"{KEY}{index}"].data.foreach_get("vector", offset.ravel())
-        offsets.append(offset)
         mesh.attributes.remove(mesh.attributes[f"{KEY}{index}"])
     item.shape_key_add(name="Basis", from_mix=False)
     mesh.shape_keys.name = mesh.name
