@@ -103,9 +103,10 @@ def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: n
     return middle[part] + np.einsum("nk,ndk->nd", along * scale[part], axes[part])
 
 
-def areas(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: int) -> np.ndarray:
-    """The area (count,) of each part's silhouette, in the mean of DIRECTIONS, from masks side by side. points: (n, 3); triangles
-    (m, 3), of the parts (m,), each with one at least."""
+def areas(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: int, cell: int = CELL) -> np.ndarray:
+    """The area (count,) of each part's silhouette, in the mean of DIRECTIONS, from masks side by side, `cell` pixels across.
+
+    points: (n, 3); triangles: (m, 3), of the parts (m,), each with one at least."""
     total, across = np.zeros(count), int(np.ceil(np.sqrt(count)))
     for axes in DIRECTIONS:
         flat = (points @ axes.T)[triangles]
@@ -113,8 +114,8 @@ def areas(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: in
         np.minimum.at(low, part, flat.min(axis=1))
         np.maximum.at(high, part, flat.max(axis=1))
         size = np.maximum(high - low, 1e-300)
-        cell = np.stack([np.arange(count) % across, np.arange(count) // across], axis=1)
-        at = ((flat - low[part, None]) / size[part, None] * (CELL - 2) + 1) + CELL * cell[part, None]
-        covered = mask(at, (across * CELL, across * CELL)).reshape(across, CELL, across, CELL).sum(axis=(1, 3)).ravel()
+        place = np.stack([np.arange(count) % across, np.arange(count) // across], axis=1)
+        at = ((flat - low[part, None]) / size[part, None] * (cell - 2) + 1) + cell * place[part, None]
+        covered = mask(at, (across * cell, across * cell)).reshape(across, cell, across, cell).sum(axis=(1, 3)).ravel()
         total += covered[:count] * size.prod(axis=1)
-    return total / (CELL - 2) ** 2 / len(DIRECTIONS)
+    return total / (cell - 2) ** 2 / len(DIRECTIONS)

@@ -43,14 +43,17 @@ class Source:
     """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
     vertices; None if that has no faces. groups: the names of the mesh's vertex groups, which modifiers may have made other
     than the object's. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh. notes: sentences on what
-    LODs leave out. skin: how its points move, see skin.skin_of. share: its part of the character's triangles."""
+    LODs leave out. skin: how its points move, see skin.skin_of. share: its part of the character's triangles.
+    custom_normals: whether it has such, or sharp edges."""
 
     item: bpy.types.Object
     mesh: bpy.types.Mesh | None
     groups: list[str] = field(default_factory=list)
     keys: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    custom_normals: bool = False
     charts: object = None  # transfer.Charts, when first asked for
+    body: object = None  # what its pictures show, and its Looks, when first asked for: see shaded.similarity
     skin: Skin | None = None
     share: float = 1.0
 
@@ -198,7 +201,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
             mesh.materials[index] = material
     for index, offset in enumerate(offsets.values()):
         mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", offset.ravel())
-    if mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2]):
+    custom = mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2])
+    if mesh.normals_domain != "FACE":  # flat faces need none
         normals = np.empty((len(mesh.loops), 3), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
         if mesh.has_custom_normals:
@@ -214,7 +218,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         )
     if not offsets:
         drop_flat_parts(mesh)
-    return Source(item, mesh, _group_names(mesh), list(offsets), notes)
+    return Source(item, mesh, _group_names(mesh), list(offsets), notes, custom_normals=custom)
 
 
 def _group_names(mesh: bpy.types.Mesh) -> list[str]:
