@@ -181,13 +181,20 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
         fit.restore()
         if found < HIDDEN * before:
             break
-    new_points = fit.points.T / fit.copies.rest
-    if (part[triangles] != part[triangles[0, 0]]).any():
-        mine, of = np.unique(part[fit.follows], return_inverse=True)
-        shown = triangles[np.isin(part[triangles[:, 0]], mine)]
-        wanted = areas(points, shown, np.searchsorted(mine, part[shown[:, 0]]), len(mine))
-        new_points = grown(new_points, fit.corners.T, of, wanted, GROWN * fit.worst)
+    new_points = _widened(points, triangles, part, fit)
     return new_points, fit.corners.T, fit.copies.one(fit.landed), fit.follows
+
+
+def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: Fit) -> np.ndarray:
+    """The LOD's points (k, 3) at rest; of several parts each as wide as it must be to show as much as the source's, of points (n, 3) and
+    triangles (m, 3)."""
+    new_points = fit.points.T / fit.copies.rest
+    if (part[triangles[:, 0]] == part[triangles[0, 0]]).all():
+        return new_points
+    names, of = np.unique(part[fit.follows], return_inverse=True)
+    shown = triangles[np.isin(part[triangles[:, 0]], names)]
+    wanted = areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
+    return grown(new_points, fit.corners.T, of, wanted, GROWN * fit.worst)
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
