@@ -2,7 +2,7 @@
 
 import time as clock
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -66,12 +66,16 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     yield
     one = yield from errors(source, fast.mesh)
     two = yield from errors(source, precise.mesh)
+    if one.as_near_as(two):  # else pictures, which take a while, decide nothing
+        one, two = (
+            replace(each, similar=similarity(source, made.mesh)) for each, made in zip((one, two), (fast, precise), strict=True)
+        )
     better, reason = chosen(one, two)
     best, other = (fast, precise) if better else (precise, fast)
     best.why = (
         f"{best.way.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
-        f"surface, shows {one.area:.0%} of its area and a picture {one.similar:.2f} similar, in {fast.milliseconds:.0f} ms; the precise way "
-        f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {two.similar:.2f}, {precise.milliseconds:.0f} ms."
+        f"surface, and shows {one.area:.0%} of its area, in {fast.milliseconds:.0f} ms; the precise way "
+        f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
     )
     bpy.data.meshes.remove(other.mesh)
     wanted = round(ratio * len(triangles))
@@ -84,12 +88,17 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
 class Errors:
     """What is wrong with a LOD's mesh. near: symmetric Hausdorff distance as part of the source's diagonal, the largest at rest and in
     the poses that tell most; off: largest part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF; area: of
-    its silhouette, as part of the source's; similar: structural similarity of its picture."""
+    its silhouette, as part of the source's; similar: structural similarity of its picture, where it was looked at."""
 
     near: float
     off: float
     area: float = 1.0
     similar: float = 1.0
+
+    def as_near_as(self, other: "Errors") -> bool:
+        """Whether the two hardly differ in distance."""
+        near = self.near + NEAR_ENOUGH, other.near + NEAR_ENOUGH
+        return max(near) <= SLACK * min(near)
 
 
 def chosen(fast: Errors, precise: Errors) -> tuple[bool, str]:
@@ -99,8 +108,11 @@ def chosen(fast: Errors, precise: Errors) -> tuple[bool, str]:
     if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
         return kept[0], "it shows as much as the character"
     if fast.off <= max(MOST_OFF, precise.off):
-        if abs(fast.similar - precise.similar) > ALIKE and max(near) <= SLACK * min(near):
-            return fast.similar > precise.similar, "its picture is more similar"
+        if abs(fast.similar - precise.similar) > ALIKE and fast.as_near_as(precise):
+            return (
+                fast.similar > precise.similar,
+                f"its picture is more similar ({max(fast.similar, precise.similar):.2f} for {min(fast.similar, precise.similar):.2f})",
+            )
         better = fast.near <= SLACK * precise.near + NEAR_ENOUGH
         return better, "it is no worse" if better else "it is closer"
     # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
@@ -163,7 +175,7 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
     yield
     off = uv_error(source, mesh, made, corners)
     yield
-    return Errors(distance / diagonal, off, made.shown / source.surface.shown, similarity(source, mesh))
+    return Errors(distance / diagonal, off, made.shown / source.surface.shown)
 
 
 def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:
