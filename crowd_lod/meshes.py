@@ -9,7 +9,7 @@ import numpy as np
 
 from .collapse import collapse, edge_keys, half_edges, held_sides, normals_of, quadrics_of
 from .errors import CrowdError
-from .parts import parts_of, within
+from .parts import areas, grown, parts_of, within
 from .refine import FINE, Fit
 from .share import share
 from .skin import Skin
@@ -31,6 +31,7 @@ ROUNDS = 1, 40  # of moves, at least and at most
 LOOKS, HIDDEN = 3, 1.1  # at what lies between the samples, at most, the next only if that was this much farther off
 MENDED = 0.7  # of the worst distance: what is moved then
 STEPS, STEPPED = 8, 4  # moves in a round, and how many more steps it asks to begin and end
+GROWN = 1.0  # of the worst distance: how far parts may be widened to show as much as the source's
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
 # fast-simplification keeps its mesh in module-global state: one call at a time.
@@ -180,7 +181,20 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
         fit.restore()
         if found < HIDDEN * before:
             break
-    return fit.points.T / fit.copies.rest, fit.corners.T, fit.copies.one(fit.landed), fit.follows
+    new_points = _widened(points, triangles, part, fit)
+    return new_points, fit.corners.T, fit.copies.one(fit.landed), fit.follows
+
+
+def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: Fit) -> np.ndarray:
+    """The LOD's points (k, 3) at rest; of several parts each as wide as it must be to show as much as the source's, of points (n, 3) and
+    triangles (m, 3)."""
+    new_points = fit.points.T / fit.copies.rest
+    if (part[triangles[:, 0]] == part[triangles[0, 0]]).all():
+        return new_points
+    names, of = np.unique(part[fit.follows], return_inverse=True)
+    shown = triangles[np.isin(part[triangles[:, 0]], names)]
+    wanted = areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
+    return grown(new_points, fit.corners.T, of, wanted, GROWN * fit.worst)
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -57,7 +57,8 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
         f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}, and its pixels those of "
         f"renders {' x '.join(map(str, levels['pixels']))} large. Predicted is what the "
         "bound shows where the LOD begins; measured, how far its rendered outline then lies from the character's, "
-        "the worst of all directions.</p>",
+        "the worst of all directions. Picture off is the mean difference there of the two shaded, in their materials' colours and "
+        "images, in percent of white; similar their structural similarity (SSIM), 1 for the same.</p>",
     ]
     parts += [_character(entry, tints) for entry in levels["characters"]]
     if levels["dropped"]:
@@ -95,6 +96,8 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
         "From, m",
         "Predicted, px",
         "Measured, px",
+        "Picture off, %",
+        "Similar",
         "Way",
         "ms",
     ]
@@ -112,6 +115,8 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
                 number(row["from_m"]) if row["begins"] == "at" else row["begins"],
                 number(row["predicted_px"]),
                 " to ".join(map(number, row["measured_px_between"] or [None])),
+                number(None if row["picture_difference"] is None else 100 * row["picture_difference"]),
+                number(row["picture_similarity"]),
                 f'<span title="{escape(row["why"] or "")}">{escape(row["way"] or "-")}</span>',
                 number(row["ms"]),
             ]

@@ -1,6 +1,16 @@
-"""Loose parts of a mesh, and what becomes of those that there are too few triangles for."""
+"""Loose parts of a mesh: what becomes of those that there are too few triangles for, and that each still shows as much."""
 
 import numpy as np
+
+from .raster import mask
+
+CELL = 32  # pixels across the mask of a part, with one around it
+LOST = 0.03  # of its area, that a part may show less
+FLAT = 0.01  # of its length: a part no thicker is flat
+# From where parts are looked at: the corners of a cube, (d, 2, 3) axes of the pictures.
+_towards = np.array([(1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)]) / np.sqrt(3)
+_right = np.cross((0.0, 0.0, 1.0), _towards) * np.sqrt(1.5)
+DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
 def parts_of(n: int, triangles: np.ndarray) -> np.ndarray:
@@ -68,3 +78,44 @@ def _spread_out(middle: np.ndarray, radius: np.ndarray, count: np.ndarray, targe
         left -= count[kept[-1]]
         count = np.where(np.arange(len(count)) == kept[-1], target + 1, count)
     return kept
+
+
+def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: np.ndarray, most: float) -> np.ndarray:
+    """The points (n, 3) with each part that shows less than the area `wanted` (p,) widened about its middle, along each of its own axes
+    as far as along the others, until it shows as much, but by `most` at most. triangles: (m, 3); part: (n,) each one's number."""
+    count = len(wanted)
+    middle = np.stack([np.bincount(part, x, count) for x in points.T], axis=1) / np.bincount(part, minlength=count)[:, None]
+    off = points - middle[part]
+    spread = [np.bincount(part, off[:, i] * off[:, j], count) for i in range(3) for j in range(3)]
+    axes = np.linalg.eigh(np.stack(spread, axis=1).reshape(-1, 3, 3))[1]
+    along = np.einsum("nd,ndk->nk", off, axes[part])
+    reach = np.zeros((count, 3))  # the shortest first
+    np.maximum.at(reach, part, np.abs(along))
+    more = wanted / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300) - 1
+    more[more < LOST] = 0
+    # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc + ca; of what is flat (b + d) (c + d)
+    (a, b, c), flat = reach.T, reach[:, 0] < FLAT * reach[:, 2]
+    square, line, area = np.where(
+        flat, (np.ones(count), b + c, b * c), (np.full(count, 3.0), 2 * (a + b + c), a * b + b * c + c * a)
+    )
+    wider = (np.sqrt(line**2 + 4 * square * area * more) - line) / (2 * square)
+    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(reach, FLAT * reach[:, 2:] + 1e-300)
+    return middle[part] + np.einsum("nk,ndk->nd", along * scale[part], axes[part])
+
+
+def areas(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: int, cell: int = CELL) -> np.ndarray:
+    """The area (count,) of each part's silhouette, in the mean of DIRECTIONS, from masks side by side, `cell` pixels across.
+
+    points: (n, 3); triangles: (m, 3), of the parts (m,), each with one at least."""
+    total, across = np.zeros(count), int(np.ceil(np.sqrt(count)))
+    for axes in DIRECTIONS:
+        flat = (points @ axes.T)[triangles]
+        low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+        np.minimum.at(low, part, flat.min(axis=1))
+        np.maximum.at(high, part, flat.max(axis=1))
+        size = np.maximum(high - low, 1e-300)
+        place = np.stack([np.arange(count) % across, np.arange(count) // across], axis=1)
+        at = ((flat - low[part, None]) / size[part, None] * (cell - 2) + 1) + cell * place[part, None]
+        covered = mask(at, (across * cell, across * cell)).reshape(across, cell, across, cell).sum(axis=(1, 3)).ravel()
+        total += covered[:count] * size.prod(axis=1)
+    return total / (cell - 2) ** 2 / len(DIRECTIONS)

@@ -11,6 +11,7 @@ MOST = 3  # poses, besides the one at rest, that decimation heeds
 LOOKED_AT = 5_000  # triangles that tell poses apart, about
 STIFF = 1e-3  # mean change of a side's turn below which poses are alike
 APART = 2.0  # sizes of the mesh between its copies
+LITTLE = 1e-3  # of a side's length, that a point's axes count where its triangles tell nothing
 LARGER = 2.0  # times that the mesh at rest is as large as in its poses
 
 
@@ -79,6 +80,32 @@ class Skin:
             chosen.append(int(unlike.argmax()))
             new = turns[chosen[-1]]
         return Skin(self.rest, self.place[chosen], self.frame[chosen]) if chosen else None
+
+
+def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The derivatives (k, n, 3, 3), see Skin, of a mesh whose points move on their own: by least squares, what the sides of a point's
+    triangles (m, 3) become in each pose, and its normal the normal there. rest: (n, 3) metres; place: (k, n, 3) metres."""
+    ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    start, end = np.concatenate([ends, ends[:, ::-1]]).T
+    n, size = len(rest), np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=1).mean()
+
+    def vectors(points: np.ndarray) -> np.ndarray:
+        """The sides from each point, its normal as long as a side, and a little of each axis, that all are told, (s + 4 n, 3)."""
+        a, b, c = (points[triangles[:, i]] for i in range(3))
+        normal = np.zeros((n, 3))
+        for corner in triangles.T:
+            np.add.at(normal, corner, np.cross(b - a, c - a))
+        normal *= size / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        return np.concatenate([points[end] - points[start], normal, *(np.tile(LITTLE * size * axis, (n, 1)) for axis in np.eye(3))])
+
+    point, own = np.concatenate([start, np.tile(np.arange(n), 4)]), vectors(rest)
+
+    def products(one: np.ndarray) -> np.ndarray:
+        rows = [np.bincount(point, one[:, i] * own[:, j], n) for i in range(3) for j in range(3)]
+        return np.stack(rows, axis=-1).reshape(n, 3, 3)
+
+    inverse = np.linalg.inv(products(own))
+    return np.array([products(vectors(at)) @ inverse for at in place])
 
 
 class Copies:

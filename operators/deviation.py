@@ -107,13 +107,14 @@ def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
 
 def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarray:
     """Where the bones and objects of a character are at `times`, but for its way as a whole: (times, n, 3) metres, three points
-    of each bone, four of each object."""
+    of each bone, four of each object, and how far each shape key moves what it moves most."""
     found = []
     with io.scratch():
         stage = bpy.data.scenes.new("Crowd LOD poses")
         rigs, items = armatures_of(objects), [item.copy() for item in objects]
         for item in (*rigs, *items):
             stage.collection.objects.link(item)
+        reaches = [_reaches(item) for item in items]
         for item in items:
             item.hide_viewport = False
             item.modifiers.clear()  # from here on only where it is matters
@@ -132,7 +133,23 @@ def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarra
                     @ (AXES * [[1], [1], [1], [0]] * lengths + AXES * [[0], [0], [0], [1]])
                 )
             places = np.array(places)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
-            found.append(places - places.mean(axis=0))
+            moved = [
+                item.evaluated_get(depsgraph).data.shape_keys for item, reach in zip(items, reaches, strict=True) if len(reach)
+            ]
+            values = np.array([key.value for keys in moved for key in keys.key_blocks[1:]])
+            keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
+            found.append(np.concatenate([places - places.mean(axis=0), keyed]))
+    return np.array(found)
+
+
+def _reaches(item: bpy.types.Object) -> np.ndarray:
+    """The farthest that each shape key of a mesh but the first moves a vertex at the value 1, (k,) metres."""
+    found = []
+    for key in item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ():
+        at = np.empty((2, len(key.data), 3), np.float32)
+        for each, points in zip((key, key.relative_key), at, strict=True):
+            each.data.foreach_get("co", points.ravel())
+        found.append(float(np.linalg.norm(at[0] - at[1], axis=1).max(initial=0)))
     return np.array(found)
 
 

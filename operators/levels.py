@@ -39,7 +39,7 @@ TINTS = (
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
 COLUMNS = ("vertices", "triangles", "deviations", "bounds", "rms", "worst")  # of Group, a value a LOD
-VERSION = 15  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 16  # of the code that makes LOD meshes: another one makes them anew
 
 
 @dataclass(frozen=True)

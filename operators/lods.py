@@ -14,7 +14,9 @@ from ..crowd_lod.levels import shown
 from . import lod_picture
 from . import scene as io
 from .deviation import Posed, meshes_of
+from .looks import Looks
 from .populate import characters_of
+from .shaded import alike, bodies_of
 
 MOST_SHOWN = 12  # character groups whose silhouettes are measured and that have a picture
 AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
@@ -40,6 +42,7 @@ def tables(
             continue
         centre = np.array(origin) + (0, 0, group.feet + group.centre)
         with Posed(objects, meshes) as posed:
+            looks = Looks()
             for k in range(1, len(rows)):
                 distance = _distance(camera, begins[g][k - 1], group.radius)
                 character, levels = posed.at(group.worst[k])
@@ -47,6 +50,7 @@ def tables(
                     pair = ((each.points, each.triangles) for each in (character, levels[k]))
                     least, most = silhouette.error(*pair, centre, distance, camera, rows[k]["predicted_px"] or 1.0)
                     rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
+                    rows[k] |= _seen(posed, k, looks, centre, distance, camera)
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
@@ -77,10 +81,22 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius)) if k and begin < np.inf else None,
         "measured_px": None,
         "measured_px_between": None,
+        "picture_difference": None,
+        "picture_similarity": None,
         "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,
         "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
         "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,
     }
+
+
+def _seen(posed: Posed, k: int, looks: Looks, centre: np.ndarray, distance: float, camera: Camera) -> dict:
+    """How the picture of LOD k differs from the character's, as they are posed, from `distance` metres."""
+    depsgraph = posed.stage.view_layers[0].depsgraph
+    bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
+    if None in bodies:
+        return {}
+    difference, similarity = alike(*bodies, looks.images(), centre, distance, camera)
+    return {"picture_difference": difference, "picture_similarity": similarity}
 
 
 def _known(number) -> float | None:

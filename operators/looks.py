@@ -15,6 +15,7 @@ class Looks:
 
     def __init__(self):
         self.found: list[bpy.types.Image] = []
+        self._pictures = np.empty((0, 1, 1, 4), np.uint8)
 
     def of(self, material: bpy.types.Material | None) -> tuple[float, float, float, float]:
         """Linear base colour, and the layer of `images` that takes its place, or -1."""
@@ -32,6 +33,8 @@ class Looks:
 
     def images(self) -> np.ndarray:
         """The images as (n, size, size, 4) uint8, sRGB, bottom row first: all as large as the largest, up to SIZE."""
+        if len(self._pictures) == len(self.found):
+            return self._pictures
         size = min(SIZE, max((max(image.size) for image in self.found), default=1))
         pictures = np.full((len(self.found), size, size, 4), 255, np.uint8)
         for picture, image in zip(pictures, self.found, strict=True):
@@ -40,6 +43,7 @@ class Looks:
             rows, columns = ((np.arange(size) + 0.5) * n // size for n in values.shape[:2])
             values = values[rows.astype(int)[:, None], columns.astype(int)]
             picture[..., :3] = np.rint(255 * (encoded(values) if _is_linear(image) else values).clip(0, 1))
+        self._pictures = pictures
         return pictures
 
 

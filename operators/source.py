@@ -43,14 +43,17 @@ class Source:
     """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
     vertices; None if that has no faces. groups: the names of the mesh's vertex groups, which modifiers may have made other
     than the object's. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh. notes: sentences on what
-    LODs leave out. skin: how its points move, see skin.skin_of. share: its part of the character's triangles."""
+    LODs leave out. skin: how its points move, see skin.skin_of. share: its part of the character's triangles.
+    custom_normals: whether it has such, or sharp edges."""
 
     item: bpy.types.Object
     mesh: bpy.types.Mesh | None
     groups: list[str] = field(default_factory=list)
     keys: list[str] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    custom_normals: bool = False
     charts: object = None  # transfer.Charts, when first asked for
+    body: object = None  # what its pictures show, and its Looks, when first asked for: see shaded.similarity
     skin: Skin | None = None
     share: float = 1.0
 
@@ -68,6 +71,10 @@ class Source:
         """(the skin in the poses that tell most, the surface in each)."""
         skin = self.skin and self.skin.telling(self.geometry[1])
         return skin, [Surface(place, self.geometry[1]) for place in skin.place] if skin else []
+
+    def offset(self, key: int) -> np.ndarray:
+        """How far the key of that number moves the mesh's vertices at the value 1, (n, 3) float32."""
+        return offset_of(self.mesh, key)
 
     @cached_property
     def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -194,7 +201,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
             mesh.materials[index] = material
     for index, offset in enumerate(offsets.values()):
         mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", offset.ravel())
-    if mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2]):
+    custom = mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2])
+    if mesh.normals_domain != "FACE":  # flat faces need none
         normals = np.empty((len(mesh.loops), 3), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
         if mesh.has_custom_normals:
@@ -210,7 +218,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
         )
     if not offsets:
         drop_flat_parts(mesh)
-    return Source(item, mesh, _group_names(mesh), list(offsets), notes)
+    return Source(item, mesh, _group_names(mesh), list(offsets), notes, custom_normals=custom)
 
 
 def _group_names(mesh: bpy.types.Mesh) -> list[str]:
@@ -227,6 +235,13 @@ def positions(mesh: bpy.types.Mesh) -> np.ndarray:
     points = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.vertices.foreach_get("co", points.ravel())
     return points
+
+
+def offset_of(mesh: bpy.types.Mesh, key: int) -> np.ndarray:
+    """The offsets (n, 3) float32 that travel as the mesh's attribute of the key of that number."""
+    offset = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.attributes[f"{KEY}{key}"].data.foreach_get("vector", offset.ravel())
+    return offset
 
 
 def _offset(twin, depsgraph, name: str, rest: bpy.types.Mesh) -> np.ndarray | None:

@@ -8,11 +8,13 @@ from mathutils.bvhtree import BVHTree
 
 from ..crowd_lod.hausdorff import Moving
 from ..crowd_lod.nearest import ranges
+from ..crowd_lod.parts import areas
 
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
 LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32
 NEAR = 5e-5  # of the surface's size: what it may err by
 CLOSER, HALVED = 400, 5  # triangles, where samples are farthest off, that are looked at closer, and how often these are divided
+SILHOUETTE = 256  # pixels across a surface's silhouette
 FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
 
 
@@ -80,6 +82,11 @@ class Surface:
         """Twice that of each triangle, (m,) square metres."""
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
         return np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+    @cached_property
+    def shown(self) -> float:
+        """The area of its silhouette, square metres, in the mean of some directions."""
+        return float(areas(self.points, self.triangles, np.zeros(len(self.triangles), np.intp), 1, SILHOUETTE)[0])
 
     @property
     def corners(self) -> np.ndarray:

@@ -8,13 +8,18 @@ import numpy as np
 
 from ..crowd_lod.meshes import LodMesh
 from . import scene as io
-from .source import KEY, KINDS, NORMALS, Source, positions, read_attributes
+from .source import KEY, KINDS, NORMALS, Source, offset_of, positions, read_attributes
 from .surface import Surface
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
 INWARD = 0.2  # part of the way to its triangle's centre from where a corner looks for its side of a seam or sharp edge
 JUMP = 0.3  # part of the way in UVs from a corner to its triangle's centre that the nearest UVs may be off
 SHARP = 0.5  # difference between unit normals that a sharp edge makes, about 30 degrees
+ALIKE = 0.15  # difference between unit normals that may become one, about 9 degrees
+FEW = 3_000  # triangles of a LOD, up to which its normals are those that suit all of each triangle
+# Six points spread over a triangle: their barycentric weights. Source: Dunavant, "High degree efficient symmetrical Gaussian quadrature
+# rules for the triangle", 1985.
+SPREAD = np.array([np.roll((1 - 2 * a, a, a), k) for a in (0.091576, 0.445948) for k in range(3)])
 BEYOND = 5.0  # how many sizes of a triangle beyond it its UVs are continued
 
 
@@ -185,12 +190,17 @@ def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
     yield
     # a vertex is looked up once a chart
     _, first, back = np.unique(np.stack([result.triangles.ravel(), every], axis=1), axis=0, return_index=True, return_inverse=True)
-    edge, _ = locate(source, every[first], at.reshape(-1, 3)[first])
+    edge, off = locate(source, every[first], at.reshape(-1, 3)[first])
+    # of each point the place in the chart nearest to it
+    nearest = np.lexsort((off, result.triangles.ravel()[first]))
+    nearest = edge[nearest[np.searchsorted(result.triangles.ravel()[first][nearest], np.arange(len(result.points)))]]
     edge = edge[back.ravel()]
     yield
     attributes = read_attributes(source.mesh)
     for key, (domain, kind, values) in attributes.items():
-        if domain == "POINT":
+        if key.startswith(KEY):
+            carried = np.einsum("nk,nkd->nd", nearest.weights, values[source.geometry[1][nearest.triangle]])
+        elif domain == "POINT":
             carried = values[result.source]
         elif domain == "FACE":
             carried = values[faces[centre.triangle]]
@@ -202,6 +212,8 @@ def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
                 np.array([limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]) for limit in (np.min, np.max)
             )
             carried = carried.clip(low[every], high[every])
+        elif key == NORMALS and len(result.triangles) <= FEW:
+            carried = _shading(source, result, chart, values)
         elif key == NORMALS:
             # one a vertex, but on the two sides of a sharp edge
             one, side = (np.einsum("nk,nkd->nd", place.weights, values[corners[place.triangle]]) for place in (edge, inner))
@@ -215,6 +227,47 @@ def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
         write_attribute(mesh, key, domain, kind, carried.astype(values.dtype))
     mesh.update()
     return mesh
+
+
+def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Normals of the LOD's corners (3 m, 3) that come nearest, all over each triangle, to those of the source's nearest points; one a
+    vertex where they are alike. chart: (m,) of its triangles; normals: (loops, 3) of the source's corners."""
+    _, triangles, corners, _ = source.geometry
+    at = np.einsum("sk,mkd->msd", SPREAD, result.points[result.triangles])
+    place, _ = locate(source, chart.repeat(len(SPREAD)), at.reshape(-1, 3))
+    there = np.einsum("nk,nkd->nd", place.weights, normals[corners[place.triangle]]).reshape(at.shape)
+    own = unit(np.einsum("ks,msd->mkd", np.linalg.pinv(SPREAD), there).reshape(-1, 3))
+    vertex = result.triangles.ravel()
+    one = unit(np.stack([np.bincount(vertex, x) for x in own.T], axis=1))[vertex]
+    return np.where(np.linalg.norm(one - own, axis=1, keepdims=True) > ALIKE, own, one)
+
+
+def shade(mesh: bpy.types.Mesh, source: Source) -> None:
+    """Give the mesh of triangles, to which Blender's Decimate has mixed the source's normals, those that suit its triangles, if these are
+    few; where they are many, the mixture is worse than normals of their own, and stays only where the source had other ones."""
+    if NORMALS not in mesh.attributes:
+        return
+    points, triangles, corners, _ = io.read_triangles(mesh)
+    if len(triangles) <= FEW:
+        result = LodMesh(points, triangles, nearest_vertices(source, points))
+        chart, _ = charts_chosen(source, result)
+        values = np.empty((len(mesh.loops), 3), np.float32)
+        values[corners.ravel()] = _shading(source, result, chart, read_attributes(source.mesh)[NORMALS][2])
+        write_attribute(mesh, NORMALS, "CORNER", "FLOAT_VECTOR", values)
+    elif not source.custom_normals:
+        mesh.attributes.remove(mesh.attributes[NORMALS])
+
+
+def nearest_vertices(source: Source, points: np.ndarray) -> np.ndarray:
+    """The source's vertices (n,) that points (n, 3) are nearest to, on the triangle that they are nearest to."""
+    _, hit, _ = source.surface.nearest(points)
+    corner = source.geometry[1][hit]
+    return corner[np.arange(len(hit)), np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1)]
+
+
+def unit(vectors: np.ndarray) -> np.ndarray:
+    """The vectors (n, 3) of length 1, or none."""
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-12)
 
 
 def _same_side(nearest: np.ndarray, inwards: np.ndarray, centres: np.ndarray) -> np.ndarray:
@@ -248,7 +301,7 @@ def set_normals(mesh: bpy.types.Mesh) -> None:
         normals = np.empty((len(mesh.loops), 3), np.float32)
         attribute.data.foreach_get("vector", normals.ravel())
         mesh.attributes.remove(attribute)
-        mesh.normals_split_custom_set(normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-12))
+        mesh.normals_split_custom_set(unit(normals))
 
 
 def set_keys(item: bpy.types.Object, source: Source) -> None:
@@ -256,12 +309,8 @@ def set_keys(item: bpy.types.Object, source: Source) -> None:
     mesh = item.data
     if not source.keys:
         return
-    points = positions(mesh)
-    offsets = []
+    points, offsets = positions(mesh), [offset_of(mesh, index) for index in range(len(source.keys))]
     for index in range(len(source.keys)):
-        offset = np.empty_like(points)
-        mesh.attributes[f"{KEY}{index}"].data.foreach_get("vector", offset.ravel())
-        offsets.append(offset)
         mesh.attributes.remove(mesh.attributes[f"{KEY}{index}"])
     item.shape_key_add(name="Basis", from_mix=False)
     mesh.shape_keys.name = mesh.name

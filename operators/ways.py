@@ -2,7 +2,7 @@
 
 import time as clock
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
@@ -10,13 +10,17 @@ import numpy as np
 from ..crowd_lod.meshes import decimating
 from . import scene as io
 from .repair import drop_loose
+from .shaded import similarity
 from .source import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, deviation, scattered
-from .transfer import barycentric, charts_of, dress, weights_of
+from .transfer import barycentric, charts_of, dress, nearest_vertices, shade, weights_of
 
 SAMPLES = 5_000  # points that the two ways are compared at
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
 MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
+KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
+TWICE = 2.0  # times as far away a way may be that keeps that
+ALIKE = 0.01  # difference in similarity that tells two pictures apart
 SLACK = 1.1  # how many times the precise way's distance the fast way's may be
 NEAR_ENOUGH = 5e-4  # of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
 MISSED = 1.1  # times the triangles asked for that are worth a word
@@ -60,13 +64,18 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
         fast.why = _without(precise)
         return fast
     yield
-    near, off = yield from errors(source, fast.mesh)
-    precisely, precisely_off = yield from errors(source, precise.mesh)
-    better, reason = chosen(near, off, precisely, precisely_off)
+    one = yield from errors(source, fast.mesh)
+    two = yield from errors(source, precise.mesh)
+    if one.as_near_as(two):  # else pictures, which take a while, decide nothing
+        one, two = (
+            replace(each, similar=similarity(source, made.mesh)) for each, made in zip((one, two), (fast, precise), strict=True)
+        )
+    better, reason = chosen(one, two)
     best, other = (fast, precise) if better else (precise, fast)
     best.why = (
-        f"{best.way.capitalize()}, as {reason}: the fast way is up to {near:.2%} of the size away, with UVs off on {off:.1%} of the surface, "
-        f"in {fast.milliseconds:.0f} ms; the precise way {precisely:.2%}, {precisely_off:.1%}, {precise.milliseconds:.0f} ms."
+        f"{best.way.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
+        f"surface, and shows {one.area:.0%} of its area, in {fast.milliseconds:.0f} ms; the precise way "
+        f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
     )
     bpy.data.meshes.remove(other.mesh)
     wanted = round(ratio * len(triangles))
@@ -75,13 +84,39 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     return best
 
 
-def chosen(near: float, off: float, precisely: float, precisely_off: float) -> tuple[bool, str]:
-    """(whether the fast way is to be taken, why) of both ways' distances and parts of the surface whose UVs are off."""
-    if off <= max(MOST_OFF, precisely_off):
-        better = near <= SLACK * precisely + NEAR_ENOUGH
+@dataclass(frozen=True)
+class Errors:
+    """What is wrong with a LOD's mesh. near: symmetric Hausdorff distance as part of the source's diagonal, the largest at rest and in
+    the poses that tell most; off: largest part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF; area: of
+    its silhouette, as part of the source's; similar: structural similarity of its picture, where it was looked at."""
+
+    near: float
+    off: float
+    area: float = 1.0
+    similar: float = 1.0
+
+    def as_near_as(self, other: "Errors") -> bool:
+        """Whether the two hardly differ in distance."""
+        near = self.near + NEAR_ENOUGH, other.near + NEAR_ENOUGH
+        return max(near) <= SLACK * min(near)
+
+
+def chosen(fast: Errors, precise: Errors) -> tuple[bool, str]:
+    """(whether the fast way is to be taken, why)."""
+    kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
+    near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
+    if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
+        return kept[0], "it shows as much as the character"
+    if fast.off <= max(MOST_OFF, precise.off):
+        if abs(fast.similar - precise.similar) > ALIKE and fast.as_near_as(precise):
+            return (
+                fast.similar > precise.similar,
+                f"its picture is more similar ({max(fast.similar, precise.similar):.2f} for {min(fast.similar, precise.similar):.2f})",
+            )
+        better = fast.near <= SLACK * precise.near + NEAR_ENOUGH
         return better, "it is no worse" if better else "it is closer"
     # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
-    better = precisely_off > MOST_OFF and near * off < precisely * precisely_off
+    better = precise.off > MOST_OFF and fast.near * fast.off < precise.near * precise.off
     return better, "it is closer, by more than its UVs are farther off" if better else "its UVs are closer"
 
 
@@ -113,6 +148,8 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
     mesh.name = name
     mesh.validate()  # a closed part may have become two triangles on each other
     drop_loose(mesh)
+    if mesh.polygons:
+        shade(mesh, source)
     return Made(mesh, read_weights(mesh), "PRECISE", why, 1000 * (clock.perf_counter() - start))
 
 
@@ -123,23 +160,22 @@ def _without(precise: Made) -> str:
 
 
 def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
-    """Yields between its steps and returns of a LOD's mesh (symmetric Hausdorff distance as part of the source's diagonal,
-    the largest at rest and in the poses that tell most; largest part of the surface at rest, over the UV maps, whose UVs
-    are off by more than UV_OFF). In the poses its points move with the source's nearest ones: good enough for a choice."""
+    """Yields between its steps and returns the Errors of a LOD's mesh. In the poses its points move with the source's nearest ones: good
+    enough for a choice."""
     points, triangles, corners, _ = io.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     made = Surface(points, triangles)
     distance, _ = deviation(source.surface, made, SAMPLES)
     skin, surfaces = source.posed
     if surfaces:
-        _, hit, _ = source.surface.nearest(points)
-        corner = source.geometry[1][hit]
-        follows = corner[np.arange(len(hit)), np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1)]
+        follows = nearest_vertices(source, points)
     for j, surface in enumerate(surfaces):
         yield
         distance = max(distance, deviation(surface, Surface(skin.at(j, points.T, follows).T, triangles), SAMPLES)[0])
     yield
-    return distance / diagonal, uv_error(source, mesh, made, corners)
+    off = uv_error(source, mesh, made, corners)
+    yield
+    return Errors(distance / diagonal, off, made.shown / source.surface.shown)
 
 
 def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:

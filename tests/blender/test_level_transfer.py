@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators import ways
 from crowd_lod_extension.operators.levels import make_levels
-from mathutils import Vector
+from mathutils import Matrix, Vector
 
 from .characters import character, new, rig, skin, tube
 
@@ -225,4 +225,51 @@ def test_the_way_and_why_are_kept_with_each_lod():
     ],
 )
 def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_fast):
-    assert ways.chosen(*fast, *precise)[0] == takes_fast
+    assert ways.chosen(ways.Errors(*fast), ways.Errors(*precise))[0] == takes_fast
+
+
+@pytest.mark.parametrize(
+    "fast, precise, takes_fast",
+    [
+        ((0.010, 0.0, 0.99, 0.9), (0.006, 0.0, 0.80, 0.9), True),  # the precise way is closer, and thinner
+        ((0.010, 0.0, 0.80, 0.9), (0.011, 0.0, 1.02, 0.9), False),
+        ((0.010, 0.0, 0.99, 0.9), (0.003, 0.0, 0.90, 0.9), False),  # more than twice as close
+        ((0.0100, 0.0, 1.0, 0.90), (0.0104, 0.0, 1.0, 0.95), False),  # as close, and its picture nearer
+        ((0.0100, 0.0, 1.0, 0.95), (0.0100, 0.0, 1.0, 0.90), True),
+    ],
+)
+def test_the_choice_counts_what_shows(fast, precise, takes_fast):
+    assert ways.chosen(ways.Errors(*fast), ways.Errors(*precise))[0] == takes_fast
+
+
+@pytest.mark.usefixtures("exact_levels")
+@pytest.mark.parametrize("way", ["FAST", "PRECISE"])
+def test_normals_of_few_triangles_are_the_source_s_under_posing_too(way):
+    """A smooth egg without custom normals, which a bone turns: of its LODs normals are those of the egg at each place."""
+    size = np.array([0.3, 0.2, 0.5])
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=48, ring_count=32)
+    item = bpy.context.object
+    item.data.transform(Matrix.Diagonal((*size, 1)))
+    item.data.transform(Matrix.Translation((0, 0, 1.5)))
+    item.data.shade_smooth()
+    armature = rig()
+    item.vertex_groups.new(name="upper").add(range(len(item.data.vertices)), 1.0, "REPLACE")
+    item.parent = armature
+    item.modifiers.new("Armature", "ARMATURE").object = armature
+    character(armature, item)
+    made = lod(2, item, way)
+    scene = bpy.context.scene
+    scene.collection.objects.link(made)
+    for frame in (1, 10):
+        scene.frame_set(frame)
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        posed = armature.evaluated_get(depsgraph).pose.bones["upper"]
+        turn = np.array(posed.matrix @ posed.bone.matrix_local.inverted())
+        mesh = made.evaluated_get(depsgraph).data
+        points, face, weights = samples(mesh)
+        loops = np.array([triangle.loops for triangle in mesh.loop_triangles])[face]
+        shaded = np.einsum("nk,nkd->nd", weights, np.array([normal.vector for normal in mesh.corner_normals])[loops])
+        back = (points - turn[:3, 3]) @ turn[:3, :3] - (0, 0, 1.5)
+        wanted = back / size**2 @ turn[:3, :3].T
+        cosine = (shaded * wanted).sum(axis=1) / np.linalg.norm(shaded, axis=1) / np.linalg.norm(wanted, axis=1)
+        assert len(mesh.polygons) < 450 and np.degrees(np.arccos(np.median(cosine))) < 0.6

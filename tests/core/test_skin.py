@@ -6,7 +6,7 @@ from crowd_lod_extension.crowd_lod import collapse
 from crowd_lod_extension.crowd_lod.meshes import decimate
 from crowd_lod_extension.crowd_lod.refine import Fit
 from crowd_lod_extension.crowd_lod.share import share
-from crowd_lod_extension.crowd_lod.skin import Copies, Skin
+from crowd_lod_extension.crowd_lod.skin import Copies, Skin, frames_of
 
 
 def turn(angle):
@@ -171,3 +171,28 @@ def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, 
     assert not posed or any((~np.isnan(each[4])).any() for each in took)
     for one, other in zip(*(vars(lod).values() for lod in lods), strict=True):
         assert np.array_equal(one, other)
+
+
+def test_what_turns_by_keys_has_the_derivatives_of_the_turn():
+    """A tube turned as a whole, and one bent into an arc, whose derivative along the tube is known; far from the caps."""
+    points, triangles = tube()
+    whole = turn(np.array(0.8))
+    arc = 0.7 * points[:, 2]
+    bow = np.column_stack([points[:, 0], (points[:, 1] + 1 / 0.7) * np.cos(arc) - 1 / 0.7, (points[:, 1] + 1 / 0.7) * np.sin(arc)])
+    turned, curved = frames_of(points, np.stack([points @ whole.T, bow]), triangles)
+    np.testing.assert_allclose(turned, np.broadcast_to(whole, turned.shape), atol=1e-5)
+    inner = (np.abs(points[:, 2]) < 0.9) & (np.hypot(*points[:, :2].T) > 0.09)
+    wanted = turn(arc)
+    wanted[:, :, 2] *= (1 + 0.7 * points[:, 1])[:, None]  # what lies outside of the arc is longer
+    assert np.abs(curved - wanted)[inner].max() < 0.01
+
+
+def test_a_flat_sheet_has_derivatives_too():
+    grid = np.stack(np.meshgrid(np.arange(5.0), np.arange(5.0), [0.0], indexing="ij"), axis=-1).reshape(-1, 3)
+    i = np.arange(25).reshape(5, 5)
+    corners = [each.ravel() for each in (i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:])]
+    triangles = np.concatenate([np.stack([corners[k] for k in face], axis=1) for face in ((0, 1, 2), (0, 2, 3))])
+    lonely = np.concatenate([grid, [[9.0, 9, 9]]])  # a point without a triangle
+    frame = frames_of(lonely, (lonely @ turn(np.array(0.5)).T)[None], triangles)[0]
+    np.testing.assert_allclose(frame[:25], np.broadcast_to(turn(np.array(0.5)), (25, 3, 3)), atol=1e-5)
+    assert np.isfinite(frame).all()
