@@ -163,8 +163,7 @@ def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built,
     built.camera.location, built.camera.rotation_euler = (0, 0, 20), (0, 0, 0)
     crowds = [trajectory_of(built).at(time) for time in (11.6, 12.4)]
     jumps = (np.abs(crowds[1].x - crowds[0].x) > 20).sum()
-    if baked:
-        list(bake(built, [12]))
+    list(bake(built, [12]) if baked else builder.build(built))
     where = {}
     for part in (-0.4, 0.0, 0.4):
         built.frame_set(int((12 + part) // 1), subframe=part % 1)
@@ -189,8 +188,9 @@ def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
     built.render.film_transparent, built.render.image_settings.color_mode = True, "RGBA"
     built.render.resolution_x, built.render.resolution_y = 320, 160
     built.render.motion_blur_shutter, built.render.motion_blur_position = 4.0, position
-    for points in built.crowd_lod.build.objects:
-        points[builder.POSES] = [1, 1]  # the pose held is that of the middle of the shutter: another one is not its matter
+    for rig in [item for item in built.crowd_lod.characters.all_objects if item.type == "ARMATURE"]:
+        rig.animation_data_clear()  # what its limbs do is another matter
+    list(builder.build(built))
     wide = {}
     for blur in (False, True):
         built.render.use_motion_blur = blur
@@ -204,7 +204,7 @@ def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
     heading = np.cos(trajectory_of(built).at(20).heading[0])
     ends = np.array(wide[True]) - np.array(wide[False])
     wanted = (-before, pixels - before) if heading > 0 else (before - pixels, before)
-    np.testing.assert_allclose(ends, wanted, atol=1.6)
+    np.testing.assert_allclose(ends, wanted, atol=2.1)
 
 
 def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, monkeypatch):

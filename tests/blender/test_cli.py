@@ -325,8 +325,9 @@ COMMAND = f"'{sys.executable}' -m crowd_lod_extension.operators.cli"
 
 def shell(line, folder, **variables):
     """(exit code, stdout, stderr) of a line in which CLI stands for the command."""
+    own = {name: value for name, value in os.environ.items() if name != "OCIO"}  # which the tests' Blender may have set
     ran = subprocess.run(
-        ["sh", "-c", line.replace("CLI", COMMAND)], check=False, cwd=folder, env=os.environ | variables, capture_output=True
+        ["sh", "-c", line.replace("CLI", COMMAND)], check=False, cwd=folder, env=own | variables, capture_output=True
     )
     return (
         ran.returncode,

@@ -33,7 +33,7 @@ def test_lines_tell_all_figures_of_the_frame():
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
     assert said[4:6] == ["Vertices  1.23 M of 12.3 M without LOD", "Triangles  20 k of 50 k without LOD"]
     assert said[6] == "Behavior 1.50, Culling 1.50, Levels 1.50, Sorting 1.50, Drawing 2.25 ms"
-    assert said[7] == f"{6 * 51} bytes of agents' state, 131 kB on the GPU"
+    assert said[7] == f"{6 * 49} bytes of agents' state, 131 kB on the GPU"
     assert said[8:] == [f"Plan: {STATIC.reason}", f"Behavior: {NO_HEIGHTS.reason}"]
 
 
