@@ -2,13 +2,14 @@
 
 One file holds the plaza's crowd in each of these ways, as render settings the same:
 nobody            the plaza without its crowd: what the scene itself costs
-everyone          every agent an instance of its full mesh, in the pose of its phase
+everyone          every agent an instance of its full mesh, moved by the rig of its phase class
 camera cull       the same, by Cycles' camera culling (Simplify), which reaches instances by their source objects
 geometry nodes    a tree that deletes the points outside the frustum and gives the others their LOD
 Crowd LOD         the build: it plans the frame and writes its points while it is rendered; LODs by the plaza's own ratios
 Crowd LOD 1 px    the same, LODs by tolerance
+baked 1 px        that, baked over a few frames: it holds the characters alone that these show
 
-All but the last two are files that need no Crowd LOD, and are rendered without it.
+All but those two of Crowd LOD are files that need no Crowd LOD, and are rendered without it.
 """
 
 import json
@@ -23,20 +24,21 @@ import crowd_lod_extension
 import numpy as np
 import peers
 from crowd_lod_extension.crowd_lod.agents import Group
-from crowd_lod_extension.operators import build, cli, follow
+from crowd_lod_extension.operators import bake, build, cli, follow
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups, trajectory_of
 
-NOBODY, EVERYONE, CAMERA_CULL, NODES = "nobody", "everyone", "camera cull", "geometry nodes"
+NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "baked 1 px"
 CROWD_LOD = {"Crowd LOD": "base.blend", "Crowd LOD 1 px": "tolerance_1.blend"}
-WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD)
+WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD, BAKED)
+AROUND = 2  # frames on either side that are baked, too
 
 
 def prepare(folder: str, width: int, sizes: list[int], tolerances: list[float], swept: int, frame: int) -> dict:
     """Write WAY_AGENTS.blend and tolerance_PIXELS.blend (of `swept` agents) into the folder, for pictures `width` pixels
     wide; a row for each build, and the part of the agents that the frame sees. The LOD meshes by tolerance are those chosen
-    for 1 pixel: another tolerance says where they begin, and in how many poses."""
+    for 1 pixel: another tolerance says where they begin."""
     crowd_lod_extension.register()
     scene, rows = cli.open_scene("plaza"), []
     settings, film = scene.crowd_lod, scene.render
@@ -53,10 +55,13 @@ def prepare(folder: str, width: int, sizes: list[int], tolerances: list[float], 
         rows.append(_build(scene, f"{tolerance:g} px", Path(folder) / f"tolerance_{tolerance:g}.blend"))
     for agents in sizes:
         for way in WAYS:
-            bpy.ops.wm.open_mainfile(filepath=f"{folder}/{CROWD_LOD.get(way, 'base.blend')}")
+            base = CROWD_LOD.get("Crowd LOD 1 px" if way == BAKED else way, "base.blend")
+            bpy.ops.wm.open_mainfile(filepath=f"{folder}/{base}")
             scene = bpy.context.scene
             scene.crowd_lod.count = agents
-            if way not in CROWD_LOD:
+            if way == BAKED:
+                list(bake.bake(scene, range(frame - AROUND, frame + AROUND + 1)))
+            elif way not in CROWD_LOD:
                 visible = _dress(scene, way, frame)
             bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{way}_{agents}.blend")
     crowd_lod_extension.unregister()
@@ -70,11 +75,11 @@ def _build(scene: bpy.types.Scene, levels: str, path: Path) -> dict:
     took = time.process_time() - begun
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
     top = scene.crowd_lod.build
-    poses = {item[build.LEVEL]: sum(item[build.POSES]) for item in build.points_of(top).values()}
+    shelves = [home for home in top.children_recursive if home.get(build.LIBRARY, -1) >= 0]
     meshes = {item.data for item in top.all_objects if build.LEVEL not in item}
     return {
         "lods by": levels,
-        "poses of all groups, a LOD": " ".join(str(poses[level]) for level in sorted(poses)),
+        "characters, a LOD": " ".join(str(len(home.children)) for home in shelves),
         "vertices_millions": round(sum(len(mesh.vertices) for mesh in meshes) / 1e6, 2),
         "build_cpu_s": round(took, 2),
         "file_mb": round(path.stat().st_size / 1e6, 1),
@@ -92,6 +97,9 @@ def _dress(scene: bpy.types.Scene, way: str, number: int) -> float:
     agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd, frame.time)
     for points in build.points_of(top).values():
         points.data.clear_geometry()
+        if way in (NOBODY, EVERYONE, CAMERA_CULL) and points[build.BUCKET] != "LOD 0":
+            bpy.data.objects.remove(points)  # what it instances would be evaluated, picked or not
+            continue
         columns = follow.columns_of(
             trajectory, frame.crowd, held, agents, build.library_of(top, points, trajectory.gaits), settings.tilt
         )

@@ -22,7 +22,7 @@ from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.plots import COLOURS, MARKERS
 from crowd_lod_extension.operators.report import machine_name
 
-WAYS = ("nobody", "everyone", "camera cull", "geometry nodes", "Crowd LOD", "Crowd LOD 1 px")  # see ways.py
+WAYS = ("nobody", "everyone", "camera cull", "geometry nodes", "Crowd LOD", "Crowd LOD 1 px", "baked 1 px")  # see ways.py
 SIZES = {"CYCLES": (10_000, 100_000, 1_000_000), "EEVEE": (1000, 10_000)}
 TOLERANCES = (0.5, 1.0, 2.0, 4.0, 8.0)
 LIMIT = 150.0  # seconds of a render
@@ -31,7 +31,7 @@ SWEPT = 10_000  # agents of the tolerances' sweep
 PICTURE = {"CYCLES": {"width": 640, "samples": 4}, "EEVEE": {"width": 160, "samples": 1}}
 SWEEP = {"width": 320, "samples": 4}  # its builds have the poses of the wider pictures
 REPEATED = 10_000  # agents up to which a Cycles render is repeated
-ASKED = {"CYCLES": WAYS, "EEVEE": ("nobody", "everyone", "Crowd LOD", "Crowd LOD 1 px")}
+ASKED = {"CYCLES": WAYS, "EEVEE": ("nobody", "everyone", "Crowd LOD", "Crowd LOD 1 px", "baked 1 px")}
 KEYS = ("cpu_s", "render_s", "export_s", "peak_mb")
 
 

@@ -1,4 +1,4 @@
-"""The render set-up: a point object a bucket, whose instances, by geometry nodes, show the poses of their phases."""
+"""The render set-up: a point object a bucket, whose instances, by geometry nodes, show the characters of their phase classes."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
@@ -14,6 +14,7 @@ from ..crowd_lod.levels import MOST_LEVELS
 from . import scene as io
 from . import stored
 from .collection_caches import note_change
+from .hidden_characters import show_characters
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
 from .populate import groups_of, home_of, policy_of, trajectory_of
@@ -28,7 +29,6 @@ MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes t
 POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"  # of the build's collection: see Library, and _played
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
-HIDDEN = "crowd_lod_hidden"  # of the build's collection: the characters' collection, if the build hides it from renders
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
 UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
@@ -147,67 +147,6 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     return top
 
 
-def hide_characters(scene: bpy.types.Scene) -> None:
-    """Hide the characters themselves from renders, which show the build, if nothing stands against it."""
-    top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
-    _show_characters(top)
-    if hides_characters(scene):
-        characters.hide_render, top[HIDDEN] = True, characters
-
-
-def hides_characters(scene: bpy.types.Scene) -> bool:
-    """Whether the characters' collection of `scene`, which renders show, may and should be hidden from them."""
-    return shows_characters(scene) and not scene.crowd_lod.keep_characters and not _shown_for(scene)
-
-
-def shows_characters(scene: bpy.types.Scene) -> bool:
-    """Whether renders of `scene` show the characters themselves, by their own collection."""
-
-    def shows(place: bpy.types.LayerCollection, inside: bool) -> bool:
-        inside = inside or place.collection == scene.crowd_lod.characters
-        below = any(shows(child, inside) for child in place.children)
-        return not place.collection.hide_render and (below or (inside and not place.exclude))
-
-    return any(shows(layer.layer_collection, False) for layer in scene.view_layers if layer.use)
-
-
-def _show_characters(top: bpy.types.Collection) -> None:
-    """Show again in renders what the build `top` hides, unless another scene's build of the same characters is there: it is
-    that one's then."""
-    hidden = top.pop(HIDDEN, None)
-    if not isinstance(hidden, bpy.types.Collection):  # a script may have put anything there
-        return
-    others = [scene.crowd_lod.build for scene in bpy.data.scenes if scene.crowd_lod.characters == hidden]
-    others = [other for other in others if other not in (None, top)]
-    if others:
-        others[0][HIDDEN] = hidden
-    else:
-        hidden.hide_render = False
-
-
-def _shown_for(scene: bpy.types.Scene) -> str:
-    """Why the characters' collection of `scene` is not to be hidden as a whole; "" if it may."""
-    characters = scene.crowd_lod.characters
-    if characters.library is not None:
-        return f"the collection is linked from {characters.library.filepath}; hide it there, or exclude it from the view layers"
-    users = bpy.data.user_map(subset={characters})[characters]
-    names = [user.name for user in users if isinstance(user, bpy.types.Object | bpy.types.NodeTree)]
-    others = (other for other in bpy.data.scenes if other.crowd_lod.characters != characters)
-    names += [other.name for other in others if characters in other.collection.children_recursive]
-    return f"{' and '.join(sorted(names))} would no longer show them" if names else ""
-
-
-def told_of_characters(scene: bpy.types.Scene) -> str:
-    """A sentence on the characters themselves in renders of the built scene; "" if Build left them as they were."""
-    characters = scene.crowd_lod.characters
-    if HIDDEN in scene.crowd_lod.build:
-        lamps = [item.name for item in characters.all_objects if item.type == "LIGHT"]
-        return f"The characters in {characters.name} are hidden from renders{', with ' + ' and '.join(lamps) if lamps else ''}."
-    if scene.crowd_lod.keep_characters or not shows_characters(scene):
-        return ""
-    return f"The characters in {characters.name} stay in renders: {_shown_for(scene)}."
-
-
 def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     """Sentences on what of the characters' motion the build does not show as it is; "" where all is."""
     found = [
@@ -311,7 +250,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
 
 
 def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
-    """Move the poses in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes
+    """Move the characters in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes
     seconds to remove thousands. Not so those where the user has put something."""
     left = []
     for home in list(shelf.children):
@@ -371,15 +310,15 @@ def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
 
 
 def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:
-    """The collection of all poses of the build `top`."""
+    """The collection of all characters of the build `top`."""
     return next((child for child in top.children if LIBRARY in child), None)
 
 
 def remove_build(settings) -> None:
-    """Remove the build: points, poses, and the node groups that nothing else uses."""
+    """Remove the build: points, characters, rigs, and the node groups that nothing else uses."""
     top, settings.build = _own(settings.id_data), None
     if top is not None:
-        _show_characters(top)
+        show_characters(top)
         remove_owned(top)
     for kind in (baked.NAME, instances.NAME):  # the one holds the other
         tree = trees.made(kind)
@@ -434,6 +373,6 @@ def baked_of(top: bpy.types.Collection) -> list[float]:
 
 
 def _shelves(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
-    """The collections of each LOD's poses of the build `top`."""
+    """The collections of each LOD's characters of the build `top`."""
     inside = [child for child in top.children_recursive if LIBRARY in child and child != _library_of(top)]
     return {_level(child, LIBRARY): child for child in inside}

@@ -20,6 +20,7 @@ from ..crowd_lod.words import printable
 from . import bake, build, report, stepping
 from . import scene as io
 from .arguments import parser
+from .hidden_characters import told_of_characters
 from .preview import COLOURS, Preview, preview
 from .render_setup import prepared
 from .verify import Verify, verify
@@ -212,12 +213,12 @@ def _build(args, command: list[str]) -> dict:
             frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
         build.check_layers(scene, args.view_layer or ())
         work = (lambda: bake.bake(scene, frames)) if args.bake else (lambda: build.build(scene))
-        _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+        cast = _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
             build.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
-        told = build.told_of_characters(scene), args.bake and stepping.unbaked(scene)
-        _save(part, path, compress=True)  # poses share most of what they hold
+        told = build.told_of_cast(scene, cast), told_of_characters(scene), args.bake and stepping.unbaked(scene)
+        _save(part, path, compress=True)
     size = path.stat().st_size
     started = clock.perf_counter()
     with io.quiet():

@@ -8,8 +8,9 @@ from ..crowd_lod.steps import share, standing
 from . import lights, stepping
 from . import scene as io
 from .bake import bake
-from .build import build, hide_characters, remove_build, told_of_cast, told_of_characters
+from .build import build, remove_build, told_of_cast
 from .follow import update
+from .hidden_characters import hide_characters, told_of_characters
 from .levels import make_levels
 from .operator import Reporting, Stepwise
 from .populate import frame_of, groups_of, measure_groups, store_groups, trajectory_of

@@ -16,6 +16,7 @@ from ..crowd_lod.stereo import EYES
 from . import bake, build, cameras, lights, stepping
 from . import scene as io
 from .follow import Held, held_by, members
+from .hidden_characters import hides_characters
 from .levels import OWNED, make_levels
 from .populate import characters_of, frame_of, groups_of, measure_groups, store_groups, trajectory_of
 from .preview import Preview, set_up
@@ -103,7 +104,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
 def _set_up(scene: bpy.types.Scene, wanted: Verify) -> None:
     """Have Cycles' picture of the scene depend on what its rays meet and on nothing else: one seed, no samples saved where the
     picture is smooth, no lamp drawn by its share of the light, no denoiser. The pixel filter stays the scene's own."""
-    if build.hides_characters(scene):
+    if hides_characters(scene):
         scene.crowd_lod.characters.hide_render = True
     if scene.crowd_lod.build is not None:
         scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
