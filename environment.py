@@ -57,6 +57,8 @@ def main(arguments: list) -> None:
 
 def install() -> None:
     """Make the environment: an empty one, then this checkout (editable) with everything that pyproject.toml names."""
+    if FOLDER.is_symlink():  # to make it anew would empty another checkout's
+        raise Failure(f"needs an environment of its own, and {FOLDER} is a link: remove the link")
     create = [sys.executable, "-m", "venv", "--clear", FOLDER]
     if not find_spec("ensurepip"):
         uv = shutil.which("uv")

@@ -18,7 +18,6 @@ from .hidden_characters import show_characters
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
 from .populate import groups_of, home_of, policy_of, trajectory_of
-from .poses import POSES as POSED_MESHES
 from .poses import Cast, make_cast
 
 # Custom properties. Of a point object: its LOD and its bucket; in builds from before there were rigs its poses, and their rates.
@@ -149,9 +148,7 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
 
 def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     """Sentences on what of the characters' motion the build does not show as it is; "" where all is."""
-    found = [
-        f"{name} is shown in {POSED_MESHES} posed meshes, whose limbs have no blur: {why}." for name, why in cast.refused.items()
-    ]
+    found = list(cast.notes)
     slides = trajectory_of(scene).gaits.paces.off
     if slides:
         found.append(

@@ -28,14 +28,14 @@ Wanted = Sequence[np.ndarray]  # of each LOD, (k,) intp rising, the characters o
 class Cast:
     """The characters that a build shows, in no scene yet. posed: (G,) intp, see Library. collections: of each LOD its characters,
     each a collection's name and objects; sorted by name they stand in the order of the Library. rigs: what moves them; names:
-    what each new block is to be called, as soon as those of an earlier build have gone. refused: of each group that no rig can
-    show, by its name, the reason. wanted: those that there are, None for all."""
+    what each new block is to be called, as soon as those of an earlier build have gone. notes: sentences on what they
+    do not show as it is. wanted: those that there are, None for all."""
 
     posed: np.ndarray
     collections: list[list[tuple[str, list[bpy.types.Object]]]]
     rigs: list[bpy.types.Object] = field(default_factory=list)
     names: dict[bpy.types.ID, str] = field(default_factory=dict)
-    refused: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
     wanted: Wanted | None = None
 
 
@@ -53,10 +53,10 @@ class _Actors:
 
 def read_library(scene: bpy.types.Scene) -> Iterator[float]:
     """Find out which groups of `scene` rigs can show; yields the progress and returns ((G,) intp, see Library; of each group its
-    Model, or None; why not, by the group's name; of the data-blocks made for it, what they are to be called). Closed early, it leaves nothing behind."""
+    Model, or None; sentences on what does not show as it is; of the data-blocks made for it, what they are to be called). Closed early, it leaves nothing behind."""
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
     count, measured = policy_of(scene.crowd_lod).count, groups_of(scene.crowd_lod)
-    posed, models, refused, made, done = np.zeros(len(characters), np.intp), [], {}, {}, False
+    posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
     try:
         for g, (name, objects, _) in enumerate(characters):
             first, last = action_range(objects)
@@ -69,15 +69,17 @@ def read_library(scene: bpy.types.Scene) -> Iterator[float]:
                     size = measured[g].diagonal or 2 * measured[g].radius
                     making = rigs.modelled(name, homes, actors, stage, size, made)
                     model, reason = yield from share(making, g / len(characters), (g + 1) / len(characters))
+            if reason and model is None:
+                posed[g], reason = POSES, f"{name} is shown in {POSES} posed meshes, whose limbs have no blur: {reason}."
             if reason:
-                posed[g], refused[name] = POSES, reason
+                notes.append(reason)
             models.append(model)
             yield (g + 1) / len(characters)
         done = True
     finally:
         if not done:
             bpy.data.batch_remove(list(made))
-    return posed, models, refused, made
+    return posed, models, notes, made
 
 
 def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple | None = None) -> Iterator[float]:
@@ -85,11 +87,11 @@ def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple 
     Cast. read: what read_library found, which then belongs to it. Closed early, it leaves nothing behind."""
     if read is None:
         read = yield from share(read_library(scene), 0.0, 0.5)
-    posed, models, refused, made = read
+    posed, models, notes, made = read
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
     count, trajectory = policy_of(scene.crowd_lod).count, trajectory_of(scene)
     first = Library(posed).first(trajectory.gaits)
-    cast, done = Cast(posed, [[] for _ in range(count)], refused=refused, wanted=wanted), False
+    cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
     cast.names.update(made)
     try:
         for g, (name, objects, _) in enumerate(characters):

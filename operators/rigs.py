@@ -16,8 +16,9 @@ from . import scene as io
 from .movers import action_range, armatures_of
 
 FARTHEST = 1_048_574  # frames: Blender's last
-FINEST = 16  # keys a frame of the action, at most
-NEAR = 1e-4  # of the character's diagonal: how far what rigs show may be from what the character is
+FINEST, MOST_KEYS = 16, 4096  # keys a frame of the action, and in all, at most
+NEAR = 1e-4  # of the character's diagonal: how far what rigs show should be from what the character is
+ACCEPTED = 0.01  # of it: how far it may be, where more keys do not help; posed meshes of a long action are farther off
 STILL = 1e-6  # metres, and radians: an object that moves by less stands
 ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change
 TRACKS = "Crowd LOD tracks"  # a rig whose bones carry objects
@@ -28,11 +29,13 @@ SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_
 @dataclass
 class Bones:
     """What bones do over time, in the world. rest: of each bone its matrix (4, 4) without scale; moves: of each at each time
-    the matrix (4, 4) that takes a point that it deforms from its place at rest to where it is then."""
+    the matrix (4, 4) that takes a point that it deforms from its place at rest to where it is then; back: the inverse of its matrix in
+    the armature, at rest."""
 
     rest: dict[str, np.ndarray] = field(default_factory=dict)
     lengths: dict[str, float] = field(default_factory=dict)
     moves: dict[str, list[np.ndarray]] = field(default_factory=dict)
+    back: dict[str, np.ndarray] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -61,34 +64,58 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
     return ""
 
 
-def record(stage: bpy.types.Scene, actors: dict, objects: list[bpy.types.Object], times: np.ndarray) -> Iterator[float]:
-    """Evaluate at `times`, frames of the action, what moves the `actors` of `objects` in `stage`; yields the progress and returns
+def record(actors: dict, times: np.ndarray) -> Iterator[float]:
+    """Evaluate at `times`, frames of the action, what moves objects, whose `actors` stand for them; yields the progress and returns
     (of each armature, by its name, its Bones; of each object its matrices (len(times), 4, 4))."""
-    armatures = armatures_of(objects)
-    for rig in armatures:
-        if rig.name not in stage.collection.objects:
-            stage.collection.objects.link(rig)
-    bones = {rig.name: Bones() for rig in armatures}
-    wanted = {rig: _deforming(rig, objects) for rig in armatures}
-    places = {item: [] for item in actors}
-    for number, time in enumerate(times):
-        stage.frame_set(int(time // 1), subframe=float(time % 1))
-        depsgraph = stage.view_layers[0].depsgraph
-        for item, actor in actors.items():
-            places[item].append(np.array(actor.evaluated_get(depsgraph).matrix_world, np.float64))
-        for rig in armatures:
-            evaluated, own = rig.evaluated_get(depsgraph), bones[rig.name]
-            world = np.array(evaluated.matrix_world, np.float64)
-            away = np.linalg.pinv(world)
-            for name in wanted[rig]:
-                bone = evaluated.pose.bones[name]
-                rest = np.array(bone.bone.matrix_local, np.float64)
-                if name not in own.rest:
-                    own.rest[name], scale = _plain(world @ rest)
-                    own.lengths[name], own.moves[name] = max(bone.bone.length * scale, 1e-4), []
-                own.moves[name].append(world @ np.array(bone.matrix, np.float64) @ np.linalg.inv(rest) @ away)
-        yield (number + 1) / len(times)
-    return bones, {item: np.array(found) for item, found in places.items()}
+    armatures, stage = armatures_of(list(actors)), bpy.data.scenes.new("Crowd LOD record")
+    bare = {item: _bare(actor) for item, actor in actors.items()}  # nothing is deformed here, which would take the time
+    try:
+        for block in (*armatures, *bare.values()):
+            stage.collection.objects.link(block)
+        bones, places = {rig.name: Bones() for rig in armatures}, {item: [] for item in actors}
+        wanted = {rig: _deforming(rig, list(actors)) for rig in armatures}
+        for number, time in enumerate(times):
+            stage.frame_set(int(time // 1), subframe=float(time % 1))
+            depsgraph = stage.view_layers[0].depsgraph
+            for item, own in bare.items():
+                places[item].append(np.array(own.evaluated_get(depsgraph).matrix_world, np.float64))
+            for rig in armatures:
+                _note(bones[rig.name], rig.evaluated_get(depsgraph), wanted[rig])
+            yield (number + 1) / len(times)
+        return bones, {item: np.array(found) for item, found in places.items()}
+    finally:
+        bpy.data.batch_remove([stage, *bare.values()])
+
+
+def _bare(actor: bpy.types.Object) -> bpy.types.Object:
+    """A copy of the object, without modifiers, that moves as it does."""
+    copy = _alone(actor)
+    copy.modifiers.clear()
+    return copy
+
+
+def _alone(item: bpy.types.Object) -> bpy.types.Object:
+    """A copy of the object, in no collection."""
+    copy = item.copy()
+    if copy.override_library:
+        copy.make_local()
+    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+        collection.objects.unlink(copy)
+    return copy
+
+
+def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
+    """Add to `own` what the bones `wanted` of the evaluated armature `rig` do now."""
+    world = np.array(rig.matrix_world, np.float64)
+    away = np.linalg.pinv(world)
+    for name in wanted:
+        bone = rig.pose.bones[name]
+        if name not in own.rest:
+            rest = np.array(bone.bone.matrix_local, np.float64)
+            own.rest[name], scale = _plain(world @ rest)
+            own.lengths[name], own.moves[name] = max(bone.bone.length * scale, 1e-4), []
+            own.back[name] = np.linalg.inv(rest)
+        own.moves[name].append(world @ np.array(bone.matrix, np.float64) @ own.back[name] @ away)
 
 
 def _deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
@@ -209,11 +236,7 @@ def perform(model: Model, title: str, rate: float, phase: float, span: tuple[flo
 
 def dress(item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object], actor=None) -> bpy.types.Object:
     """A copy of the LOD object `item`, with its mesh, that the `rigs` of a class move and deform; of its `actor`, if given."""
-    copy = (actor or item).copy()
-    if copy.override_library:
-        copy.make_local()
-    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
-        collection.objects.unlink(copy)
+    copy = _alone(actor or item)
     copy.animation_data_clear()
     copy.constraints.clear()
     bent_by = item.parent if item.parent_type == "ARMATURE" else None
@@ -249,29 +272,42 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
 def modelled(
     name: str, homes: Sequence[bpy.types.Collection], actors: dict, stage: bpy.types.Scene, diagonal: float, made: dict
 ) -> Iterator[float]:
-    """Make the model of the character `name`, whose LODs are in `homes`, with as many keys as keep what its rigs show within NEAR
-    of its `diagonal`, metres. Yields the progress; returns (the Model, "") or (None, why no rigs can show it)."""
+    """Make the model of the character `name`, whose LODs are in `homes`, with as many keys as bring what its rigs show within NEAR
+    of its `diagonal`, metres, if they do. Yields the progress; returns (the Model, a sentence on how far off that is, if it is
+    farther) or (None, why no rigs can show it)."""
     objects = list(actors)
     span, origin = action_range(objects), np.array(homes[0].instance_offset, np.float64)
     reason = refusal(objects)
-    keys = 1
-    while not reason:
-        times = np.linspace(*span, max(int(np.ceil((span[1] - span[0]) * keys)), 1) + 1)
-        bones, places = yield from record(stage, actors, objects, times)
-        own: dict[bpy.types.ID, str] = {}
-        model = model_of(name, bones, places, origin, span, own)
-        off = _off(model, actors, stage, origin, span, times)
-        if off <= NEAR * diagonal:
-            made |= own
-            return model, ""
-        bpy.data.batch_remove(list(own))
-        if keys == FINEST or not np.isfinite(off):
-            reason = f"bones show it {off:.2g} m off" if np.isfinite(off) else "its vertices become more or fewer"
+    if reason:
+        return None, reason
+    frames, keys, best, nearest = max(span[1] - span[0], 1.0), 1, None, np.inf
+    most = int(np.clip(MOST_KEYS / frames, 1, FINEST))
+    while True:
+        times = np.linspace(*span, int(np.ceil(frames * keys)) + 1)
+        bones, places = yield from record(actors, times)
+        model = model_of(name, bones, places, origin, span, made)
+        off = _off(model, actors, stage, origin, span, times) / diagonal
+        gained = off < nearest / 2
+        if off < nearest:
+            best, model, nearest = model, best, off
+        _drop(model, made)  # the one that is farther off
+        if nearest <= NEAR or keys == most or not gained:
             break
-        keys = min(
-            FINEST, keys * max(2, int(np.ceil(1.1 * np.sqrt(off / (NEAR * diagonal)))))
-        )  # the chords' error falls by squares
-    return None, reason
+        keys = min(most, keys * max(2, int(np.ceil(1.1 * np.sqrt(off / NEAR)))))  # the chords' error falls by squares
+    if nearest <= NEAR:
+        return best, ""
+    if nearest <= ACCEPTED:
+        return best, f"Between two keys the rigs of {name} show it up to {nearest * diagonal:.2g} m off."
+    _drop(best, made)
+    return None, f"bones show it {nearest * diagonal:.2g} m off" if best else "its vertices become more or fewer"
+
+
+def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:
+    """Remove what `model` was made of, which is in `made`."""
+    blocks = [block for pair in model.rigs.values() for block in pair] if model else []
+    for block in blocks:
+        del made[block]
+    bpy.data.batch_remove(blocks)
 
 
 def _off(model: Model, actors: dict, stage: bpy.types.Scene, origin: np.ndarray, span: tuple[float, float], times) -> float:

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
@@ -171,15 +172,35 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    making = make_cast(scene)
-    while True:
-        try:
-            next(making)
-        except StopIteration as end:
-            cast = end.value
-            break
+    cast = finished(make_cast(scene))
     assert list(cast.posed) == [POSES] and why in builder.told_of_cast(scene, cast).lower()
     bpy.data.batch_remove(list(cast.names))
+
+
+def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
+    """A bone below one that is scaled along one axis, and turns: its matrix is a shear, which a bone of its own cannot have."""
+    data = bpy.data.armatures.new("rig")
+    rig = bpy.data.objects.new("rig", data)
+    scene.collection.objects.link(rig)
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    root, tip = data.edit_bones.new("root"), data.edit_bones.new("tip")
+    root.tail, tip.head, tip.tail, tip.parent = (0, 0, 1), (0, 0, 1), (0, 0, 2), root
+    bpy.ops.object.mode_set(mode="OBJECT")
+    rig.pose.bones["root"].scale = (1.0, 1.03, 1.0)
+    tip = rig.pose.bones["tip"]
+    tip.rotation_mode = "XYZ"
+    for frame, angle in ((1, 0.0), (25, 1.5)):
+        tip.rotation_euler.z, tip.rotation_euler.x = angle, angle
+        tip.keyframe_insert("rotation_euler", frame=frame)
+    bpy.ops.mesh.primitive_uv_sphere_add(location=(0, 0, 1.5))
+    ball = bpy.context.object
+    ball.vertex_groups.new(name="tip").add(range(len(ball.data.vertices)), 1.0, "REPLACE")
+    ball.modifiers.new("rig", "ARMATURE").object = rig
+    props(scene, ball)
+    notes = finished(make_cast(scene)).notes
+    assert list(scene.crowd_lod.build[builder.POSED]) == [0]
+    assert len(notes) == 1 and "show it up to 0.0" in notes[0]
 
 
 def test_objects_that_move_as_a_whole_are_carried(scene):

@@ -74,6 +74,17 @@ def test_a_current_folder_that_is_gone_hides_no_python(checkout, tmp_path):
 
 
 @pytest.mark.skipif(sys.version_info[:2] not in [(3, 11), (3, 13)], reason="no bpy module for this Python")
+def test_an_environment_that_is_a_link_is_left_alone(checkout, tmp_path):
+    """To make it anew would empty another checkout's."""
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "kept").write_text("")
+    (checkout / f".venv-{sys.version_info.major}.{sys.version_info.minor}").symlink_to(other)
+    result = run(sys.executable, checkout / "environment.py", "--help", **os.environ)
+    assert result.returncode == 1 and "is a link: remove the link" in result.stderr
+    assert (other / "kept").exists()
+
+
 def test_failed_installation_names_the_log_and_is_not_taken_for_a_whole_one(checkout):
     offline = {**os.environ, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(checkout)}
     result = run(sys.executable, checkout / "environment.py", "test", **offline)
