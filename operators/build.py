@@ -14,7 +14,7 @@ from ..crowd_lod.levels import MOST_LEVELS
 from . import scene as io
 from . import stored
 from .collection_caches import note_change
-from .hidden_characters import show_characters
+from .hidden_characters import unhide_characters
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
 from .populate import groups_of, home_of, policy_of, trajectory_of
@@ -315,7 +315,7 @@ def remove_build(settings) -> None:
     """Remove the build: points, characters, rigs, and the node groups that nothing else uses."""
     top, settings.build = _own(settings.id_data), None
     if top is not None:
-        show_characters(top)
+        unhide_characters(top)
         remove_owned(top)
     for kind in (baked.NAME, instances.NAME):  # the one holds the other
         tree = trees.made(kind)

@@ -10,7 +10,7 @@ HIDDEN = (
 def hide_characters(scene: bpy.types.Scene) -> None:
     """Hide the characters themselves from renders, which show the build, if nothing stands against it."""
     top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
-    show_characters(top)
+    unhide_characters(top)
     if hides_characters(scene):
         characters.hide_render, top[HIDDEN] = True, characters
 
@@ -31,7 +31,7 @@ def shows_characters(scene: bpy.types.Scene) -> bool:
     return any(shows(layer.layer_collection, False) for layer in scene.view_layers if layer.use)
 
 
-def show_characters(top: bpy.types.Collection) -> None:
+def unhide_characters(top: bpy.types.Collection) -> None:
     """Show again in renders what the build `top` hides, unless another scene's build of the same characters is there: it is
     that one's then."""
     hidden = top.pop(HIDDEN, None)

@@ -23,6 +23,7 @@ from ..crowd_lod.words import printable
 from . import above, build, cameras, follow, lights, lods, stepping
 from . import scene as io
 from .deviation import measure_levels
+from .hidden_characters import shows_characters
 from .levels import TINTS, make_levels
 from .operator import Stepwise
 from .playblast import Playblast, need_gpu
@@ -224,7 +225,7 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
     """Whether the characters themselves, which renders of `scene` show, are not in the pictures."""
-    return not scene.crowd_lod.keep_characters and build.shows_characters(scene)
+    return not scene.crowd_lod.keep_characters and shows_characters(scene)
 
 
 @contextlib.contextmanager
