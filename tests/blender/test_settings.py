@@ -154,8 +154,8 @@ def test_settings_that_nobody_can_set_are_named(levelled):
         ("size", [float("nan"), 1.0], "Size of Scene is nan"),
         ("map_image", levelled.camera, "Map of Scene is .*: choose one of the kind Image"),
     ):
-        before, sound = set(bpy.data.user_map()), raw.get(name)
-        sound = getattr(sound, "to_list", lambda sound=sound: sound)()
+        before, sound = set(bpy.data.user_map()), getattr(settings, name)
+        sound = tuple(sound) if name == "size" else sound
         raw.pop(name, None)
         raw[name] = value
         for step in (bpy.ops.crowd_lod.populate, bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.make_levels):
@@ -163,8 +163,7 @@ def test_settings_that_nobody_can_set_are_named(levelled):
                 step()
             assert "Traceback" not in str(error.value) and set(bpy.data.user_map()) == before
         raw.pop(name)
-        if sound is not None:
-            raw[name] = sound
+        setattr(settings, name, sound)
     assert bpy.ops.crowd_lod.build() == {"FINISHED"}
 
 
