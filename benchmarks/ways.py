@@ -1,15 +1,15 @@
 """A child process of worth.py: makes the files, or renders one of them, and prints what that took as a line of JSON.
 
-One file holds the plaza's crowd in each of these ways, as render settings the same:
-nobody            the plaza without its crowd: what the scene itself costs
-everyone          every agent an instance of its full mesh, moved by the rig of its phase class
+One file holds a crowd of crowds.py in each of these ways, its render settings the same:
+nobody            the ground without its crowd: what the scene itself costs
+everyone          every agent an instance of its full mesh, moved by the rig of its phase class: the strongest rival
 camera cull       the same, by Cycles' camera culling (Simplify), which reaches instances by their source objects
 geometry nodes    a tree that deletes the points outside the frustum and gives the others their LOD
-Crowd LOD         the build: it plans the frame and writes its points while it is rendered; LODs by the plaza's own ratios
-Crowd LOD 1 px    the same, LODs by tolerance
-baked 1 px        that, baked over a few frames: it holds the characters alone that these show
+by ratio          the build: it plans the frame and writes its points while it is rendered; LODs of set ratios and distances
+1 px              the same, LODs by tolerance
+1 px, baked       that, baked over the frames: it holds the characters alone that these show
 
-All but those two of Crowd LOD are files that need no Crowd LOD, and are rendered without it.
+By ratio and 1 px are rendered with Crowd LOD; the others are files that need none, and hold the points of FRAMES.
 """
 
 import json
@@ -21,98 +21,155 @@ from pathlib import Path
 
 import bpy
 import crowd_lod_extension
+import crowds
 import numpy as np
 import peers
 from crowd_lod_extension.crowd_lod.agents import Group
-from crowd_lod_extension.operators import bake, build, cli, follow
+from crowd_lod_extension.operators import bake, build, estimate, follow
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups, trajectory_of
 
-NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "baked 1 px"
-CROWD_LOD = {"Crowd LOD": "base.blend", "Crowd LOD 1 px": "tolerance_1.blend"}
+NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "1 px, baked"
+CROWD_LOD = ("by ratio", "1 px")
 WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD, BAKED)
-AROUND = 2  # frames on either side that are baked, too
+FRAMES = range(30, 33)  # that a baked file holds; the middle one is rendered
+CHOSEN_FOR = 10_000  # agents of the shot for which LODs by tolerance are chosen
 
 
-def prepare(folder: str, width: int, sizes: list[int], tolerances: list[float], swept: int, frame: int) -> dict:
-    """Write WAY_AGENTS.blend and tolerance_PIXELS.blend (of `swept` agents) into the folder, for pictures `width` pixels
-    wide; a row for each build, and the part of the agents that the frame sees. The LOD meshes by tolerance are those chosen
-    for 1 pixel: another tolerance says where they begin."""
+def prepare(folder: str, crowd: dict, sizes: list[int], width: int, ways: list[str]) -> dict:
+    """Write WAY_AGENTS.blend into the folder, for pictures `width` pixels wide, of a crowd of crowds.make; a row for each
+    choice of LODs, and of each file, by its name, MB."""
     crowd_lod_extension.register()
-    scene, rows = cli.open_scene("plaza"), []
+    scene, rows = crowds.make(**crowd), []
     settings, film = scene.crowd_lod, scene.render
-    film.resolution_x, film.resolution_y = width, round(width * film.resolution_y / film.resolution_x)
-    film.resolution_percentage = 100
-    settings.count = swept
+    film.resolution_x, film.resolution_y, film.resolution_percentage = width, round(width * 9 / 16), 100
+    crowds.spread(scene, CHOSEN_FOR)
+    store_groups(settings, measure_groups(scene))
+    settings.thresholds[:2] = [metres / scene.camera.data.clip_end for metres in (15, 40)]
+    for way, choice in zip(CROWD_LOD, ("BY_RATIO", "BY_TOLERANCE"), strict=True):
+        settings.choice = choice
+        rows.append(_build(scene, way, Path(folder) / f"{way}.blend"))
+    files = {}
+    for agents in sizes:
+        for way in ways:
+            base = "1 px" if way in ("1 px", BAKED) else "by ratio"
+            bpy.ops.wm.open_mainfile(filepath=f"{folder}/{base}.blend")
+            scene = bpy.context.scene
+            crowds.spread(scene, agents)
+            if way == BAKED:
+                list(bake.bake(scene, FRAMES))
+            elif way not in CROWD_LOD:
+                _dress(scene, way)
+            path = Path(folder) / f"{way}_{agents}.blend"
+            bpy.ops.wm.save_as_mainfile(filepath=str(path))
+            files[path.stem] = round(path.stat().st_size / 1e6, 1)
+    crowd_lod_extension.unregister()
+    return {"builds": rows, "files": files}
+
+
+def full(folder: str, crowd: dict, sizes: list[int], width: int, samples: int) -> dict:
+    """Write files of the crowd at full detail, of nobody and of `sizes` agents; a row of counts for each (see crowd_lod/cost.py)."""
+    crowd_lod_extension.register()
+    scene, rows = crowds.make(**crowd), []
+    settings, film = scene.crowd_lod, scene.render
+    film.resolution_x, film.resolution_y, film.resolution_percentage = width, round(width * 9 / 16), 100
+    settings.choice, settings.level_count = "BY_RATIO", 1
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))
-    rows.append(_build(scene, "ratios", Path(folder) / "base.blend"))
-    settings.choice, settings.tolerance = "BY_TOLERANCE", 1.0
-    list(make_levels(scene))
-    for tolerance in tolerances:
-        settings.tolerance = tolerance
-        rows.append(_build(scene, f"{tolerance:g} px", Path(folder) / f"tolerance_{tolerance:g}.blend"))
-    for agents in sizes:
-        for way in WAYS:
-            base = CROWD_LOD.get("Crowd LOD 1 px" if way == BAKED else way, "base.blend")
-            bpy.ops.wm.open_mainfile(filepath=f"{folder}/{base}")
-            scene = bpy.context.scene
-            scene.crowd_lod.count = agents
-            if way == BAKED:
-                list(bake.bake(scene, range(frame - AROUND, frame + AROUND + 1)))
-            elif way not in CROWD_LOD:
-                visible = _dress(scene, way, frame)
-            bpy.ops.wm.save_as_mainfile(filepath=f"{folder}/{way}_{agents}.blend")
-    crowd_lod_extension.unregister()
-    return {"builds": rows, "visible_percent": round(100 * visible, 1)}
-
-
-def _build(scene: bpy.types.Scene, levels: str, path: Path) -> dict:
-    """Build the scene and write it to `path`; the row of what that took."""
-    begun = time.process_time()
     list(build.build(scene))
-    took = time.process_time() - begun
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
-    top = scene.crowd_lod.build
-    shelves = [home for home in top.children_recursive if home.get(build.LIBRARY, -1) >= 0]
-    meshes = {item.data for item in top.all_objects if build.LEVEL not in item}
+    base = Path(folder) / "base.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(base))
+    for agents in (0, *sizes):
+        bpy.ops.wm.open_mainfile(filepath=str(base))
+        scene = bpy.context.scene
+        crowds.spread(scene, agents or 1)
+        if agents:
+            top = scene.crowd_lod.build
+            scene.frame_set(FRAMES[0])
+            trajectory = trajectory_of(scene)
+            seen = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
+            rays = samples * estimate.covered(seen, trajectory, scene)
+            _dress(scene, EVERYONE)
+            row = counted(top) | {"rays": round(rays)}
+        else:
+            build.remove_build(scene.crowd_lod)
+            row = {}
+        path = Path(folder) / f"full_{agents}.blend"
+        bpy.ops.wm.save_as_mainfile(filepath=str(path))
+        rows.append({**crowd, "agents": agents, **row, "file": str(path), "file_mb": path.stat().st_size / 1e6})
+    crowd_lod_extension.unregister()
+    return {"rows": rows}
+
+
+def counted(top: bpy.types.Collection) -> dict[str, int]:
+    """What the build `top`, of one LOD, holds and shows: see crowd_lod/cost.py."""
+    (points,) = build.points_of(top).values()
+    shelf = next(child for child in top.children_recursive if child.get(build.LIBRARY, -1) == 0)
+    homes = sorted(shelf.children, key=lambda home: home.name)
+    triangles = np.array([sum(len(item.data.loops) - 2 * len(item.data.polygons) for item in home.objects) for home in homes])
+    numbers = np.zeros(len(points.data.vertices), np.int32)
+    points.data.attributes["pose"].data.foreach_get("value", numbers)
+    at = np.zeros(len(numbers), np.int32)
+    points.data.attributes["frame"].data.foreach_get("value", at)
+    shown = np.bincount(numbers[at == FRAMES[0]], minlength=len(homes))
+    rigs = next(child for child in top.children_recursive if build.RIGS in child)
     return {
-        "lods by": levels,
-        "characters, a LOD": " ".join(str(len(home.children)) for home in shelves),
-        "vertices_millions": round(sum(len(mesh.vertices) for mesh in meshes) / 1e6, 2),
-        "build_cpu_s": round(took, 2),
-        "file_mb": round(path.stat().st_size / 1e6, 1),
+        "posed": int(triangles.sum()),
+        "unique": int(triangles[shown > 0].sum()),
+        "instances": int(shown.sum()),
+        "instanced": int((shown * triangles).sum()),
+        "objects": sum(len(home.objects) for home in homes),
+        "rigs": len(rigs.objects),
     }
 
 
-def _dress(scene: bpy.types.Scene, way: str, number: int) -> float:
-    """Show the crowd as it stands in the frame `number` in that way, with nothing left for Crowd LOD to do;
-    the part of the agents that the camera sees."""
+def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
+    """Make the LODs of the scene, build it and write it to `path`; the row of what that took."""
+    begun = time.process_time()
+    list(make_levels(scene))
+    made = time.process_time()
+    list(build.build(scene))
+    took = time.process_time()
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return {
+        "lods": way,
+        "triangles": "; ".join(" ".join(f"{n:,}" for n in group.triangles if n) for group in scene.crowd_lod.groups[:1]),
+        "make_cpu_s": round(made - begun, 1),
+        "build_cpu_s": round(took - made, 1),
+    }
+
+
+def _dress(scene: bpy.types.Scene, way: str) -> None:
+    """Show the crowd as it stands in FRAMES in that way, with nothing left for Crowd LOD to do."""
     settings = scene.crowd_lod
-    top, settings.build = settings.build, None
-    scene.frame_set(number)
-    trajectory = trajectory_of(scene)
-    frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
-    agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd, frame.time)
-    for points in build.points_of(top).values():
-        points.data.clear_geometry()
-        if way in (NOBODY, EVERYONE, CAMERA_CULL) and points[build.BUCKET] != "LOD 0":
-            bpy.data.objects.remove(points)  # what it instances would be evaluated, picked or not
+    trajectory, top = trajectory_of(scene), settings.build
+    points = build.points_of(top)
+    rows = {name: [] for name in points}
+    for number in FRAMES:
+        scene.frame_set(number)
+        frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
+        agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd, frame.time)
+        for name, item in points.items():
+            shown = name == "LOD 0" if way in (EVERYONE, CAMERA_CULL) else way == NODES and name.startswith("LOD")
+            if shown:
+                library = build.library_of(top, item, trajectory.gaits)
+                rows[name].append(bake.columns_in_time(trajectory, held, number, agents, library, settings.tilt))
+    bake.mark(scene, FRAMES)
+    build.dress_all(scene)
+    settings.build = None
+    for name, item in points.items():
+        if not rows[name]:
+            bpy.data.objects.remove(item)  # what it instances would be evaluated, picked or not
             continue
-        columns = follow.columns_of(
-            trajectory, frame.crowd, held, agents, build.library_of(top, points, trajectory.gaits), settings.tilt
-        )
-        if way in (EVERYONE, CAMERA_CULL) and points[build.BUCKET] == "LOD 0":
-            io.write_points(points.data, columns)
-        elif way == NODES and points[build.BUCKET].startswith("LOD"):
-            io.write_points(points.data, columns)
-            _cull(points, trajectory.groups, frame)
+        columns = rows[name][0].keys()
+        io.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
+        if way == NODES:
+            _cull(item, trajectory.groups, frame)
     if way == CAMERA_CULL:
         scene.render.use_simplify = scene.cycles.use_camera_cull = True
         for item in top.all_objects:
             item.cycles.use_camera_cull = True
-    return float(frame.visible.mean())
 
 
 def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
@@ -155,7 +212,7 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
 def render(file: str, picture: str, engine: str, frame: int, width: int, samples: int) -> dict:
     """Render the frame of the file to the EXR `picture`; what it took. export_s: to the first sample, wall time, as is
     render_s, of all; cpu_s, of all; peak_mb: of this process."""
-    live = Path(file).name.startswith(("Crowd LOD", "tolerance"))
+    live = Path(file).stem.rpartition("_")[0] in CROWD_LOD
     if live:
         crowd_lod_extension.register()
     bpy.ops.wm.open_mainfile(filepath=file)
@@ -192,5 +249,5 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
 if __name__ == "__main__":
     job = json.loads(sys.argv[1])
     with io.quiet():
-        row = {"prepare": prepare, "render": render}[job.pop("job")](**job)
+        row = {"prepare": prepare, "full": full, "render": render}[job.pop("job")](**job)
     print(json.dumps(row), flush=True)

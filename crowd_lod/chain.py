@@ -1,28 +1,35 @@
 """Which LODs of a character pay: chosen from a ladder of candidates by a tolerance in pixels."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
 
 from .agents import Group
 from .camera import Camera
+from .cost import NAMES, Actors, Price, price, work_of
+from .errors import CrowdError
 from .levels import LevelPolicy, limits
 from .words import number
 
 # Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
 LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
+STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
 BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
 
 
 @dataclass(frozen=True)
 class View:
-    """Where a frame of the shot has agents of a group: from `nearest` to `farthest` metres of `camera`."""
+    """Where a frame of the shot has agents of a group: from `nearest` to `farthest` metres of `camera`. distance, character: (m,),
+    of each agent, and which of its group's characters it shows (see gaits.Library); none where that is not known."""
 
     camera: Camera
     nearest: float
     farthest: float
+    distance: np.ndarray = field(default_factory=lambda: np.empty(0))
+    character: np.ndarray = field(default_factory=lambda: np.empty(0, np.intp))
 
 
 def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], list[str]]:
@@ -76,4 +83,78 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> 
         return f"would end {number(metres * end[i])} m away, and the nearest agent is {number(metres * nearest[i])} m away."
     return (
         f"are too few for all agents in {coarse.sum()} of the {len(views)} frames looked at, and more than it takes in the others."
+    )
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What a group's LODs are priced by: the `views` of it, how many `characters` a build has of it, and the `engine`."""
+
+    views: Sequence[View]
+    characters: int
+    engine: str
+
+
+def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> np.ndarray:
+    """(F, K, N) intp: how many agents of each of the shot's views may show the candidates `kept`, finest first, and no coarser one,
+    within the tolerance in pixels, by the character that they show."""
+    policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
+    deviation = np.array([[group.bounds[k] for k in kept]])
+    found = np.zeros((len(shot.views), len(kept), shot.characters), np.intp)
+    for own, view in zip(found, shot.views, strict=True):
+        begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
+        np.add.at(own, (np.searchsorted(begin, view.distance, side="right"), view.character), 1)
+    return found
+
+
+def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> Iterator[tuple[tuple[int, ...], Price]]:
+    """Each choice of the candidates `kept` that has one for every agent of the shot, and what a build with it costs."""
+    may = allowed(group, kept, tolerance, shot)
+    seen = np.flatnonzero(may.any(axis=(0, 2)))
+    owner = np.zeros(shot.characters, np.intp)
+    for count in range(1, len(kept) + 1):
+        for chosen in combinations(range(len(kept)), count):
+            if len(seen) and chosen[0] > seen[0]:
+                continue
+            shown = np.add.reduceat(may[:, chosen[0] :], np.array(chosen) - chosen[0], axis=1)
+            triangles = np.array([[group.triangles[kept[j]] for j in chosen]])
+            stored = sum(group.triangles[kept[j]] for j in chosen if kept[j])
+            work = work_of(Actors(triangles, owner, np.ones(1), stored), shown)
+            yield tuple(kept[j] for j in chosen), price(work, shot.engine)
+
+
+def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[list[int], list[str]]:
+    """(those of the candidates `kept` with which the shot's build costs least, why the others are dropped, a sentence each).
+
+    Cost is the mean of the parts of memory and time that the group takes at full detail. The first is kept: whoever comes
+    nearer than the shot shows needs it."""
+    if not any(len(view.distance) for view in shot.views):
+        return list(kept), []
+    found = {chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]}
+    whole = found[(kept[0],)]
+    parts = {chosen: own.share(whole) for chosen, own in found.items()}
+    best = min(parts, key=lambda chosen: (round(parts[chosen].memory + parts[chosen].seconds, 6), len(chosen)))
+    gone = [k for k in kept if k not in best]
+    return list(best), [f"{group.triangles[k]:,} triangles cost {NAMES[shot.engine]} more than they save." for k in gone]
+
+
+def within(
+    groups: Sequence[Group], tolerance: float, shots: Sequence[Shot], memory: float
+) -> tuple[float, list[list[int]], list[tuple[int, ...]]]:
+    """(the least tolerance in pixels, not below the given one, at which the groups' LODs take no more than `memory` bytes; the
+    candidates that each then keeps; those of them that it builds). CrowdError if none is enough."""
+    least = np.inf
+    for step in range(STEPS):
+        reached = tolerance * 2 ** (step / 4)
+        keep = [choose(group, reached, shot.views)[0] for group, shot in zip(groups, shots, strict=True)]
+        found = [
+            min(priced(*each), key=lambda one: (one[1].memory, len(one[0])))
+            for each in zip(groups, keep, [reached] * len(groups), shots, strict=True)
+        ]
+        total = sum(own.memory for _, own in found)
+        least = min(least, total)
+        if total <= memory:
+            return reached, [sorted({0, *chosen}) for chosen, _ in found], [chosen for chosen, _ in found]
+    raise CrowdError(
+        f"The characters cannot take less than {least / 1e6:,.0f} MB: set Memory for Characters to that, or use fewer character groups."
     )

@@ -23,7 +23,7 @@ class LevelPolicy:
 
     tolerance: pixels; with it PIXELS lets a LOD begin where its measured deviation shows that little, and the
     thresholds only count the LODs. margin: None for the derived widening of the frustum, or the chapter's fixed Delta in
-    metres. hysteresis: for live use, the part of a distance by which a threshold must be passed (see `hold`). drop_lost:
+    metres. finest: of each group the finest LOD that it has, () for all of them. hysteresis: for live use, the part of a distance by which a threshold must be passed (see `hold`). drop_lost:
     leave out agents at NaN or infinity, and count them, where they are an error otherwise.
     """
 
@@ -32,6 +32,7 @@ class LevelPolicy:
     margin: float | None = None
     tolerance: float | None = None
     group_thresholds: tuple[tuple[float, ...], ...] = ()
+    finest: tuple[int, ...] = ()
     hysteresis: float = 0.0
     drop_lost: bool = False
 
@@ -85,10 +86,11 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     centre. An orthographic camera shows e p pixels at any distance: a LOD then begins at -infinity or never.
     """
     groups, steps = len(radius), len(policy.thresholds)
+    always = np.arange(steps) < np.array(policy.finest or (0,))[:, None]  # begin anywhere, for no finer LOD is there
     own = dict(enumerate(policy.group_thresholds))
     table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(groups, steps)
     if policy.metric != "PIXELS" or not steps:
-        return camera.far * table
+        return np.where(always, -np.inf, camera.far * table)
     if policy.tolerance is None:
         length, pixels, nearest = 2 * radius[:, None], table, 0.0
     elif deviation is None:
@@ -97,7 +99,7 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
         length, pixels, nearest = deviation[:, 1:], policy.tolerance, radius[:, None]
     seen = camera.pixels_per_unit * length
     begin = np.where(seen <= pixels, -np.inf, np.inf) if camera.kind == "ORTHO" else seen / pixels + nearest
-    return np.maximum.accumulate(begin, axis=1)
+    return np.maximum.accumulate(np.where(always, -np.inf, begin), axis=1)
 
 
 def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:

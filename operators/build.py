@@ -11,6 +11,7 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.gaits import Gaits, Library
 from ..crowd_lod.levels import MOST_LEVELS
+from ..crowd_lod.words import number as figure
 from . import scene as io
 from . import stored
 from .collection_caches import note_change
@@ -18,7 +19,7 @@ from .hidden_characters import unhide_characters
 from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
 from .populate import groups_of, home_of, policy_of, trajectory_of
-from .poses import Cast, make_cast
+from .poses import Cast, Wanted, make_cast
 
 # Custom properties. Of a point object: its LOD and its bucket; in builds from before there were rigs its poses, and their rates.
 LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
@@ -109,8 +110,9 @@ def made_from(scene: bpy.types.Scene) -> str:
     return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
 
 
-def build(scene: bpy.types.Scene) -> Iterator[float]:
-    """Put one point object a bucket, and the characters that they show, into a collection of the scene; yields the progress.
+def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Iterator[float]:
+    """Put one point object a bucket, and the characters that they show, or those `wanted`, into a collection of the scene; yields
+    the progress.
 
     What an earlier build made stays, with all that the user changed or added there, but for the characters: those are new,
     and returned. Closed early, it leaves the scene as it was.
@@ -118,7 +120,7 @@ def build(scene: bpy.types.Scene) -> Iterator[float]:
     io.check_own(scene)
     check_levels(scene)
     check_build(scene)
-    cast = yield from make_cast(scene)
+    cast = yield from make_cast(scene, wanted)
     install(scene, cast)
     return cast
 
@@ -149,7 +151,9 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
 def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     """Sentences on what of the characters' motion the build does not show as it is; "" where all is."""
     found = list(cast.notes)
-    slides = trajectory_of(scene).gaits.paces.off
+    settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
+    if settings.choice == "BY_TOLERANCE" and settings.memory_tolerance > settings.tolerance:
+        found.append(f"To fit in {settings.memory:g} MB, LODs deviate by up to {figure(settings.memory_tolerance)} pixels.")
     if slides:
         found.append(
             f"The state machine has more speeds than characters are made for: feet slide by up to {slides:.0%} of the way."

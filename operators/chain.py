@@ -1,20 +1,24 @@
 """The LODs of a scene by tolerance: where the shot has its agents, and what is left of the ladder of candidates."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from ..crowd_lod.agents import Group
-from ..crowd_lod.chain import LADDER, View, choose
+from ..crowd_lod.behaviour import Trajectory
+from ..crowd_lod.chain import LADDER, Shot, View, cheapest, choose, within
 from ..crowd_lod.culling import radar
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.gaits import Library
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
 from ..crowd_lod.steps import standing
 from . import scene as io
 from .cameras import cameras_at
-from .populate import bias_of, trajectory_of
+from .movers import action_range
+from .populate import bias_of, characters_of, trajectory_of
 
 MOST_FRAMES = 9  # of the shot, evenly, that are looked at
 
@@ -46,32 +50,59 @@ def _shot(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> tuple:
 
 
 def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
-    """Of each group the views of the shot's frames, up to MOST_FRAMES; yields the part done.
+    """Of each group the Shot of up to MOST_FRAMES of the frames; yields the part done.
 
     A group that none shows may be anywhere within the camera's clip range.
     """
     trajectory, bias, chosen, cameras = _shot(scene, groups)
     centre, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
-    found = [[] for _ in groups]
+    library, gaits = cast_of(scene, trajectory), trajectory.gaits
+    first, found = library.first(gaits), [[] for _ in groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
         visible, distance = radar(crowd, eyes, centre, radius)
         if bias is not None:
             distance = distance * bias.at(crowd.x, crowd.y)
         for g, each in enumerate(found):
-            own = distance[visible & (crowd.group == g)]
-            if len(own):
-                each.append(View(eyes[0], float(own.min()), float(own.max())))
+            agents = np.flatnonzero(visible & (crowd.group == g))
+            if len(agents):
+                own, shown = distance[agents], library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                each.append(View(eyes[0], float(own.min()), float(own.max()), own, shown))
         yield done / len(chosen)
-    return [each or [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras] for each in found]
+    anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
+    return [Shot(each or anywhere, int(own), io.engine_of(scene)) for each, own in zip(found, np.diff(first), strict=True)]
+
+
+def cast_of(scene: bpy.types.Scene, trajectory: Trajectory) -> Library:
+    """The characters that a build of `scene` has, where rigs can show all groups that move."""
+    ranges = [action_range(objects) for _, objects, _ in characters_of(scene)]
+    return Library(np.array([first == last for first, last in ranges], np.intp))
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """keep: of each group the candidates to keep; dropped: why the others are not, a sentence each; finest: of each group the
+    finest of those kept that builds have; tolerance: pixels, what LODs deviate so that they fit in memory, 0 without such a limit."""
+
+    keep: list[list[int]]
+    dropped: list[str] = ()
+    finest: list[int] = ()
+    tolerance: float = 0.0
 
 
 def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> Iterator[float]:
-    """(of each group the candidates to keep, why the others are dropped, a sentence each); yields `progress`."""
+    """The candidates that are Chosen of the `groups`; yields `progress`."""
+    settings = scene.crowd_lod
     seen = yield from standing(views(scene, tuple(groups)), progress)
+    tolerance = round(settings.tolerance, 6)
+    if settings.memory:
+        reached, keep, built = within(groups, tolerance, seen, 1e6 * settings.memory)
+        finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
+        return Chosen(keep, [], finest, reached)
     keep, said = [], []
-    for group, each in zip(groups, seen, strict=True):
-        kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each, io.metres(scene))
+    for group, shot in zip(groups, seen, strict=True):
+        kept, reasons = choose(group, tolerance, shot.views, io.metres(scene))
+        kept, dear = cheapest(group, kept, tolerance, shot)
         keep.append(kept)
-        said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
-    return keep, said
+        said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons + dear)]
+    return Chosen(keep, said, [0] * len(keep))

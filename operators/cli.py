@@ -16,10 +16,12 @@ from ..crowd_lod.agents import MOST_AGENTS
 from ..crowd_lod.errors import FAULTS, CrowdError, sentence
 from ..crowd_lod.proof import to_text
 from ..crowd_lod.shot import parse_frames
+from ..crowd_lod.steps import share
 from ..crowd_lod.words import printable
 from . import bake, build, report, stepping
 from . import scene as io
 from .arguments import parser
+from .estimate import estimate
 from .hidden_characters import told_of_characters
 from .preview import COLOURS, Preview, preview
 from .render_setup import prepared
@@ -212,7 +214,14 @@ def _build(args, command: list[str]) -> dict:
         if args.bake and frames is None:
             frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
         build.check_layers(scene, args.view_layer or ())
-        work = (lambda: bake.bake(scene, frames)) if args.bake else (lambda: build.build(scene))
+        predicted = []
+
+        def work():
+            predicted.append((yield from share(estimate(scene, frames or (), args.bake), 0.0, 0.3)))
+            if not args.quiet:
+                print(predicted[0].sentence, file=sys.stderr)
+            return (yield from share(bake.bake(scene, frames) if args.bake else build.build(scene), 0.3, 1.0))
+
         cast = _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
             build.show_in(scene, args.view_layer)
@@ -234,6 +243,7 @@ def _build(args, command: list[str]) -> dict:
         "frames": frames,
         "points": points,
         "bytes": size,
+        "predicted": predicted[0].as_json,
         "load_seconds": round(seconds, 3),
         "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
     }

@@ -94,11 +94,11 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
                     yield (g + 0.2 + 0.5 * part) * share
                 yield from ladder.measure(group, ((g + 0.7) * share, (g + 1) * share))
             ladders.append(ladder)
-        keep, dropped = [list(range(len(ratios)))] * len(ladders), []
+        chosen = chain.Chosen([list(range(len(ratios)))] * len(ladders))
         if settings.choice == "BY_TOLERANCE":
-            keep, dropped = yield from chain.chosen(scene, [ladder.group for ladder in ladders], 0.9)
+            chosen = yield from chain.chosen(scene, [ladder.group for ladder in ladders], 0.9)
         homes, edited, taken = [], [], set()
-        for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
+        for g, (ladder, kept) in enumerate(zip(ladders, chosen.keep, strict=True)):
             old = None if ladder.homes else _earlier(earlier, ladder.digest, kept, taken)
             taken.update(old or ())
             if not ladder.homes and not old:
@@ -113,8 +113,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     finally:
         if not done:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
-    for ladder, chosen in zip(ladders, homes, strict=True):
-        ladder.forget(chosen)
+    for ladder, own in zip(ladders, homes, strict=True):
+        ladder.forget(own)
     top, levels = bpy.data.collections.new("Crowd LOD"), []
     for k in range(max(map(len, homes))):
         levels.append(bpy.data.collections.new(f"Crowd LOD {k}"))
@@ -124,9 +124,9 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         tuple(ladder.name for ladder in ladders if not ladder.homes),
         tuple(edited),
     )
-    for (_, _, origin), group, chosen in zip(characters, groups, homes, strict=True):
+    for (_, _, origin), group, own in zip(characters, groups, homes, strict=True):
         for k, level in enumerate(levels):
-            home = chosen[min(k, len(chosen) - 1)]
+            home = own[min(k, len(own) - 1)]
             home.instance_offset = (*origin[:2], origin[2] + group.feet)
             for other in earlier.children if earlier is not None and home in before else ():
                 if home.name in other.children:
@@ -139,8 +139,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
             block[OWNED] = True
             # free again, now that the earlier LODs are gone; never at the cost of what else has the name
             block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
-    for g, ((name, _, _), chosen) in enumerate(zip(characters, homes, strict=True)):
-        for k, home in enumerate(chosen):
+    for g, ((name, _, _), own) in enumerate(zip(characters, homes, strict=True)):
+        for k, home in enumerate(own):
             home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")
             home[GROUP] = name
             for item in home.objects:
@@ -154,8 +154,10 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
-    settings.levels, settings.dropped = top, "\n".join(dropped)
-    store_groups(settings, tuple(_of(ladder.group, kept, len(levels)) for ladder, kept in zip(ladders, keep, strict=True)))
+    settings.levels, settings.dropped, settings.memory_tolerance = top, "\n".join(chosen.dropped), chosen.tolerance
+    store_groups(settings, tuple(_of(ladder.group, kept, len(levels)) for ladder, kept in zip(ladders, chosen.keep, strict=True)))
+    for entry, finest in zip(settings.groups, chosen.finest or [0] * len(ladders), strict=True):
+        entry.finest = finest
     yield 1.0
     return outcome
 
@@ -228,7 +230,7 @@ class _Ladder:
 
     read() gives the `digest` of what they are made from; recall() the `group` with what was measured of such before, or
     None; make() their collections, `homes`; measure() the `group`. All but recall() yield their progress. forget()
-    removes what they were made from, and all but the collections chosen.
+    removes what they were made from, and all but the collections chosen, of which the finest keeps what was measured.
     """
 
     def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], way: str):
@@ -281,19 +283,14 @@ class _Ladder:
             triangles.append(sum(t for _, t in sizes))
             self.homes.append(home)
         self.sizes = {"vertices": tuple(vertices), "triangles": tuple(triangles)}
-        if self.group is not None:
-            self._remember()
 
     def measure(self, group: Group, progress: tuple[float, float]) -> Iterator[float]:
         meshes = [list(home.objects) for home in self.homes]
         self.group = yield from measure(replace(group, **self.sizes), self.objects, meshes, progress)
-        self._remember()
-
-    def _remember(self) -> None:
-        columns = {name: list(getattr(self.group, name)) for name in COLUMNS}
-        self.homes[0][MEASURED] = {"diagonal": self.group.diagonal, **columns}
 
     def forget(self, chosen: list[bpy.types.Collection]) -> None:
+        columns = {name: list(getattr(self.group, name)) for name in COLUMNS}
+        chosen[0][MEASURED] = {"diagonal": self.group.diagonal, **columns}
         bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
         doomed = [home for home in self.homes if home not in chosen]
         objects = [item for home in doomed for item in home.objects]

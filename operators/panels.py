@@ -169,7 +169,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             _say(context, layout, problem, "ERROR")
         layout.row().prop(settings, "choice", expand=True)
         tolerant = settings.choice == "BY_TOLERANCE"
-        for name in ("tolerance",) if tolerant else ("level_count", "metric"):
+        for name in ("tolerance", "memory") if tolerant else ("level_count", "metric"):
             layout.prop(settings, name)
         layout.prop(settings, "bias_image")
         layout.use_property_split = False
@@ -262,6 +262,10 @@ class CROWDLOD_PT_build(_Step, bpy.types.Panel):
     bl_label = "Build"
 
     def body(self, context, layout, settings):
+        layout.operator("crowd_lod.estimate", icon="MEMORY")
+        if settings.estimate:
+            head, *rows = (line.split("\t") for line in settings.estimate.splitlines())
+            _table(layout, tuple(head), [tuple(row) for row in rows])
         row = layout.row(align=True)
         row.operator("crowd_lod.build", icon="GEOMETRY_NODES")
         row.operator("crowd_lod.bake", icon="FREEZE")

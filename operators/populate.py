@@ -96,8 +96,9 @@ def measuring_groups(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 def store_groups(settings, groups: tuple[Group, ...]) -> None:
-    """Keep the measured groups in the scene's settings; groups of the same name keep their own thresholds."""
-    own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes)) for g in settings.groups}
+    """Keep the measured groups in the scene's settings; groups of the same name keep their own thresholds
+    and the finest LOD that they build."""
+    own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest) for g in settings.groups}
     settings.groups.clear()
     for group in groups:
         entry = settings.groups.add()
@@ -107,7 +108,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
         if group.name in own:
-            entry.own_thresholds, entry.thresholds, entry.sizes = own[group.name]
+            entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest = own[group.name]
 
 
 def set_down(entry: bpy.types.PropertyGroup, _) -> None:
@@ -238,9 +239,10 @@ def _group(entry, count: int) -> Group:
     return group
 
 
-def count_of(settings) -> int:
-    """The number of LODs: as many as are set, or by tolerance as many as were worth making, 1 before they are made."""
-    if settings.choice == "BY_RATIO":
+def count_of(settings, choice: str = "") -> int:
+    """The number of LODs, or if the settings had the `choice`: as many as are set, or by tolerance as many as were worth making,
+    1 before they are made."""
+    if (choice or settings.choice) == "BY_RATIO":
         return settings.level_count
     return len(settings.levels.children) if settings.levels is not None else 1
 
@@ -253,15 +255,17 @@ def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collect
     return home
 
 
-def policy_of(settings) -> LevelPolicy:
-    """The LOD policy of the settings; by tolerance a LOD begins where its deviation shows so many pixels."""
-    tolerant = settings.choice == "BY_TOLERANCE"
+def policy_of(settings, choice: str = "") -> LevelPolicy:
+    """The LOD policy of the settings, or if they had the `choice`; by tolerance a LOD begins where its deviation shows so many
+    pixels."""
+    tolerant = (choice or settings.choice) == "BY_TOLERANCE"
     own = [_thresholds(group, settings) if group.own_thresholds and not tolerant else () for group in settings.groups]
     return LevelPolicy(
-        thresholds=(0.0,) * (count_of(settings) - 1) if tolerant else _thresholds(settings, settings),
+        thresholds=(0.0,) * (count_of(settings, choice) - 1) if tolerant else _thresholds(settings, settings),
         group_thresholds=tuple(own) if any(own) else (),
         metric="PIXELS" if tolerant else settings.metric,
-        tolerance=round(settings.tolerance, 6) if tolerant else None,
+        tolerance=round(max(settings.tolerance, settings.memory_tolerance), 6) if tolerant else None,
+        finest=tuple(group.finest for group in settings.groups) if tolerant and settings.memory_tolerance else (),
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
         drop_lost=settings.drop_lost,
     )

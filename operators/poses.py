@@ -1,7 +1,7 @@
 """What the build's agents instance: of each LOD of each character group a copy for each phase class, moved by a rig that all LODs
 share; or, where no rig can show the group, the LOD's meshes in even poses of its action."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import bpy
@@ -21,7 +21,7 @@ from .rendered import as_rendered
 
 POSES = 32  # of a group that no rig can show, in a cycle of its action
 
-Wanted = Sequence[np.ndarray]  # of each LOD, (k,) intp rising, the characters of a Library that it has
+Wanted = Sequence[Container[int]]  # of each LOD the characters of a Library that it has
 
 
 @dataclass(frozen=True)
@@ -83,14 +83,14 @@ def read_library(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple | None = None) -> Iterator[float]:
-    """Make the characters that agents of `scene` may show, those `wanted` or all; yields the progress, 0 to 1, and returns the
+    """Make the characters that agents of `scene` may show, those `wanted` or all of LODs that the policy has; yields the progress, 0 to 1, and returns the
     Cast. read: what read_library found, which then belongs to it. Closed early, it leaves nothing behind."""
     if read is None:
         read = yield from share(read_library(scene), 0.0, 0.5)
     posed, models, notes, made = read
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
     count, trajectory = policy_of(scene.crowd_lod).count, trajectory_of(scene)
-    first = Library(posed).first(trajectory.gaits)
+    first, finest = Library(posed).first(trajectory.gaits), policy_of(scene.crowd_lod).finest or [0] * len(characters)
     cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
     cast.names.update(made)
     try:
@@ -99,7 +99,10 @@ def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple 
             with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
                 group = _Actors(g, name, objects, homes, stage, actors)
                 for number in range(first[g], first[g + 1]):
-                    of_levels = [k for k in range(count) if wanted is None or number in wanted[k]]
+                    of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]
+                    if wanted is None:  # without them the others would not be found by their number
+                        for left_out in cast.collections[: finest[g]]:
+                            left_out.append((f"{number:05d} {name} left out", []))
                     if of_levels:
                         own = number - int(first[g])
                         if models[g] is None:

@@ -52,6 +52,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     )
     worst: FloatVectorProperty(name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most")
     diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
+    finest: IntProperty(name="Finest LOD", min=0, max=MOST_LEVELS - 1, description="Finest LOD that builds have, to fit in memory")
     own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
     thresholds: FloatVectorProperty(
         name="Threshold",
@@ -142,6 +143,13 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         soft_max=10,
         subtype="PIXEL",
         description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
+    )
+    memory: FloatProperty(
+        name="Memory for Characters",
+        min=0,
+        soft_max=16_000,
+        precision=0,
+        description="Megabytes that the characters may take in a render: LODs are chosen to fit, where they deviate least. 0 is no limit",
     )
     level_count: IntProperty(
         name="Levels", default=3, min=1, max=MOST_LEVELS, description="LODs of each character, itself as LOD 0 included"
@@ -318,7 +326,14 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
     trouble: StringProperty(name="Trouble", description="Which agents get stuck, as Populate found")
+    memory_tolerance: FloatProperty(
+        name="Tolerance for Memory",
+        min=0,
+        subtype="PIXEL",
+        description="Pixels that LODs deviate so that they fit in Memory for Characters, as Make LOD Meshes found; 0 without a limit",
+    )
     dropped: StringProperty(name="Not Made", description="LODs that were not made by tolerance, and why, a line each")
+    estimate: StringProperty(name="Estimate", description="What the crowd costs to render, as Estimate Cost found: a table")
     levels: PointerProperty(type=bpy.types.Collection, name="LOD Meshes", description="Made by Make LOD Meshes")
     build: PointerProperty(type=bpy.types.Collection, name="Build", description="Made by Build or Bake")
 

@@ -7,6 +7,7 @@ from . import (
     cli,
     collection_caches,
     deviation,
+    estimate,
     follow,
     inspector,
     levels,
@@ -23,7 +24,20 @@ from . import (
     viewport_render,
 )
 
-MODULES = (properties, samples, machines, populate, levels, deviation, preview, viewport_render, render_setup, inspector, panels)
+MODULES = (
+    properties,
+    samples,
+    machines,
+    populate,
+    levels,
+    deviation,
+    estimate,
+    preview,
+    viewport_render,
+    render_setup,
+    inspector,
+    panels,
+)
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, follow.follow],

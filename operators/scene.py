@@ -86,6 +86,11 @@ def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
         )
 
 
+def engine_of(scene: bpy.types.Scene) -> str:
+    """The engine that `scene` is rendered by, of those whose costs are known: EEVEE in place of one that draws as it does."""
+    return "CYCLES" if scene.render.engine == "CYCLES" else "EEVEE"
+
+
 def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
     """A new packed image from (rows, columns, 3) uint8, bottom row first."""
     rows, columns = pixels.shape[:2]

@@ -204,7 +204,7 @@ def skeleton(build: Build) -> dict:
     return joints
 
 
-def make_body(build: Build) -> Body:
+def make_body(build: Build, subdivisions: int = SUBDIVISIONS) -> Body:
     """The character's mesh and joints; the same build gives the same numbers, bit for bit."""
     joints = skeleton(build)
     cage = Cage(list(joints))
@@ -219,7 +219,7 @@ def make_body(build: Build) -> Body:
     sizes = np.array([len(face) for face in cage.faces])
     points = np.hstack([cage.points, cage.weights])
     corners, uvs, materials = np.concatenate(cage.faces), np.concatenate(cage.uvs), np.array(cage.materials)
-    for _ in range(SUBDIVISIONS):
+    for _ in range(subdivisions):
         points, corners, uvs, materials, sizes = subdivide(points, corners, uvs, materials, sizes)
     scale = build.height / points[:, 2].max()  # smoothing took a little off the top
     vertices = points[:, :3] * scale

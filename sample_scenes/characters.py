@@ -1,10 +1,12 @@
 """Three rigged, walking characters, made by script: the same every time."""
 
+from collections.abc import Sequence
+
 import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .body import Body, Build, make_body
+from .body import SUBDIVISIONS, Body, Build, make_body
 from .walk import Cycle, walk_cycle
 
 FPS = 24
@@ -28,8 +30,11 @@ BUILDS = (
 )  # fmt: skip
 
 
-def make_characters(collection: bpy.types.Collection, speed: float = 1.25) -> list[bpy.types.Collection]:
-    """Add the characters to `collection`: a child collection each, with an armature and its mesh.
+def make_characters(
+    collection: bpy.types.Collection, speed: float = 1.25, builds: Sequence[Build] = BUILDS, subdivisions: int = SUBDIVISIONS
+) -> list[bpy.types.Collection]:
+    """Add the characters of the `builds` to `collection`: a child collection each, with an armature and its mesh, which each step
+    of `subdivisions` gives four times the faces.
 
     They stand at the origin on z = 0 and face +x, and walk on the spot: for ever, by an action with one key a
     frame from frame 1, made for 24 frames a second. In its own space a character's standing foot goes along
@@ -37,8 +42,8 @@ def make_characters(collection: bpy.types.Collection, speed: float = 1.25) -> li
     cycle. Selection, modes and the current frame stay as they are.
     """
     groups = []
-    for build in BUILDS:
-        body = make_body(build)
+    for build in builds:
+        body = make_body(build, subdivisions)
         group = bpy.data.collections.new(build.name)
         collection.children.link(group)
         armature = make_armature(build.name, body)

@@ -1,0 +1,74 @@
+"""The crowds of worth.py: heavy characters on open ground, seen from so many metres on."""
+
+from dataclasses import replace
+from math import sqrt
+
+import bmesh
+import bpy
+import numpy as np
+from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.sample_scenes.body import SUBDIVISIONS
+from crowd_lod_extension.sample_scenes.characters import BUILDS, make_characters
+from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, child, film, material, tile
+
+ROOM = 1.5  # square metres of ground an agent
+PIXELS = 4096  # of a side of the images, where characters have such
+
+
+def make(groups: int, metres: float, finer: int = 1, textured: bool = False, split: bool = False) -> bpy.types.Scene:
+    """A new file's scene: `groups` characters, each step of `finer` four times the faces of the samples', which stand `metres` and
+    more from the camera. textured: each with an image of PIXELS x PIXELS; split: of triangles with normals of their own, as game
+    characters are."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    scene = bpy.context.scene
+    film(scene)
+    add(child(scene, "Scenery"), "Ground", [(tile(-3000, -3000, 3000, 3000, -0.02), material("Ground", (0.5, 0.5, 0.48)))])
+    characters = child(scene, "Characters", hidden=True)
+    builds = [
+        replace(BUILDS[g % len(BUILDS)], name=f"person {g:02d}", limb=BUILDS[g % len(BUILDS)].limb * (1 + 0.01 * g))
+        for g in range(groups)
+    ]
+    made = make_characters(characters, builds=builds, subdivisions=SUBDIVISIONS + finer)
+    if textured:
+        for g, group in enumerate(made):
+            _paint(group, g)
+    if split:
+        for item in characters.all_objects:
+            if item.type == "MESH":
+                _split(item.data)
+    scene.camera = camera(scene, "Camera", near=0.1, far=5000.0)
+    height = 1.7 + 0.3 * metres
+    aim(scene.camera, (-metres, 0, height), (100, 0, -0.5))
+    settings = scene.crowd_lod
+    settings.characters, settings.forward = characters, "X"
+    settings.frames, settings.step = "30:32", 1
+    spread(scene, 1000)
+    return scene
+
+
+def spread(scene: bpy.types.Scene, agents: int) -> None:
+    """Give the crowd so many agents, and ground in proportion, which begins where it did."""
+    side = sqrt(ROOM * agents)
+    settings = scene.crowd_lod
+    settings.count, settings.size, settings.centre = agents, (side, side), (side / 2, 0, 0)
+
+
+def _paint(group: bpy.types.Collection, seed: int) -> None:
+    """Give both materials of a character one image of its own, spots in shades of grey."""
+    spots = np.random.default_rng(seed).integers(120, 255, (PIXELS // 32, PIXELS // 32, 1), np.uint8)
+    image = io.write_image(f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2))
+    for one in [each for item in group.objects if item.type == "MESH" for each in item.data.materials]:
+        shader = next(node for node in one.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
+        node = one.node_tree.nodes.new("ShaderNodeTexImage")
+        node.image = image
+        one.node_tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+
+
+def _split(mesh: bpy.types.Mesh) -> None:
+    """Cut the faces into triangles, and give the corners normals of their own."""
+    work = bmesh.new()
+    work.from_mesh(mesh)
+    bmesh.ops.triangulate(work, faces=work.faces)
+    work.to_mesh(mesh)
+    work.free()
+    mesh.normals_split_custom_set_from_vertices([vertex.normal for vertex in mesh.vertices])
