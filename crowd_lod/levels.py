@@ -100,6 +100,14 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     return np.maximum.accumulate(begin, axis=1)
 
 
+def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
+    """Metres (G, n - 1) that a pixel shows, in the middle of the picture, of the nearest part of an agent that is where a LOD begins,
+    or at the camera's far distance where that is nearer. begins: from `limits`; radius: (G,) metres, of the bounding spheres."""
+    if camera.kind == "ORTHO":
+        return np.full(begins.shape, 1 / camera.pixels_per_unit)
+    return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
+
+
 def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
     """Pixels that a deviation in metres shows at most on an agent at the distance in metres, whose bounding sphere has
     the radius in metres: the inverse of `limits` for a tolerance; infinite where the camera is inside the sphere."""

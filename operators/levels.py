@@ -192,7 +192,9 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
     bpy.data.batch_remove(doomed)
-    bpy.data.batch_remove([action for action in bpy.data.actions if action.get(OWNED) and not action.users])  # rigs played them
+    for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):  # each may hold the next
+        while unused := [block for block in kind if block.get(OWNED) and not block.users]:
+            bpy.data.batch_remove(unused)
 
 
 def _earlier(

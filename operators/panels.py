@@ -176,6 +176,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
         if not tolerant:
             self.ratios(context, layout, settings)
         layout.prop(settings, "way")
+        layout.prop(settings, "scale_textures")
         layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
         if settings.levels is None:
             if tolerant:

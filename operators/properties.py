@@ -146,6 +146,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     level_count: IntProperty(
         name="Levels", default=3, min=1, max=MOST_LEVELS, description="LODs of each character, itself as LOD 0 included"
     )
+    scale_textures: BoolProperty(
+        name="Scale Textures",
+        description="Build and Bake show far LODs with images scaled down to what can be seen of them where each begins",
+    )
     ratios: FloatVectorProperty(
         name="Ratio",
         precision=3,
