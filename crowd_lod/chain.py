@@ -64,6 +64,8 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> 
     begin, end = edges[:, j], edges[:, j + 1]
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
+    if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":
+        return "do not look like the character from any distance."
     if np.isinf(begin).all() and coarse.all():
         return "show more than the tolerance at any distance, for the camera is orthographic."
     if np.isinf(begin).all() and not coarse.any():

@@ -22,7 +22,8 @@ class LevelPolicy:
     group_thresholds: the same for groups that have their own, one entry a group, () for those that do not.
 
     tolerance: pixels; with it PIXELS lets a LOD begin where its measured deviation shows that little, and the
-    thresholds only count the LODs. margin: None for the derived widening of the frustum, or the chapter's fixed Delta in
+    thresholds only count the LODs. shading: with a tolerance, a LOD also begins no nearer than its shaded picture is within
+    shading.WITHIN of the character's. margin: None for the derived widening of the frustum, or the chapter's fixed Delta in
     metres. hysteresis: for live use, the part of a distance by which a threshold must be passed (see `hold`). drop_lost:
     leave out agents at NaN or infinity, and count them, where they are an error otherwise.
     """
@@ -34,6 +35,7 @@ class LevelPolicy:
     group_thresholds: tuple[tuple[float, ...], ...] = ()
     hysteresis: float = 0.0
     drop_lost: bool = False
+    shading: bool = False
 
     def __post_init__(self):
         if self.metric not in METRICS:

@@ -1,6 +1,7 @@
 """The LODs of a scene by tolerance: where the shot has its agents, and what is left of the ladder of candidates."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -9,6 +10,7 @@ from ..crowd_lod.agents import Group
 from ..crowd_lod.chain import LADDER, View, choose
 from ..crowd_lod.culling import radar
 from ..crowd_lod.errors import CrowdError
+from ..crowd_lod.frame import deviations
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
 from ..crowd_lod.steps import standing
@@ -69,9 +71,13 @@ def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
 def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> Iterator[float]:
     """(of each group the candidates to keep, why the others are dropped, a sentence each); yields `progress`."""
     seen = yield from standing(views(scene, tuple(groups)), progress)
-    keep, said = [], []
+    keep, said, tolerance = [], [], round(scene.crowd_lod.tolerance, 6)
     for group, each in zip(groups, seen, strict=True):
-        kept, reasons = choose(group, round(scene.crowd_lod.tolerance, 6), each, io.metres(scene))
+        policy = LevelPolicy(
+            (0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=scene.crowd_lod.shading_counts
+        )
+        off = replace(group, bounds=tuple(deviations((group,), policy)[0].tolist()))
+        kept, reasons = choose(off, tolerance, each, io.metres(scene))
         keep.append(kept)
         said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
     return keep, said

@@ -169,7 +169,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             _say(context, layout, problem, "ERROR")
         layout.row().prop(settings, "choice", expand=True)
         tolerant = settings.choice == "BY_TOLERANCE"
-        for name in ("tolerance",) if tolerant else ("level_count", "metric"):
+        for name in ("tolerance", "shading_counts") if tolerant else ("level_count", "metric"):
             layout.prop(settings, name)
         layout.prop(settings, "bias_image")
         layout.use_property_split = False

@@ -51,6 +51,12 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"
     )
     worst: FloatVectorProperty(name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most")
+    shaded: FloatVectorProperty(
+        name="Shaded",
+        size=MOST_LEVELS,
+        default=(-1.0,) * MOST_LEVELS,
+        description="Length that a pixel shows from which on each LOD's shaded picture is like the character's; below 0 if not known",
+    )
     diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
     own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
     thresholds: FloatVectorProperty(
@@ -142,6 +148,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         soft_max=10,
         subtype="PIXEL",
         description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
+    )
+    shading_counts: BoolProperty(
+        name="Shading Counts",
+        description="A LOD by tolerance also begins no nearer than where its shaded picture differs by 2 % of white at most",
     )
     level_count: IntProperty(
         name="Levels", default=3, min=1, max=MOST_LEVELS, description="LODs of each character, itself as LOD 0 included"

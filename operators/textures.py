@@ -62,7 +62,7 @@ def _pixels(scene: bpy.types.Scene) -> dict[bpy.types.Object, float]:
     grains = []
     for eyes in cameras.cameras_at(scene, [io.remapped(scene.render, frame) for frame in sorted(frames)]):
         for camera in eyes:
-            begin = limits(policy, camera, radius, deviations(trajectory.groups, policy.count))
+            begin = limits(policy, camera, radius, deviations(trajectory.groups, policy))
             grains.append(grain(begin / farther, camera, radius))
     nearest = np.concatenate([np.zeros((len(radius), 1)), np.min(grains, axis=0)], axis=1)
     for k, level in enumerate(scene.crowd_lod.levels.children[: policy.count]):

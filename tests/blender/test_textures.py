@@ -4,6 +4,7 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import bake, build
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels, remove_owned
@@ -44,7 +45,7 @@ def painted(name, image, coordinates=None):
 
 @pytest.fixture
 def crowd():
-    """A crowd of one character with an image, two LODs by tolerance, in front of a camera that looks down a long field."""
+    """A crowd of one character with an image, three LODs by distance, in front of a camera that looks down a long field."""
     scene = bpy.context.scene
     item = new("body", tube("body"))
     item.data.materials.append(painted("skin", picture("cloth")))
@@ -74,14 +75,6 @@ def rendered(scene, path):
     scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)
     return io.load_pixels(path)[..., :3] / 255
-
-
-def finished(work):
-    while True:
-        try:
-            next(work)
-        except StopIteration as end:
-            return end.value
 
 
 def used(scene):
@@ -154,7 +147,6 @@ def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
         said = subprocess.run([sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True).stdout
         peak[scaling] = 1024 * int(said.split("peak ")[1].split()[0])
     assert cast.images[0] == 4 * 4096**2 and cast.images[1] < 100_000
-    print(peak)
     assert 50e6 < peak[False] - peak[True]
 
 
