@@ -235,6 +235,7 @@ def _build(args, command: list[str]) -> dict:
         "points": points,
         "bytes": size,
         "load_seconds": round(seconds, 3),
+        "image_bytes": cast.images,
         "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
     }
 
