@@ -29,7 +29,8 @@ class Group:
     Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the largest distance found of its
     surface from the character's, both ways; bounds: metres, what the Hausdorff distance is at most, the deviations where
     nothing else is known; rms: metres, the root mean square of the distances; worst: the frame at which each deviates most;
-    diagonal: metres, of the character's bounding box.
+    diagonal: metres, of the character's bounding box; shaded: of each LOD the metres that a pixel shows from which on its shaded
+    picture is within shading.WITHIN of the character's, 0 for any, inf where none is; () while pictures were not compared.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Group:
     rms: tuple[float, ...] = ()
     worst: tuple[float, ...] = ()
     diagonal: float = 0.0
+    shaded: tuple[float, ...] = ()
     lowest: float = 0.0
     on_ground: bool = False
 

@@ -1,7 +1,7 @@
 """Which LODs of a character pay: chosen from a ladder of candidates by a tolerance in pixels."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -10,6 +10,7 @@ from .agents import Group
 from .camera import Camera
 from .cost import NAMES, Actors, Price, price, work_of
 from .errors import CrowdError
+from .frame import deviations
 from .levels import LevelPolicy, limits
 from .words import number
 
@@ -71,6 +72,8 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> 
     begin, end = edges[:, j], edges[:, j + 1]
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
+    if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":
+        return "do not look like the character from any distance."
     if np.isinf(begin).all() and coarse.all():
         return "show more than the tolerance at any distance, for the camera is orthographic."
     if np.isinf(begin).all() and not coarse.any():
@@ -88,11 +91,19 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> 
 
 @dataclass(frozen=True)
 class Shot:
-    """What a group's LODs are priced by: the `views` of it, how many `characters` a build has of it, and the `engine`."""
+    """What a group's LODs are priced by: the `views` of it, how many `characters` a build has of it, and the `engine`; shading: whether
+    Shading Counts."""
 
     views: Sequence[View]
     characters: int
     engine: str
+    shading: bool = False
+
+
+def counting(group: Group, tolerance: float, shot: Shot) -> Group:
+    """The group with bounds that count its shading at the tolerance in pixels, where the shot asks for that."""
+    policy = LevelPolicy((0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=shot.shading)
+    return replace(group, bounds=tuple(deviations((group,), policy)[0].tolist()))
 
 
 def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> np.ndarray:
@@ -146,12 +157,13 @@ def within(
     least = np.inf
     for step in range(STEPS):
         reached = tolerance * 2 ** (step / 4)
-        keep = [choose(group, reached, shot.views)[0] for group, shot in zip(groups, shots, strict=True)]
+        own = [counting(group, reached, shot) for group, shot in zip(groups, shots, strict=True)]
+        keep = [choose(group, reached, shot.views)[0] for group, shot in zip(own, shots, strict=True)]
         found = [
             min(priced(*each), key=lambda one: (one[1].memory, len(one[0])))
-            for each in zip(groups, keep, [reached] * len(groups), shots, strict=True)
+            for each in zip(own, keep, [reached] * len(groups), shots, strict=True)
         ]
-        total = sum(own.memory for _, own in found)
+        total = sum(price.memory for _, price in found)
         least = min(least, total)
         if total <= memory:
             return reached, [sorted({0, *chosen}) for chosen, _ in found], [chosen for chosen, _ in found]

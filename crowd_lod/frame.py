@@ -13,6 +13,7 @@ from .behaviour import Trajectory
 from .blocks import CULLED, LEAF, decide
 from .camera import Camera, pictured
 from .culling import Bounds, bounds, lost, radar, refuse_lost
+from .errors import CrowdError
 from .lean import (
     ALL_INSIDE,
     ALL_OUTSIDE,
@@ -119,7 +120,7 @@ def plan(
             left_out = STATIC, *made[2].left_out
             now = {"time": time, "crowd": crowd, "phase_of": partial(trajectory.phase, crowd, time)}
             return replace(made[2], **now, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out)
-    begin = limits(policy, cameras[0], radius, deviations(groups, policy.count))
+    begin = limits(policy, cameras[0], radius, deviations(groups, policy))
     views = [(time, pictured(cameras), reach), *((sample, pictured(eyes), grown) for sample, eyes in shutter)]
     way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
     plain = len(views) == len(cameras) == 1 and bias is None and not cameras[0].turn and cameras[0].kind != "PANO"
@@ -284,11 +285,20 @@ def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
     return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame
 
 
-def deviations(groups: Sequence[Group], count: int) -> np.ndarray | None:
-    """(G, count) float64 metres: what each group's LODs deviate at most; None while one is not measured."""
+def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
+    """(G, n) float64 metres: what each group's LODs deviate at most; None while one is not measured. Where shading counts, what shows as
+    many pixels as the tolerance from where on the picture is within its bound, if that is more: CrowdError if pictures were not compared."""
+    count = policy.count
     if not all(len(group.bounds) >= count for group in groups):
         return None
-    return np.array([group.bounds[:count] for group in groups], np.float64)
+    table = np.array([group.bounds[:count] for group in groups], np.float64)
+    if not policy.shading:
+        return table
+    if not all(len(group.shaded) >= count for group in groups):
+        raise CrowdError(
+            "Shading Counts needs LODs whose pictures were compared with their characters': press Measure LOD Meshes, or Make LOD Meshes."
+        )
+    return np.maximum(table, policy.tolerance * np.array([group.shaded[:count] for group in groups]))
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:

@@ -22,8 +22,10 @@ class LevelPolicy:
     group_thresholds: the same for groups that have their own, one entry a group, () for those that do not.
 
     tolerance: pixels; with it PIXELS lets a LOD begin where its measured deviation shows that little, and the
-    thresholds only count the LODs. margin: None for the derived widening of the frustum, or the chapter's fixed Delta in
-    metres. finest: of each group the finest LOD that it has, () for all of them. hysteresis: for live use, the part of a distance by which a threshold must be passed (see `hold`). drop_lost:
+    thresholds only count the LODs. shading: with a tolerance, a LOD also begins no nearer than its shaded picture is within
+    shading.WITHIN of the character's. margin: None for the derived widening of the frustum, or the chapter's fixed Delta in
+    metres. finest: of each group the finest LOD that it has, () for all of them. hysteresis: for live use, the part of a
+    distance by which a threshold must be passed (see `hold`). drop_lost:
     leave out agents at NaN or infinity, and count them, where they are an error otherwise.
     """
 
@@ -35,6 +37,7 @@ class LevelPolicy:
     finest: tuple[int, ...] = ()
     hysteresis: float = 0.0
     drop_lost: bool = False
+    shading: bool = False
 
     def __post_init__(self):
         if self.metric not in METRICS:
@@ -100,6 +103,14 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     seen = camera.pixels_per_unit * length
     begin = np.where(seen <= pixels, -np.inf, np.inf) if camera.kind == "ORTHO" else seen / pixels + nearest
     return np.maximum.accumulate(np.where(always, -np.inf, begin), axis=1)
+
+
+def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
+    """Metres (G, n - 1) that a pixel shows, in the middle of the picture, of the nearest part of an agent that is where a LOD begins,
+    or at the camera's far distance where that is nearer. begins: from `limits`; radius: (G,) metres, of the bounding spheres."""
+    if camera.kind == "ORTHO":
+        return np.full(begins.shape, 1 / camera.pixels_per_unit)
+    return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
 def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:

@@ -5,6 +5,7 @@ from html import escape
 from pathlib import PurePath
 from urllib.parse import quote
 
+from .shading import WITHIN
 from .words import number
 
 STYLE = """
@@ -80,7 +81,8 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
 def _rule(levels: dict) -> str:
     """How LODs were chosen, in words."""
     if levels["tolerance"] is not None:
-        return f"LODs are chosen so that no surface lies off its character's by more than {levels['tolerance']:g} pixels."
+        shading = f", and no shaded picture differs by more than {WITHIN:.0%} of white" if levels.get("shading_counts") else ""
+        return f"LODs are chosen so that no surface lies off its character's by more than {levels['tolerance']:g} pixels{shading}."
     by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[levels["metric"]]
     return f"LODs are set by ratio, and begin by {by}."
 

@@ -15,6 +15,11 @@ MARGIN = 6  # pixels about the body, half a window of `likeness`
 WINDOW = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
 WINDOW /= WINDOW.sum()
 STEADY = 0.01**2, 0.03**2  # the constants of structural similarity
+WITHIN = 0.02  # of white: the mean difference of two pictures that counts as none, five steps of a byte's 255
+LARGEST, HALVINGS = (
+    256,
+    6,
+)  # pixels of a character's diagonal at which its LODs' pictures are compared, and how often these are halved
 
 
 @dataclass(frozen=True)
@@ -31,7 +36,12 @@ class Body:
 
 
 def pictures(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
-    """Pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1, all of the same window, which holds them all.
+    """Pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1, as `lit` has their light."""
+    return [_encoded(each) for each in lit(bodies, images, flat, axes)]
+
+
+def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
+    """Pictures (rows, columns, 3) float64 of the bodies, linear, all of the same window, which holds them all.
 
     images: (i, size, size, 4) uint8, sRGB, bottom row first; flat: of each body (n, 3) where its points are in the picture: x right and y
     up in pixels, and depth; axes: (3, 3) right, up and towards the eye."""
@@ -42,11 +52,26 @@ def pictures(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarr
         corners = ((at[:, :2] - low) * FINER)[body.triangles]
         pixel, triangle, weights = raster.nearest(corners, at[:, 2][body.triangles], (rows * FINER, columns * FINER))
         normal = np.einsum("nk,nkd->nd", weights, body.normals[triangle])
-        lit = np.clip(normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1)
+        light = np.clip(normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1)
         fine = np.full((rows * FINER * columns * FINER, 3), PAPER)
-        fine[pixel] = _colours(body, images, triangle, weights) * (SKY + (1 - SKY) * lit)[:, None]
-        linear = fine.reshape(rows, FINER, columns, FINER, 3).mean(axis=(1, 3))
-        found.append(np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055).clip(0, 1))
+        fine[pixel] = _colours(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
+        found.append(fine.reshape(rows, FINER, columns, FINER, 3).mean(axis=(1, 3)))
+    return found
+
+
+def _encoded(linear: np.ndarray) -> np.ndarray:
+    return np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055).clip(0, 1)
+
+
+def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
+    """The mean differences of two pictures of `lit`, as they are and HALVINGS times halved, each pixel the mean of four: as they look from
+    twice as far, and so on."""
+    pad, found = 2 ** (HALVINGS + 1), []
+    sides = [(pad, pad + -length % pad) for length in one.shape[:2]]  # what stays empty about the smallest
+    one, other = (np.pad(each, [*sides, (0, 0)], constant_values=PAPER) for each in (one, other))
+    for _ in range(HALVINGS + 1):
+        found.append(likeness(_encoded(one), _encoded(other))[0])
+        one, other = (each.reshape(len(each) // 2, 2, -1, 2, 3).mean(axis=(1, 3)) for each in (one, other))
     return found
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..crowd_lod.agents import Group
 from ..crowd_lod.behaviour import Trajectory
-from ..crowd_lod.chain import LADDER, Shot, View, cheapest, choose, within
+from ..crowd_lod.chain import LADDER, Shot, View, cheapest, choose, counting, within
 from ..crowd_lod.culling import radar
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.gaits import Library
@@ -70,7 +70,10 @@ def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
                 each.append(View(eyes[0], float(own.min()), float(own.max()), own, shown))
         yield done / len(chosen)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
-    return [Shot(each or anywhere, int(own), io.engine_of(scene)) for each, own in zip(found, np.diff(first), strict=True)]
+    return [
+        Shot(each or anywhere, int(own), io.engine_of(scene), scene.crowd_lod.shading_counts)
+        for each, own in zip(found, np.diff(first), strict=True)
+    ]
 
 
 def cast_of(scene: bpy.types.Scene, trajectory: Trajectory) -> Library:
@@ -101,8 +104,8 @@ def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> 
         return Chosen(keep, [], finest, reached)
     keep, said = [], []
     for group, shot in zip(groups, seen, strict=True):
-        kept, reasons = choose(group, tolerance, shot.views, io.metres(scene))
-        kept, dear = cheapest(group, kept, tolerance, shot)
+        kept, reasons = choose(counting(group, tolerance, shot), tolerance, shot.views, io.metres(scene))
+        kept, dear = cheapest(counting(group, tolerance, shot), kept, tolerance, shot)
         keep.append(kept)
         said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons + dear)]
     return Chosen(keep, said, [0] * len(keep))

@@ -245,6 +245,7 @@ def _build(args, command: list[str]) -> dict:
         "bytes": size,
         "predicted": predicted[0].as_json,
         "load_seconds": round(seconds, 3),
+        "image_bytes": cast.images,
         "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
     }
 

@@ -10,9 +10,11 @@ from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.hausdorff import Moving, interval
 from . import scene as io
+from .looks import Looks
 from .movers import action_range, armatures_of
 from .operator import Stepwise
 from .populate import characters_of, groups_of, home_of, store_groups
+from .shaded import bodies_of, within
 from .surface import Surface, has_area, moving, same_faces, spread
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
@@ -186,7 +188,7 @@ def measure(
         yield begin + (end - begin) * (0.3 + 0.7 * (k + 1) / len(others))
     deviations, bounds, rms, worst = zip(*found, strict=True)
     diagonal = max(float(np.linalg.norm(np.ptp(each.points, axis=0))) for each in (_surface(*shape) for shape in character) if each)
-    return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=diagonal)
+    return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=diagonal, shaded=())
 
 
 class _Acting:
@@ -240,6 +242,21 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
     return most, float(bound), rms, frame
 
 
+def compare(
+    group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]], progress: float
+) -> Iterator[float]:
+    """`group`, measured, with what its LODs' shaded pictures say (Group.shaded), each in the pose in which it deviates most; a generator
+    that yields `progress` and returns the group."""
+    looks, found = Looks(), [0.0]
+    with Posed(objects, levels) as posed:
+        for k in range(1, len(levels)):
+            posed.shapes(group.worst[k])
+            bodies = [bodies_of(each, posed.stage.view_layers[0].depsgraph, looks) for each in (posed.character, posed.levels[k])]
+            found.append(np.inf if None in bodies else within(*bodies, looks.images(), group.diagonal))
+            yield progress
+    return replace(group, shaded=tuple(found))
+
+
 def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
     """The mesh objects of each LOD of the group `name`, the g-th, in the collection that Make LOD Meshes has made."""
     return [[o for o in home_of(level, g, name).all_objects if o.type in SOLID] for level in levels.children]
@@ -259,7 +276,10 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
             )
         span = g / len(characters), (g + 1) / len(characters)
-        measured.append((yield from measure(known[name], objects, meshes_of(settings.levels, g, name), span)))
+        meshes = meshes_of(settings.levels, g, name)
+        measured.append((yield from measure(known[name], objects, meshes, span)))
+        if settings.shading_counts:
+            measured[-1] = yield from compare(measured[-1], objects, meshes, span[1])
     store_groups(settings, tuple(measured))
 
 

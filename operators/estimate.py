@@ -97,7 +97,7 @@ def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
     found = {FULL: Choice(LevelPolicy(()), full)}
     for choice, name in CHOICES.items():
         policy = policy_of(settings, choice)
-        if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy.count) is not None):
+        if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy) is not None):
             found[name] = Choice(policy, np.array([each[: policy.count] for each in made], np.float64))
         elif choice == "BY_RATIO":
             found[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))

@@ -14,7 +14,7 @@ from ..crowd_lod.steps import standing
 from . import chain, stored, transfer, ways
 from . import scene as io
 from . import source as sources
-from .deviation import measure, poses
+from .deviation import compare, measure, poses
 from .movers import armatures_of, stance
 from .operator import Stepwise
 from .populate import GROUP, characters_of, measuring_groups, store_groups
@@ -85,7 +85,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
             chain.check(scene, groups)
         ladders, share = [], 0.9 / len(characters)
         for g, ((name, objects, _), group) in enumerate(zip(characters, groups, strict=True)):
-            ladder = _Ladder(name, objects, ratios, settings.way)
+            ladder = _Ladder(name, objects, ratios, settings.way, settings.choice == "BY_TOLERANCE" and settings.shading_counts)
             for part in ladder.read():
                 yield (g + 0.2 * part) * share
             ladder.recall(earlier, group)
@@ -165,7 +165,12 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
 def _of(group: Group, kept: list[int], count: int) -> Group:
     """The group with the candidates `kept`, the last repeated up to `count`."""
     own = [*kept, *[kept[-1]] * (count - len(kept))]
-    return replace(group, **{name: tuple(getattr(group, name)[k] for k in own) for name in COLUMNS})
+    return replace(group, **{name: tuple(getattr(group, name)[k] for k in own) for name in (*COLUMNS, *_shaded(group))})
+
+
+def _shaded(group: Group) -> tuple[str, ...]:
+    """The column of what shaded pictures say, where they were compared."""
+    return ("shaded",) if group.shaded else ()
 
 
 def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
@@ -194,7 +199,9 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
     bpy.data.batch_remove(doomed)
-    bpy.data.batch_remove([action for action in bpy.data.actions if action.get(OWNED) and not action.users])  # rigs played them
+    for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):  # each may hold the next
+        while unused := [block for block in kind if block.get(OWNED) and not block.users]:
+            bpy.data.batch_remove(unused)
 
 
 def _earlier(
@@ -233,8 +240,8 @@ class _Ladder:
     removes what they were made from, and all but the collections chosen, of which the finest keeps what was measured.
     """
 
-    def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], way: str):
-        self.name, self.objects, self.ratios, self.way = name, objects, ratios, way
+    def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], way: str, shading: bool):
+        self.name, self.objects, self.ratios, self.way, self.shading = name, objects, ratios, way, shading
         self.sources: list[sources.Source] = []
         self.homes: list[bpy.types.Collection] = []
         self.group: Group | None = None
@@ -248,7 +255,7 @@ class _Ladder:
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
-        self.digest = sources.text_digest(digests, self.ratios, self.way, VERSION)
+        self.digest = sources.text_digest(digests, self.ratios, self.way, VERSION, *["shading"] * self.shading)
         shown = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
         for source, own in zip(shown, triangles, strict=True):
@@ -261,10 +268,11 @@ class _Ladder:
             if not isinstance(found, IDPropertyGroup):
                 continue
             with suppress(CrowdError):  # what is spoilt is made and measured anew
-                kinds = [int, int, float, float, float, float]
-                columns = [stored.read(found, *column, "", (len(self.ratios),)) for column in zip(COLUMNS, kinds, strict=True)]
-                columns = dict(zip(COLUMNS, map(tuple, columns), strict=True))
-                self.group = replace(group, diagonal=stored.read(found, "diagonal", float, ""), **columns)
+                kinds = dict(zip(COLUMNS, [int, int, float, float, float, float], strict=True))
+                if self.shading:
+                    kinds["shaded"] = float
+                columns = {name: tuple(stored.read(found, name, kind, "", (len(self.ratios),))) for name, kind in kinds.items()}
+                self.group = replace(group, diagonal=stored.read(found, "diagonal", float, ""), **{"shaded": (), **columns})
 
     def make(self) -> Iterator[float]:
         steps = len(self.ratios) * len(self.sources)
@@ -287,9 +295,11 @@ class _Ladder:
     def measure(self, group: Group, progress: tuple[float, float]) -> Iterator[float]:
         meshes = [list(home.objects) for home in self.homes]
         self.group = yield from measure(replace(group, **self.sizes), self.objects, meshes, progress)
+        if self.shading:
+            self.group = yield from compare(self.group, self.objects, meshes, progress[1])
 
     def forget(self, chosen: list[bpy.types.Collection]) -> None:
-        columns = {name: list(getattr(self.group, name)) for name in COLUMNS}
+        columns = {name: list(getattr(self.group, name)) for name in (*COLUMNS, *_shaded(self.group))}
         chosen[0][MEASURED] = {"diagonal": self.group.diagonal, **columns}
         bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
         doomed = [home for home in self.homes if home not in chosen]

@@ -81,6 +81,7 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius)) if k and begin < np.inf else None,
         "measured_px": None,
         "measured_px_between": None,
+        "shading_within_px": _known(group.diagonal / group.shaded[k]) if group.shaded and group.shaded[k] else None,
         "picture_difference": None,
         "picture_similarity": None,
         "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,

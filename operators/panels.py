@@ -169,13 +169,14 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             _say(context, layout, problem, "ERROR")
         layout.row().prop(settings, "choice", expand=True)
         tolerant = settings.choice == "BY_TOLERANCE"
-        for name in ("tolerance", "memory") if tolerant else ("level_count", "metric"):
+        for name in ("tolerance", "shading_counts", "memory") if tolerant else ("level_count", "metric"):
             layout.prop(settings, name)
         layout.prop(settings, "bias_image")
         layout.use_property_split = False
         if not tolerant:
             self.ratios(context, layout, settings)
         layout.prop(settings, "way")
+        layout.prop(settings, "scale_textures")
         layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
         if settings.levels is None:
             if tolerant:

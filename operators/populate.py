@@ -33,7 +33,16 @@ MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to h
 _trajectories: dict[bytes, Trajectory] = {}
 MOST_TRAJECTORIES = 4
 GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
-OF_LEVELS = ("vertices", "triangles", "deviations", "bounds", "rms", "worst", "diagonal")  # what is known of a group's LOD meshes
+OF_LEVELS = (
+    "vertices",
+    "triangles",
+    "deviations",
+    "bounds",
+    "rms",
+    "worst",
+    "diagonal",
+    "shaded",
+)  # what is known of a group's LOD meshes
 # Of each scene what was asked last: (numbers and texts, the images' values, the trajectory).
 _latest: dict[int, tuple] = {}
 
@@ -107,6 +116,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
+        entry.shaded = (*group.shaded, *[-1] * (MOST_LEVELS - len(group.shaded)))
         if group.name in own:
             entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest = own[group.name]
 
@@ -207,6 +217,7 @@ def _group(entry, count: int) -> Group:
     """What the settings' `entry` holds of a group, with at most `count` LODs."""
     made = sum(n > 0 for n in entry.triangles[:count])
     measured = made if entry.diagonal else 0
+    shaded = [np.inf if each > 1e30 else each for each in entry.shaded[:measured]]  # Blender keeps no infinity
     group = Group(
         entry.name,
         entry.centre,
@@ -221,6 +232,7 @@ def _group(entry, count: int) -> Group:
         rms=tuple(entry.rms[:measured]),
         worst=tuple(entry.worst[:measured]),
         diagonal=entry.diagonal,
+        shaded=tuple(shaded) if all(each >= 0 for each in shaded) else (),
         lowest=entry.lowest,
         on_ground=entry.on_ground,
     )
@@ -268,6 +280,7 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
         finest=tuple(group.finest for group in settings.groups) if tolerant and settings.memory_tolerance else (),
         margin=settings.margin if settings.margin_kind == "FIXED" else None,
         drop_lost=settings.drop_lost,
+        shading=tolerant and settings.shading_counts,
     )
 
 

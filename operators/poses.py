@@ -2,7 +2,7 @@
 share; or, where no rig can show the group, the LOD's meshes in even poses of its action."""
 
 from collections.abc import Container, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -18,6 +18,7 @@ from .levels import OWNED
 from .movers import action_range
 from .populate import characters_of, groups_of, home_of, policy_of, trajectory_of
 from .rendered import as_rendered
+from .textures import scale_textures
 
 POSES = 32  # of a group that no rig can show, in a cycle of its action
 
@@ -29,7 +30,8 @@ class Cast:
     """The characters that a build shows, in no scene yet. posed: (G,) intp, see Library. collections: of each LOD its characters,
     each a collection's name and objects; sorted by name they stand in the order of the Library. rigs: what moves them; names:
     what each new block is to be called, as soon as those of an earlier build have gone. notes: sentences on what they
-    do not show as it is. wanted: those that there are, None for all."""
+    do not show as it is. wanted: those that there are, None for all. stands_for: of each object the LOD's that it shows; images: bytes of
+    the characters' images, unscaled and as they are, where they are scaled."""
 
     posed: np.ndarray
     collections: list[list[tuple[str, list[bpy.types.Object]]]]
@@ -37,6 +39,8 @@ class Cast:
     names: dict[bpy.types.ID, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
     wanted: Wanted | None = None
+    stands_for: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
+    images: tuple[int, int] | None = None
 
 
 @dataclass
@@ -110,6 +114,9 @@ def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple 
                         else:
                             _rig(cast, group, number, own, of_levels, models[g], trajectory)
                     yield 0.5 + 0.5 * number / first[-1]
+        if scene.crowd_lod.scale_textures:
+            *images, told = yield from scale_textures(scene, cast.stands_for, cast.names)
+            cast = replace(cast, images=tuple(images), notes=[*notes, *told])
         done = True
     finally:
         if not done:
@@ -134,6 +141,7 @@ def _rig(
         copies = []
         for item in group.homes[k].objects:
             copies.append(rigs.dress(item, model, made))
+            cast.stands_for[copies[-1]] = item
             cast.names[copies[-1]] = f"{item.name} {number:05d}"
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
 
@@ -159,7 +167,7 @@ def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evalu
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
     still = item.copy() if mesh is None or item.type == "MESH" else io.mesh_like(item, mesh)
-    cast.names[still] = f"{item.name} {number:05d}"
+    cast.names[still], cast.stands_for[still] = f"{item.name} {number:05d}", item
     still.animation_data_clear()
     still.constraints.clear()
     still.parent = None

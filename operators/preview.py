@@ -86,7 +86,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         yield from standing(trajectory_of(stage).approach(io.time_of(stage)), 0.0)
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         ready = 0.0
-        if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod).count) is None:
+        if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod)) is None:
             ready = LEVELS
             for part in (make_levels if stage.crowd_lod.levels is None else measure_levels)(stage):
                 yield LEVELS * part
@@ -343,6 +343,7 @@ def _plan(
             "metric": policy.metric,
             "margin": policy.margin,
             "tolerance": policy.tolerance,
+            "shading_counts": policy.shading,
             "pixels": cameras.image_size(stage.render),
             "ratios": [round(r, 6) for r in settings.ratios[: policy.count]] if policy.tolerance is None else None,
             "thresholds": list(policy.thresholds) if policy.tolerance is None else None,

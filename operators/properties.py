@@ -51,6 +51,12 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"
     )
     worst: FloatVectorProperty(name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most")
+    shaded: FloatVectorProperty(
+        name="Shaded",
+        size=MOST_LEVELS,
+        default=(-1.0,) * MOST_LEVELS,
+        description="Length that a pixel shows from which on each LOD's shaded picture is like the character's; below 0 if not known",
+    )
     diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
     finest: IntProperty(name="Finest LOD", min=0, max=MOST_LEVELS - 1, description="Finest LOD that builds have, to fit in memory")
     own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
@@ -151,8 +157,16 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         precision=0,
         description="Megabytes that the characters may take in a render: LODs are chosen to fit, where they deviate least. 0 is no limit",
     )
+    shading_counts: BoolProperty(
+        name="Shading Counts",
+        description="A LOD by tolerance also begins no nearer than where its shaded picture differs by 2 % of white at most",
+    )
     level_count: IntProperty(
         name="Levels", default=3, min=1, max=MOST_LEVELS, description="LODs of each character, itself as LOD 0 included"
+    )
+    scale_textures: BoolProperty(
+        name="Scale Textures",
+        description="Build and Bake show far LODs with images scaled down to what can be seen of them where each begins",
     )
     ratios: FloatVectorProperty(
         name="Ratio",

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from ..crowd_lod.camera import Camera
-from ..crowd_lod.shading import Body, likeness, pictures
+from ..crowd_lod.shading import HALVINGS, LARGEST, WITHIN, Body, from_afar, likeness, lit, pictures
 from ..crowd_lod.silhouette import project
 from . import scene as io
 from .looks import Looks
@@ -61,14 +61,32 @@ def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgrap
     return Body(triangles=np.concatenate([body.triangles + k for body, k in zip(found, shift, strict=True)]), **every)
 
 
+def side(azimuth: float) -> np.ndarray:
+    """(3, 3): right, up and towards the eye that looks from there."""
+    towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return np.stack([np.array([-towards[1], towards[0], 0.0]), (0.0, 0.0, 1.0), towards])
+
+
+def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float:
+    """The metres that a pixel shows from which on the pictures of two bodies differ by WITHIN at most, in the mean of all sides, however
+    much farther off: 0 if their `diagonal`, metres, may be LARGEST pixels, inf if they differ by more when they are smallest."""
+    scale, differences = LARGEST / diagonal, []
+    for axes in map(side, AROUND):
+        flat = [body.points @ axes.T * (scale, scale, -scale) for body in (one, other)]
+        differences.append(from_afar(*lit((one, other), images, flat, axes)))
+    wrong = np.flatnonzero(np.mean(differences, axis=0) > WITHIN)
+    if not len(wrong):
+        return 0.0
+    return np.inf if wrong[-1] == HALVINGS else float(2 ** (wrong[-1] + 1) / scale)
+
+
 def alike(one: Body, other: Body, images: np.ndarray, centre: np.ndarray, distance: float, camera: Camera) -> tuple[float, float]:
     """(mean difference of sRGB values from 0 to 1, structural similarity) of two bodies' pictures, in the mean of all sides, as the
     camera shows them that looks at centre (3,) from `distance` metres. Pictures are MOST_TALL at most."""
     found = []
     for azimuth in AROUND:
-        towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-        axes = np.stack([np.array([-towards[1], towards[0], 0.0]), (0.0, 0.0, 1.0), towards])
-        flat = [project(body.points, centre, towards, distance, camera) for body in (one, other)]
+        axes = side(azimuth)
+        flat = [project(body.points, centre, axes[2], distance, camera) for body in (one, other)]
         smaller = min(1.0, MOST_TALL / max(np.ptp(flat[0][:, :2], axis=0).max(), 1e-9))
         found.append(likeness(*pictures((one, other), images, [at * (smaller, smaller, 1) for at in flat], axes)))
     difference, similarity = np.mean(found, axis=0)

@@ -63,7 +63,11 @@ def counted(group, lods, tolerance, shot):
     shown = np.zeros((len(shot.views), len(lods), shot.characters), int)
     for f, view in enumerate(shot.views):
         for distance, character in zip(view.distance, view.character, strict=True):
-            fit = [j for j, k in enumerate(lods) if group.bounds[k] * view.camera.pixels_per_unit <= tolerance * (distance - group.radius)]
+            fit = [
+                j
+                for j, k in enumerate(lods)
+                if group.bounds[k] * view.camera.pixels_per_unit <= tolerance * (distance - group.radius)
+            ]
             if not fit and lods[0] == 0:
                 fit = [0]
             if not fit:

@@ -1,10 +1,17 @@
 """Shaded pictures of a body, and how alike two are: against the formula of Lambert and sums pixel by pixel."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod import shading
+from crowd_lod_extension.crowd_lod.agents import Group
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.frame import deviations
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
 from crowd_lod_extension.crowd_lod.shading import Body, likeness, pictures
 
+from .test_culling import straight
 from .test_parts import drum
 
 NONE = np.empty((0, 1, 1, 4), np.uint8)
@@ -114,3 +121,33 @@ def test_a_thinner_ball_and_one_lit_otherwise_are_less_alike():
     assert differences[0] == 0 and alike[0] == pytest.approx(1)
     assert differences[1] < differences[2] and alike[1] > alike[2]
     assert differences[3] > 0.05 and alike[3] < 0.99
+
+
+def test_what_differs_in_detail_alone_is_alike_from_afar():
+    """Stripes of 2 pixels, and the same moved by a stripe: no pixel is alike, and of the means of 4 x 4 each is."""
+    one = np.full((100, 90, 3), shading.PAPER)
+    rows = np.arange(32)
+    one[32:64, 20:52] = np.where(rows // 2 % 2, 0.6, 0.4)[:, None, None]
+    other = one.copy()
+    other[32:64, 20:52] = 1.0 - one[32:64, 20:52]
+    differences = shading.from_afar(one, other)
+    encoded = 1.055 * np.array([0.6, 0.4]) ** (1 / 2.4) - 0.055
+    assert len(differences) == shading.HALVINGS + 1
+    np.testing.assert_allclose(differences[:2], encoded[0] - encoded[1])
+    np.testing.assert_allclose(differences[2:], 0, atol=1e-12)
+    other[32:64, 20:52] = 0.6  # brighter in the mean, too
+    assert min(shading.from_afar(one, other)) > 0.01
+
+
+def test_where_shading_counts_a_lod_begins_where_both_allow():
+    group = Group("a", 1.0, 1.0, 0.0, 0.0, bounds=(0, 0.01, 0.02, 0.1), deviations=(0,) * 4, shaded=(0, 0.05, 0.0, np.inf))
+    for tolerance in (1.0, 2.0):
+        plain = LevelPolicy((0.0,) * 3, "PIXELS", tolerance=tolerance)
+        both = replace(plain, shading=True)
+        np.testing.assert_array_equal(deviations([group], plain), [group.bounds])
+        camera = straight()  # 50 pixels a unit of slope
+        begin = limits(both, camera, np.ones(1), deviations([group], both))
+        np.testing.assert_allclose(begin, [[max(50 * 0.01 / tolerance, 50 * 0.05) + 1] * 2 + [np.inf]])
+        assert limits(both, straight(kind="ORTHO"), np.ones(1), deviations([group], both)).tolist() == [[-np.inf, -np.inf, np.inf]]
+        with pytest.raises(CrowdError, match="Measure LOD Meshes"):
+            deviations([replace(group, shaded=())], both)

@@ -94,6 +94,8 @@ def change(chance: random.Random) -> None:
         settings.choice = chance.choice(("BY_RATIO", "BY_TOLERANCE"))
     elif which == 3:
         bpy.context.scene.render.use_motion_blur = chance.random() < 0.5
+    elif which == 4:
+        settings.scale_textures = not settings.scale_textures
 
 
 def use(chance: random.Random) -> None:
@@ -114,6 +116,7 @@ def use(chance: random.Random) -> None:
 def state() -> list:
     """What the file holds: names by kind, what is in each collection and object, what the settings name."""
     found = [sorted(block.name_full for block in getattr(bpy.data, kind)) for kind in KINDS]
+    found.append(sorted(image.name_full for image in bpy.data.images if image.type != "RENDER_RESULT"))
     inside = [(each.name, sorted(o.name for o in each.objects), [c.name for c in each.children]) for each in bpy.data.collections]
     data = [(o.name, o.data.name if o.data else "", [m.name for m in o.modifiers]) for o in bpy.data.objects]
     chosen = [_chosen(scene.crowd_lod) for scene in bpy.data.scenes]
@@ -134,7 +137,10 @@ def saved(folder: str) -> str:
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
+    for material in bpy.data.materials:
+        material.node_tree.nodes.new("ShaderNodeTexImage").image = bpy.data.images.new(f"{material.name} image", 256, 256)
     scene.frame_end, settings = 5, scene.crowd_lod
+    settings.scale_textures = True
     settings.count, settings.way, settings.frames, settings.width, settings.folder = 100, "PRECISE", "1,5", 64, folder
     bpy.ops.crowd_lod.populate()
     path = f"{folder}/crowd.blend"

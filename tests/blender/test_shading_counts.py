@@ -1,0 +1,84 @@
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.steps import finished
+from crowd_lod_extension.operators.deviation import measure_levels
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.populate import frame_of, groups_of, measure_groups, store_groups
+
+from .characters import character, new, tube
+
+
+@pytest.fixture
+def striped():
+    """A tube with four broad stripes, and its LODs by tolerance."""
+    scene = bpy.context.scene
+    item = new("body", tube("body"))
+    image = bpy.data.images.new("stripes", 64, 64)
+    values = np.ones((64, 64, 4), np.float32)
+    values[..., :3] = 0.5 + 0.06 * np.sign(np.sin(np.arange(64) / 64 * 8 * np.pi + 1e-6))[:, None, None]
+    image.pixels.foreach_set(values.ravel())
+    material = bpy.data.materials.new("stripes")
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    item.data.materials.append(material)
+    character(item)
+    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    camera.location, camera.rotation_euler, camera.data.clip_end = (0, -40, 2), (1.5, 0, 0), 100
+    settings = scene.crowd_lod
+    settings.count, settings.size, settings.way, settings.frames = 60, (40, 60), "PRECISE", "1"
+    settings.choice, settings.tolerance = "BY_TOLERANCE", 1.0
+    store_groups(settings, measure_groups(scene))
+    list(make_levels(scene))
+    return scene
+
+
+def begins(scene):
+    return frame_of(scene, bpy.context.evaluated_depsgraph_get(), shutter=()).begins[0]
+
+
+def shift(scene, level, by):
+    """Move the UVs of a LOD up, by this part of the image."""
+    (item,) = (item for item in scene.crowd_lod.levels.children[level].all_objects)
+    layer = item.data.uv_layers[0].uv
+    uvs = np.empty((len(layer), 2), np.float32)
+    layer.foreach_get("vector", uvs.ravel())
+    layer.foreach_set("vector", (uvs + (0, by)).astype(np.float32).ravel())
+
+
+def test_a_lod_that_shades_differently_begins_farther_off(striped):
+    settings = striped.crowd_lod
+    before = begins(striped)
+    assert len(before) >= 2
+    settings.shading_counts = True
+    with pytest.raises(CrowdError, match="press Measure LOD Meshes"):
+        begins(striped)
+    list(measure_levels(striped))
+    np.testing.assert_array_equal(begins(striped), before)  # they look like the character where they begin
+    shift(striped, 1, 1 / 8)
+    list(measure_levels(striped))
+    (group,) = groups_of(settings)
+    camera = frame_of(striped, bpy.context.evaluated_depsgraph_get(), shutter=()).camera
+    assert group.shaded[1] > 0 and set(group.shaded) - {group.shaded[1]} == {0.0}
+    assert begins(striped)[0] == pytest.approx(camera.pixels_per_unit * group.shaded[1] + group.radius)
+    assert begins(striped)[0] > 2 * before[0]
+    settings.shading_counts = False
+    np.testing.assert_array_equal(begins(striped), before)
+
+
+def test_pictures_are_compared_when_lods_are_made_and_remembered(striped):
+    settings = striped.crowd_lod
+    assert groups_of(settings)[0].shaded == ()
+    settings.shading_counts = True
+    assert finished(make_levels(striped)).made == ("someone",)
+    (group,) = groups_of(settings)
+    assert len(group.shaded) == len(group.bounds)
+    assert finished(make_levels(striped)).kept == ("someone",)
+    assert groups_of(settings)[0] == group
