@@ -81,6 +81,16 @@ def rough_levels():
         yield users
 
 
+@pytest.fixture(scope="module")
+def rough_characters():
+    """The sample characters have a quarter of their faces. A file of tests of the characters themselves has a fixture of this name."""
+    from crowd_lod_extension.sample_scenes import body
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(body, "SUBDIVISIONS", 1)
+        yield
+
+
 @pytest.fixture
 def exact_levels(rough_levels, monkeypatch):
     """LOD meshes are refined and measured as users have them."""
