@@ -30,7 +30,7 @@ def session():
     yield 0.5
     robot.sidebar(area).active_panel_category = "Crowd LOD"
     yield 0.5
-    steps = (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza, lifecycle)
+    steps = (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza, lifecycle, leave)
     for step in (step for step in steps if not CHOSEN or step.__name__ in CHOSEN):
         print(f"--- {step.__name__}", flush=True)
         started = time.monotonic()
@@ -288,6 +288,15 @@ def lifecycle():
     return {"status": status} | (yield from life.lifecycle(FOLDER))
 
 
-for old in ("preview", "escaped"):
+def leave():
+    """Blender is quit amid a preview."""
+    settings().folder, settings().frames, settings().step = str(FOLDER / "left"), "1:200", 1
+    with robot.over():
+        status = bpy.ops.crowd_lod.preview("INVOKE_DEFAULT")
+    yield from robot.until(lambda: (FOLDER / "left").exists())
+    return {"status": sorted(status), "begun": (FOLDER / "left").exists()}
+
+
+for old in ("preview", "escaped", "left"):
     shutil.rmtree(FOLDER / old, ignore_errors=True)
 robot.perform(session(), results, FOLDER)

@@ -152,6 +152,11 @@ def test_a_hundred_times_disabled_and_enabled_leaves_nothing(seen):
         assert repeat["memory"][-1] - repeat["memory"][0] < 64e6
 
 
+def test_blender_is_quit_amid_a_preview_which_leaves_nothing(seen):
+    assert seen["leave"]["status"] == ["RUNNING_MODAL"] and seen["leave"]["begun"]
+    assert seen["exit"] == 0 and not (seen["folder"] / "left").exists()
+
+
 def test_the_console_holds_no_other_error(seen):
     assert seen["exit"] == 0
     assert seen["console"].count("Traceback") == 3  # breakage, and lifecycle's two
