@@ -55,7 +55,7 @@ def test_the_build_holds_the_overlays_agents_and_follows_undo_redo_and_frame(see
     assert build["frame 90"]["points"] == build["frame 90"]["counts"] != build["points"]
     assert build["painted"]["looks"] >= 2 and build["painted"]["other"] and build["painted"]["again"]
     assert build["removed"] == "FINISHED" and build["points removed"] is None
-    assert set(build["changed"]) == {"collections", "meshes", "node_groups", "objects", "settings"}
+    assert set(build["changed"]) == {"actions", "armatures", "collections", "meshes", "node_groups", "objects", "settings"}
 
 
 def test_the_preview_leaves_its_files_and_nothing_in_the_scene(seen):
