@@ -338,6 +338,7 @@ def shell(line, folder, **variables):
 
 
 @posix
+@pytest.mark.once
 @pytest.mark.parametrize(
     "line, code, out, err",
     [
@@ -361,6 +362,7 @@ def test_streams_that_are_closed_or_full(tmp_path, line, code, out, err):
 
 
 @posix
+@pytest.mark.once
 @pytest.mark.parametrize(
     "line, err",
     [
@@ -382,6 +384,7 @@ def test_paths_that_cannot_be_are_refused_before_any_work(tmp_path, line, err):
 
 
 @posix
+@pytest.mark.once
 def test_results_are_printed_in_any_encoding(tmp_path):
     for variables, shown in (({"PYTHONIOENCODING": "ascii"}, r"\xe9.blend"), ({"LC_ALL": "C"}, "é.blend"), ({}, "é.blend")):
         code, out, said = shell("CLI sample chapter --out é.blend", tmp_path, **variables)
