@@ -63,6 +63,7 @@ with interrupt.work(), staged(Path(sys.argv[1])) as stage:
         if k == {FILES} - 10:
             print("now", flush=True)
         (stage / f"{{k:04}}").write_text("new")
+print("done", flush=True)
 time.sleep(float(sys.argv[2]))
 """
 
@@ -150,13 +151,15 @@ def test_ctrl_c(name, small, tmp_path):
 
 
 def renaming(folder: Path, seconds: float, sleep: float) -> tuple[int, str]:
-    """(exit code, stderr) of a process that puts FILES in place over older ones, sent the signal `seconds` after it begins."""
+    """(exit code, stderr) of a process that puts FILES in place over older ones and sleeps, sent the signal `seconds` after it
+    begins, or, where it sleeps, after it is done."""
     folder.mkdir()
     for k in range(FILES):
         (folder / f"{k:04}").write_text("old")
     command = [sys.executable, "-c", RENAMES, folder, str(sleep)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, preexec_fn=heeding)
-    process.stdout.readline()
+    for _ in range(1 + bool(sleep)):
+        process.stdout.readline()
     time.sleep(seconds)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
@@ -174,5 +177,5 @@ def test_all_files_are_renamed_or_none(tmp_path):
 
 
 def test_what_comes_too_late_says_so(tmp_path):
-    code, err = renaming(tmp_path / "out", 1.0, sleep=60)
+    code, err = renaming(tmp_path / "out", 0.0, sleep=60)
     assert code == 130 and err == f"crowd-lod: stopped too late: the output in {tmp_path / 'out'} is complete.\n"
