@@ -272,6 +272,16 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     assert worst(built, 3) < 3e-4
 
 
+def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
+    from crowd_lod_extension.operators.bake import bake
+
+    built.camera.animation_data_clear()
+    built.camera.rotation_euler = (3.14, 0, 0)  # up
+    list(bake(built, [3, 4]))
+    library = [c for c in built.crowd_lod.build.children_recursive if builder.RIGS in c]
+    assert not any(c.objects for c in library) and not [a for a in bpy.data.actions if a.get(builder.OWNED)]
+
+
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
     before = set(bpy.data.user_map())
     for steps in (1, 30, 70, 150):
