@@ -78,6 +78,10 @@ class Stepwise(Reporting):
         context.workspace.status_text_set(f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel")
         return {"RUNNING_MODAL"}
 
+    def cancel(self, context):
+        """Blender's window is closed amid the work: afterwards there is no scene left to clean up."""
+        self._end(context)
+
     def _end(self, context):
         self._steps.close()
         context.window_manager.event_timer_remove(self._timer)

@@ -121,6 +121,10 @@ def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple 
     finally:
         if not done:
             bpy.data.batch_remove(list(cast.names))
+    idle = [block for block in made if not block.users]  # of groups of which nobody is shown
+    for block in idle:
+        del cast.names[block]
+    bpy.data.batch_remove(idle)
     for block in cast.names:
         block[OWNED] = True
     return cast

@@ -18,6 +18,8 @@ from pathlib import Path
 
 import pytest
 
+from . import rough
+
 TESTS = Path(__file__).parent
 
 
@@ -65,24 +67,27 @@ def pytest_collection_modifyitems(items):
 
 @pytest.fixture(scope="module")
 def rough_levels():
-    """LOD meshes are refined for a tenth as long, and measured in few poses at few points, their silhouettes from few sides,
-    drawn small; the users' numbers, by place."""
-    from crowd_lod_extension.crowd_lod import hausdorff, meshes, silhouette
-    from crowd_lod_extension.operators import deviation, lod_picture, ways
-
-    few = {(deviation, "EVENLY"): 2, (deviation, "POSES"): 4, (deviation, "SAMPLES"): 500, (hausdorff, "TOLERANCE"): 0.2}
-    few |= {(ways, "SAMPLES"): 1_000, (meshes, "EFFORT"): meshes.EFFORT // 10, (meshes, "EACH"): meshes.EACH / 2}
-    few |= {(silhouette, "AROUND"): 2, (silhouette, "ABOVE"): 1, (silhouette, "MOST_PIXELS"): 300, (silhouette, "CLOSER"): 2}
-    few |= {(lod_picture, "TALL"): 120}
-    users = {place: getattr(*place) for place in few}
+    """LOD meshes as rough.levels says; the users' numbers, by place."""
     with pytest.MonkeyPatch.context() as patch:
-        for place, value in few.items():
-            patch.setattr(*place, value)
-        yield users
+        yield patched(patch, rough.levels("crowd_lod_extension"))
+
+
+@pytest.fixture(scope="module")
+def rough_characters():
+    """The sample characters have a quarter of their faces. A file of tests of the characters themselves has a fixture of this name."""
+    with pytest.MonkeyPatch.context() as patch:
+        yield patched(patch, rough.characters("crowd_lod_extension"))
+
+
+def patched(patch, numbers):
+    """Set the numbers; those that were there, by place."""
+    before = {place: getattr(*place) for place in numbers}
+    for place, value in numbers.items():
+        patch.setattr(*place, value)
+    return before
 
 
 @pytest.fixture
 def exact_levels(rough_levels, monkeypatch):
     """LOD meshes are refined and measured as users have them."""
-    for place, value in rough_levels.items():
-        monkeypatch.setattr(*place, value)
+    patched(monkeypatch, rough_levels)

@@ -6,7 +6,7 @@ import pytest
 
 
 @pytest.fixture(scope="module", autouse=True)
-def registered(rough_levels):
+def registered(rough_levels, rough_characters):
     crowd_lod_extension.register()
     yield
     crowd_lod_extension.unregister()
@@ -18,12 +18,10 @@ def empty_file(registered):
 
 
 @pytest.fixture
-def scene(monkeypatch):
-    """A small crowd of two of the sample characters, of a quarter of their faces, seen by a camera; LODs at 12 m and 30 m."""
-    from crowd_lod_extension.sample_scenes import body
+def scene():
+    """A small crowd of two of the sample characters, seen by a camera; LODs at 12 m and 30 m."""
     from crowd_lod_extension.sample_scenes.characters import make_characters
 
-    monkeypatch.setattr(body, "SUBDIVISIONS", 1)
     scene = bpy.context.scene
     scene.render.fps = 24
     scene.render.resolution_x, scene.render.resolution_y = 160, 90

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partial
 
 import bpy
 import numpy as np
@@ -337,6 +338,7 @@ def shell(line, folder, **variables):
 
 
 @posix
+@pytest.mark.once
 @pytest.mark.parametrize(
     "line, code, out, err",
     [
@@ -360,6 +362,7 @@ def test_streams_that_are_closed_or_full(tmp_path, line, code, out, err):
 
 
 @posix
+@pytest.mark.once
 @pytest.mark.parametrize(
     "line, err",
     [
@@ -381,21 +384,28 @@ def test_paths_that_cannot_be_are_refused_before_any_work(tmp_path, line, err):
 
 
 @posix
+@pytest.mark.once
 def test_results_are_printed_in_any_encoding(tmp_path):
     for variables, shown in (({"PYTHONIOENCODING": "ascii"}, r"\xe9.blend"), ({"LC_ALL": "C"}, "é.blend"), ({}, "é.blend")):
         code, out, said = shell("CLI sample chapter --out é.blend", tmp_path, **variables)
         assert (code, out, said) == (0, f"{tmp_path}/{shown}\n", "")
 
 
+@posix
 def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
     file, folder = tmp_path / "crowd.blend", tmp_path / "there"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     folder.mkdir()
     command = [sys.executable, "-m", "crowd_lod_extension.operators.cli", "preview", file, "--frames", "1:500", "--step", "1"]
-    run = subprocess.Popen([*command, "--width", "64", "--out", folder / "out"], stderr=subprocess.PIPE, text=True)
-    while not list(folder.glob("out/.crowd-lod-*/main_*.png")):
-        assert run.poll() is None
-        time.sleep(0.1)
-    run.send_signal(signal.SIGINT)
-    assert run.wait(60) == 130
-    assert "stopped" in run.stderr.read() and os.listdir(folder) == []
+    heed = partial(signal.signal, signal.SIGINT, signal.default_int_handler)  # it is ignored in a shell's background
+    command += ["--width", "64", "--out", folder / "out"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heed) as run:
+        try:
+            while not list(folder.glob("out/.crowd-lod-*/main_*.png")):
+                assert run.poll() is None
+                time.sleep(0.1)
+            run.send_signal(signal.SIGINT)
+            said = run.communicate(timeout=60)[1]
+        finally:
+            run.kill()
+    assert run.returncode == 130 and "stopped" in said and os.listdir(folder) == []

@@ -20,6 +20,7 @@ def run(scene):
 def two():
     """Two groups, `one` with a rig and a material, `two` without."""
     scene = bpy.context.scene
+    scene.crowd_lod.way = "PRECISE"  # the quickest
     armature, body = rig(), new("body", tube("body", 12, 12))
     body.data.materials.append(bpy.data.materials.new("skin"))
     skin(body, armature)

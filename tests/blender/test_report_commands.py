@@ -12,6 +12,7 @@ def run(*words):
     return cli._run([str(word) for word in words], "crowd-lod")
 
 
+@pytest.mark.once
 def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
     assert run("report", "error", "chapter", "--out", tmp_path / "out", "--repeats", 2, "--quiet", "--json") == 0
     result = json.loads(capfd.readouterr().out)

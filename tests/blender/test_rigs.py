@@ -70,6 +70,7 @@ def test_agents_show_the_character_at_their_phase(built):
 
 
 def test_rigs_play_before_the_first_frame_and_after_hours(built):
+    built.crowd_lod.build = None  # without agents, whose 250,000 steps take a minute
     for time in (-400, 250_001):
         rigs = {o.name: o for o in bpy.data.objects if o.type == "ARMATURE" and o.animation_data and o.animation_data.nla_tracks}
         built.frame_set(time)
@@ -269,6 +270,16 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     assert 0 < used < whole
     built.frame_set(3)
     assert worst(built, 3) < 3e-4
+
+
+def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
+    from crowd_lod_extension.operators.bake import bake
+
+    built.camera.animation_data_clear()
+    built.camera.rotation_euler = (3.14, 0, 0)  # up
+    list(bake(built, [3, 4]))
+    library = [c for c in built.crowd_lod.build.children_recursive if builder.RIGS in c]
+    assert not any(c.objects for c in library) and not [a for a in bpy.data.actions if a.get(builder.OWNED)]
 
 
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):

@@ -17,6 +17,8 @@ from crowd_lod_extension.crowd_lod.within import Tables
 from .test_lean import AREA, ground, random_table, shot, walking
 from .test_within import odd, same
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(autouse=True)
 def every_crowd_looks_ahead(monkeypatch):

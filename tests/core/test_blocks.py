@@ -21,6 +21,8 @@ from .crowds import crowd_at, walker
 from .test_culling import straight
 from .test_lean import AREA, IDLER, POLICY, ground, machine, random_table, raw, shot, walking
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(autouse=True)
 def small_crowds_stand_in_blocks(monkeypatch):

@@ -19,6 +19,8 @@ from .crowds import crowd_at, walker
 from .test_behaviour import machine_of
 from .test_lean import POLICY
 
+pytestmark = pytest.mark.once
+
 GROUP = walker()
 CENTRE, RADIUS = np.array([GROUP.centre]), np.array([GROUP.radius])
 STANDS = machine_of({"a": {"on": {"*": {}}}})

@@ -19,6 +19,8 @@ from crowd_lod_extension.crowd_lod.savings import savings
 from .crowds import crowd_at, walker
 from .test_culling import straight
 
+pytestmark = pytest.mark.once
+
 POLICY = LevelPolicy((0.3, 0.6))
 ONE = (walker(),)
 AREA = Area(-40, 0, 40, 100)

@@ -5,6 +5,8 @@ from crowd_lod_extension.crowd_lod.collapse import held_sides, quadrics_of
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.meshes import decimate
 
+pytestmark = pytest.mark.once
+
 pytest.importorskip("fast_simplification")
 
 

@@ -24,6 +24,8 @@ from .crowds import crowd_at
 from .test_culling import ONE, straight
 from .test_frame import shot
 
+pytestmark = pytest.mark.once
+
 SUNS = [
     Light(None, np.array(way) / np.linalg.norm(way), angle=angle) for way in ((1, 0, -1), (-0.2, 1, -0.3)) for angle in (0, 0.2)
 ]

@@ -8,6 +8,8 @@ from crowd_lod_extension.crowd_lod import raster, silhouette
 
 from .test_culling import straight
 
+pytestmark = pytest.mark.once
+
 
 def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
     random = np.random.default_rng(1)
@@ -62,7 +64,7 @@ def test_shift_is_the_hausdorff_distance_of_the_areas_by_brute_force(seed):
     assert silhouette.shift(one, one) == 0 and silhouette.shift(one, np.zeros_like(one)) == np.inf
 
 
-def ball(radius, n=64):
+def ball(radius, n=32):
     theta, phi = np.meshgrid(np.linspace(0, np.pi, n), np.linspace(0, 2 * np.pi, 2 * n), indexing="ij")
     points = radius * np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)], -1).reshape(-1, 3)
     i = np.arange((n - 1) * 2 * n).reshape(-1, 2 * n)[:, :-1].ravel()

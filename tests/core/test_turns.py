@@ -15,6 +15,8 @@ from .crowds import crowd_at, walker
 from .test_behaviour import machine_of, mirrored, random_machine, same
 from .way import Agent
 
+pytestmark = pytest.mark.once
+
 FRAME = 1 / 24
 
 

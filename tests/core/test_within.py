@@ -13,6 +13,8 @@ from crowd_lod_extension.crowd_lod.maps import LabelMap
 
 from .test_lean import AREA, IDLER, ground, machine, random_table, walker
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(autouse=True)
 def small_crowds_go_the_short_way(monkeypatch):

@@ -14,6 +14,9 @@ import bpy
 import crowd_lod_extension
 from crowd_lod_extension.operators import cli
 
+sys.path.append(str(Path(__file__).parents[1]))
+import rough  # noqa: E402
+
 
 def operator(file: str, folder: str) -> int:
     bpy.ops.wm.open_mainfile(filepath=file)
@@ -51,14 +54,9 @@ def trial(words: list[str], limit: int | None) -> dict:
 def small(file: Path) -> None:
     """A crowd of 60 with its LODs, and little to render."""
     from crowd_lod_extension import sample_scenes
-    from crowd_lod_extension.crowd_lod import meshes
-    from crowd_lod_extension.operators import deviation, ways
     from crowd_lod_extension.operators.levels import make_levels
     from crowd_lod_extension.operators.populate import measure_groups, store_groups
-    from crowd_lod_extension.sample_scenes import body
 
-    body.SUBDIVISIONS, deviation.POSES, deviation.SAMPLES, ways.SAMPLES = 1, 2, 500, 500
-    meshes.EFFORT //= 10
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
@@ -71,6 +69,7 @@ def small(file: Path) -> None:
 
 if __name__ == "__main__":
     crowd_lod_extension.register()
+    rough.use("crowd_lod_extension")
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # Blender's own lines
     if not Path(sys.argv[1]).exists():

@@ -8,6 +8,7 @@ before. tests/ui/undo_keys.py takes the same steps in a window.
 import random
 import sys
 from collections import defaultdict
+from pathlib import Path
 
 import bpy
 
@@ -131,9 +132,7 @@ def _chosen(settings) -> list:
 def saved(folder: str) -> str:
     """The path of a file with the sample scene `chapter`, of rough characters and few frames, populated."""
     from crowd_lod_extension import sample_scenes
-    from crowd_lod_extension.sample_scenes import body
 
-    body.SUBDIVISIONS = 1
     bpy.ops.wm.read_homefile(use_empty=True)
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
@@ -151,7 +150,11 @@ def saved(folder: str) -> str:
 def main(folder: str, first: str, count: str) -> None:
     import crowd_lod_extension
 
+    sys.path.append(str(Path(__file__).parents[1]))
+    import rough
+
     crowd_lod_extension.register()
+    rough.use("crowd_lod_extension")
     path = saved(folder)
     for seed in range(int(first), int(first) + int(count)):
         bpy.ops.wm.open_mainfile(filepath=path, load_ui=False)

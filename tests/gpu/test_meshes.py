@@ -123,7 +123,9 @@ def placed(what, cast, group, level) -> np.ndarray:
             shader.uniform_sampler("palette", batches.palette)
             cast.bind(shader, level, group)
             shader.uniform_int("base", 0)
+            gpu.state.program_point_size_set(True)  # a viewport that was drawn before leaves a larger size
             points.draw_instanced(shader, instance_start=0, instance_count=count)
+            gpu.state.program_point_size_set(False)
             pixels = buffer.read_color(0, 0, columns, count, 4, 0, "FLOAT")
     finally:
         canvas.free()

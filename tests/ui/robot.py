@@ -14,7 +14,7 @@ from pathlib import Path
 import bpy
 
 MODULE = "bl_ext.user_default.crowd_lod"
-PATIENCE = 300.0  # seconds until a button's work counts as hung
+PATIENCE = 900.0  # seconds until a button's work counts as hung, on a machine with much else to do
 KINDS = ("actions armatures cameras collections images lights materials meshes node_groups objects scenes texts worlds").split()
 pictures = []
 _draws = []  # one for each drawing of a viewport's header: the last of it, also where overlays are hidden

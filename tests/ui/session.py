@@ -11,9 +11,10 @@ from pathlib import Path
 
 import bpy
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path[:0] = map(str, Path(__file__).parents[:2])
 import lifecycle as life  # noqa: E402
 import robot  # noqa: E402
+import rough  # noqa: E402
 from robot import overlay, scene, settings  # noqa: E402
 
 FOLDER, *CHOSEN = sys.argv[sys.argv.index("--") + 1 :]
@@ -23,12 +24,13 @@ results = {}
 
 def session():
     """Yields the seconds to wait before going on."""
+    rough.use(robot.MODULE)
     area = robot.view_3d()
     area.spaces[0].show_region_ui = True
     yield 0.5
     robot.sidebar(area).active_panel_category = "Crowd LOD"
     yield 0.5
-    steps = (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza, lifecycle)
+    steps = (empty, sample, timeline, levels, build, preview, escape, no_camera, breakage, repeat, plaza, lifecycle, leave)
     for step in (step for step in steps if not CHOSEN or step.__name__ in CHOSEN):
         print(f"--- {step.__name__}", flush=True)
         started = time.monotonic()
@@ -127,6 +129,7 @@ def threshold(value: float):
 
 
 def levels():
+    settings().way = "PRECISE"  # the quickest
     status = yield from robot.press("crowd_lod.make_levels")
     yield 1.0
     for part in ("06_levels_a", "06_levels_b", "06_levels_c"):
@@ -285,6 +288,15 @@ def lifecycle():
     return {"status": status} | (yield from life.lifecycle(FOLDER))
 
 
-for old in ("preview", "escaped"):
+def leave():
+    """Blender is quit amid a preview."""
+    settings().folder, settings().frames, settings().step = str(FOLDER / "left"), "1:200", 1
+    with robot.over():
+        status = bpy.ops.crowd_lod.preview("INVOKE_DEFAULT")
+    yield from robot.until(lambda: (FOLDER / "left").exists())
+    return {"status": sorted(status), "begun": (FOLDER / "left").exists()}
+
+
+for old in ("preview", "escaped", "left"):
     shutil.rmtree(FOLDER / old, ignore_errors=True)
 robot.perform(session(), results, FOLDER)

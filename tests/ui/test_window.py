@@ -55,7 +55,7 @@ def test_the_build_holds_the_overlays_agents_and_follows_undo_redo_and_frame(see
     assert build["frame 90"]["points"] == build["frame 90"]["counts"] != build["points"]
     assert build["painted"]["looks"] >= 2 and build["painted"]["other"] and build["painted"]["again"]
     assert build["removed"] == "FINISHED" and build["points removed"] is None
-    assert set(build["changed"]) == {"collections", "meshes", "node_groups", "objects", "settings"}
+    assert set(build["changed"]) == {"actions", "armatures", "collections", "meshes", "node_groups", "objects", "settings"}
 
 
 def test_the_preview_leaves_its_files_and_nothing_in_the_scene(seen):
@@ -150,6 +150,11 @@ def test_a_hundred_times_disabled_and_enabled_leaves_nothing(seen):
     assert repeat["before"] == repeat["after"] and repeat["seen"] == ALL_IS_WELL
     if None not in repeat["memory"]:  # what is there after 20 times is still all after 100
         assert repeat["memory"][-1] - repeat["memory"][0] < 64e6
+
+
+def test_blender_is_quit_amid_a_preview_which_leaves_nothing(seen):
+    assert seen["leave"]["status"] == ["RUNNING_MODAL"] and seen["leave"]["begun"]
+    assert seen["exit"] == 0 and not (seen["folder"] / "left").exists()
 
 
 def test_the_console_holds_no_other_error(seen):

@@ -5,14 +5,14 @@ the overlay on, after Render Viewport Image and Preview. A crash ends Blender be
 """
 
 import sys
-from importlib import import_module
 from pathlib import Path
 
 import bpy
 
 HERE = Path(__file__).parent
-sys.path += [str(HERE), str(HERE.parent / "faults")]
+sys.path += map(str, (HERE, HERE.parent, HERE.parent / "faults"))
 import robot  # noqa: E402
+import rough  # noqa: E402
 import undo_sequences  # noqa: E402
 
 FOLDER, FIRST, COUNT = sys.argv[sys.argv.index("--") + 1 :]
@@ -54,7 +54,7 @@ def session():
 
 def saved(path: str):
     """A small plaza with a build, played through its camera, in a file."""
-    import_module(f"{robot.MODULE}.sample_scenes.body").SUBDIVISIONS = 1  # rough characters
+    rough.use(robot.MODULE)
     yield from robot.press("crowd_lod.sample", name="plaza")
     settings = robot.settings()
     settings.count, settings.frames, settings.width, settings.folder = AGENTS, "1,5", 64, str(FOLDER / "undo_preview")
