@@ -15,7 +15,7 @@ from .levels import LevelPolicy, limits
 from .words import number
 
 # Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
-LADDER = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008)
+LADDER = (1.0, 0.4, 0.16, 0.06, 0.025, 0.01)
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
 BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
@@ -31,6 +31,33 @@ class View:
     farthest: float
     distance: np.ndarray = field(default_factory=lambda: np.empty(0))
     character: np.ndarray = field(default_factory=lambda: np.empty(0, np.intp))
+
+
+def ruled_out(
+    ratios: Sequence[float], known: dict[int, tuple[int, float]], radius: float, tolerance: float, views: Sequence[View], metres=1.0
+) -> dict[int, str]:
+    """Those of the candidates of `ratios` that need not be made, each with the reason, a sentence: coarser ones than one that begins
+    behind all agents, which are taken to deviate more, and finer ones than one that begins before them all.
+
+    known: of those made, the first among them, their triangles and bounds. radius: metres, of the bounding sphere. tolerance, views,
+    metres: as in `choose`.
+    """
+    policy, found = LevelPolicy((0.0,), "PIXELS", tolerance=tolerance), {}
+    nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
+    for k in known.keys() - {0}:
+        triangles, bound = known[k]
+        begins = np.stack([limits(policy, view.camera, np.array([radius]), np.array([[0.0, bound]]))[0, 0] for view in views])
+        if (begins > farthest * BETWEEN).all():
+            edges, others, what = (begins, np.full_like(begins, np.inf)), range(k + 1, len(ratios)), f"{triangles:,}"
+        elif (begins <= nearest / BETWEEN).all():
+            edges, others, what = (np.where(np.isinf(begins), begins, 0.0), begins), range(1, k), "they"
+        else:
+            continue
+        reason = _unused(0, np.stack(edges, axis=1), views, metres)
+        found |= {
+            j: f"About {ratios[j] * known[0][0]:,.0f} triangles were not tried: {what} {reason}" for j in others if j not in known
+        }
+    return found
 
 
 def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], list[str]]:

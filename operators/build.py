@@ -20,6 +20,7 @@ from .levels import OWNED, TINTS, remove_owned
 from .nodes import baked, instances, trees
 from .populate import groups_of, home_of, policy_of, trajectory_of
 from .poses import Cast, Wanted, make_cast
+from .unchanged import made_of, shown_by
 
 # Custom properties. Of a point object: its LOD and its bucket; in builds from before there were rigs its poses, and their rates.
 LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
@@ -27,6 +28,7 @@ LIBRARY = "crowd_lod_library"  # of the collection of all characters, and of a L
 RIGS = "crowd_lod_rigs"  # of the collection of all rigs in that
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
 POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"  # of the build's collection: see Library, and _played
+MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"  # of the build's collection: see _made_of; what it does not show
 BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (nodes/baked.py), the first and the last frame
 
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
@@ -115,14 +117,42 @@ def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Iterator[floa
     the progress.
 
     What an earlier build made stays, with all that the user changed or added there, but for the characters: those are new,
-    and returned. Closed early, it leaves the scene as it was.
+    and returned, unless nothing that they depend on has changed. Closed early, it leaves the scene as it was.
     """
     io.check_own(scene)
     check_levels(scene)
     check_build(scene)
-    cast = yield from make_cast(scene, wanted)
-    install(scene, cast)
+    cast = None if wanted is not None else _as_it_is(scene)
+    if cast is None:
+        cast = yield from make_cast(scene, wanted)
+    top = install(scene, cast)
+    if wanted is None:
+        top[MADE_OF], top[NOTES] = _made_of(scene, top), "\n".join(cast.notes)
     return cast
+
+
+def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
+    """Hashes that tell whether the characters of the build `top` are as they would be made now."""
+    levels = scene.crowd_lod.levels.children
+    homes = [home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children]
+    return f"{made_of(homes, _played(trajectory_of(scene)))} {policy_of(scene.crowd_lod).finest} {shown_by(top)}"
+
+
+def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
+    """What the scene's build shows, without its characters, if these are as they would be made now. Posed meshes and scaled images are
+    always made anew."""
+    top = scene.crowd_lod.build
+    if (
+        top is None
+        or scene.crowd_lod.scale_textures
+        or io.shared(scene, "build")
+        or MADE_OF not in top
+        or np.any(np.ravel(top.get(POSED, 1)))
+    ):
+        return None
+    if top[MADE_OF] != _made_of(scene, top):
+        return None
+    return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
 
 
 def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
@@ -135,8 +165,10 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
         top[OWNED] = True
         scene.collection.children.link(top)
     top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), _played(trajectory_of(scene))
-    top.pop(BAKED, None)
-    _shelve(scene, top, cast)
+    for key in (BAKED, MADE_OF):
+        top.pop(key, None)
+    if cast.collections:
+        _shelve(scene, top, cast)
     made = points_of(top)
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)

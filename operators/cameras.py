@@ -9,7 +9,7 @@ from ..crowd_lod import stereo
 from ..crowd_lod.camera import Camera, Window, crop, lens_blur, opened, referential, window
 from ..crowd_lod.errors import CrowdError
 from .scene import EEVEE, remapped
-from .stepping import At, stepped
+from .stepping import At, stage, stepped
 
 OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
 # The reach of Cycles' pixel filters from a pixel's middle, in parts of their width (film.cpp, filter_table).
@@ -188,12 +188,20 @@ def cameras_at(
     scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None, at: At | None = None
 ) -> list[tuple[Camera, ...]]:
     """`camera_at` for several times, filmed by `camera` or by the one bound to each."""
-    if at is None:
-        with stepped(scene) as at:
-            return cameras_at(scene, times, camera, at)
     films = [camera or bound_camera(scene, time) for time in times]
     eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
+    if at is None:
+        with stage() if all(map(_stands, {*films, *eyes})) else stepped(scene) as at:
+            return cameras_at(scene, times, camera, at)
     return [cameras_from(scene, film, at({*films, *eyes}, time)) for time, film in zip(times, films, strict=True)]
+
+
+def _stands(camera: bpy.types.Object) -> bool:
+    """Whether nothing that a file holds moves the camera: the scene need not be stepped to see it."""
+    data, handlers = camera.data, bpy.app.handlers
+    scripts = [f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not f.__module__.startswith(__package__)]
+    moved = camera.animation_data or data.animation_data or camera.parent or camera.constraints or camera.rigid_body
+    return not (moved or data.dof.focus_object or scripts)
 
 
 def still(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:

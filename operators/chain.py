@@ -1,4 +1,4 @@
-"""The LODs of a scene by tolerance: where the shot has its agents, and what is left of the ladder of candidates."""
+"""The LODs of a scene by tolerance: the candidates, and where the shot has its agents."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,6 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.gaits import Library
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import parse_frames
-from ..crowd_lod.steps import standing
 from . import scene as io
 from .cameras import cameras_at
 from .movers import action_range
@@ -35,26 +34,16 @@ def ratios_of(settings) -> list[float]:
     return ratios
 
 
-def check(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> None:
-    """CrowdError if the shot cannot be looked at: said before the candidates are made, which takes minutes."""
-    _shot(scene, groups)
-
-
-def _shot(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> tuple:
-    """(the trajectory of the groups, the detail map or None, the frames looked at, the cameras of each)."""
-    settings = scene.crowd_lod
-    frames = parse_frames(settings.frames, settings.step)
-    chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
-    trajectory = trajectory_of(scene, groups)
-    return trajectory, bias_of(settings, trajectory.world.area), chosen, cameras_at(scene, chosen)
-
-
 def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
     """Of each group the Shot of up to MOST_FRAMES of the frames; yields the part done.
 
     A group that none shows may be anywhere within the camera's clip range.
     """
-    trajectory, bias, chosen, cameras = _shot(scene, groups)
+    settings = scene.crowd_lod
+    frames = parse_frames(settings.frames, settings.step)
+    chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
+    trajectory = trajectory_of(scene, groups)
+    bias, cameras = bias_of(settings, trajectory.world.area), cameras_at(scene, chosen)
     centre, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
     library, gaits = cast_of(scene, trajectory), trajectory.gaits
     first, found = library.first(gaits), [[] for _ in groups]
@@ -84,28 +73,29 @@ def cast_of(scene: bpy.types.Scene, trajectory: Trajectory) -> Library:
 
 @dataclass(frozen=True)
 class Chosen:
-    """keep: of each group the candidates to keep; dropped: why the others are not, a sentence each; finest: of each group the
+    """keep: of each group which of its candidates to keep; dropped: why the others are not, a sentence each; finest: of each group the
     finest of those kept that builds have; tolerance: pixels, what LODs deviate so that they fit in memory, 0 without such a limit."""
 
     keep: list[list[int]]
-    dropped: list[str] = ()
-    finest: list[int] = ()
+    dropped: list[str]
+    finest: list[int]
     tolerance: float = 0.0
 
 
-def chosen(scene: bpy.types.Scene, groups: Sequence[Group], progress: float) -> Iterator[float]:
-    """The candidates that are Chosen of the `groups`; yields `progress`."""
+def chosen(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None]) -> Chosen:
+    """The candidates that are Chosen of the `groups`, which were measured: of groups without a shot all."""
     settings = scene.crowd_lod
-    seen = yield from standing(views(scene, tuple(groups)), progress)
-    tolerance = round(settings.tolerance, 6)
-    if settings.memory:
-        reached, keep, built = within(groups, tolerance, seen, 1e6 * settings.memory)
-        finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
-        return Chosen(keep, [], finest, reached)
-    keep, said = [], []
-    for group, shot in zip(groups, seen, strict=True):
-        kept, reasons = choose(counting(group, tolerance, shot), tolerance, shot.views, io.metres(scene))
-        kept, dear = cheapest(counting(group, tolerance, shot), kept, tolerance, shot)
+    tolerance, keep, said = round(settings.tolerance, 6), [], []
+    if settings.memory and None not in shots:
+        reached, keep, built = within(groups, tolerance, shots, 1e6 * settings.memory)
+        return Chosen(keep, [], [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)], reached)
+    for group, shot in zip(groups, shots, strict=True):
+        kept, reasons = list(range(len(group.triangles))), []
+        if shot is not None:
+            own = counting(group, tolerance, shot)
+            kept, reasons = choose(own, tolerance, shot.views, io.metres(scene))
+            kept, dear = cheapest(own, kept, tolerance, shot)
+            reasons += dear
         keep.append(kept)
-        said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons + dear)]
+        said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
     return Chosen(keep, said, [0] * len(keep))

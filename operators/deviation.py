@@ -9,11 +9,13 @@ import numpy as np
 from ..crowd_lod.agents import Group
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.hausdorff import Moving, interval
+from ..crowd_lod.steps import share
 from . import scene as io
 from .looks import Looks
 from .movers import action_range, armatures_of
 from .operator import Stepwise
 from .populate import characters_of, groups_of, home_of, store_groups
+from .rendered import as_rendered
 from .shaded import bodies_of, within
 from .surface import Surface, has_area, moving, same_faces, spread
 
@@ -28,27 +30,15 @@ Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles
 
 
 class Posed:
-    """A character and its LODs in a scene of their own. As a context: the scene is gone afterwards.
+    """A character and its LODs in a scene of their own, as they are rendered. As a context: the scene is gone afterwards.
 
-    objects: the character's. levels: the objects of each LOD. What is not shown in the viewport counts as well, with the
-    modifiers as they are rendered.
+    objects: the character's. levels: the objects of each LOD.
     """
 
     def __init__(self, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]):
-        self.stage = bpy.data.scenes.new("Crowd LOD deviation")
-        self.copies = []
-        self.character, *self.levels = [[self._as_rendered(item) for item in each] for each in (objects, *levels)]
-
-    def _as_rendered(self, item: bpy.types.Object) -> bpy.types.Object:
-        copy = item.copy()
-        self.copies.append(copy)
-        self.stage.collection.objects.link(copy)
-        copy.hide_viewport = False
-        for modifier in copy.modifiers:
-            modifier.show_viewport = modifier.show_render
-            if hasattr(modifier, "render_levels"):
-                modifier.levels = modifier.render_levels
-        return copy
+        self._staged = as_rendered([item for each in (objects, *levels) for item in each])
+        self.stage, actors = self._staged.__enter__()
+        self.character, *self.levels = [[actors[item] for item in each] for each in (objects, *levels)]
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
         """(the character's surface, each LOD's) at `frame`, world space; None where there is no face."""
@@ -64,9 +54,8 @@ class Posed:
     def __enter__(self):
         return self
 
-    def __exit__(self, *_):
-        bpy.data.scenes.remove(self.stage)
-        bpy.data.batch_remove(self.copies)
+    def __exit__(self, *error):
+        self._staged.__exit__(*error)
 
 
 def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
@@ -159,36 +148,55 @@ def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarra
     return np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)
 
 
-def measure(
-    group: Group,
-    objects: Sequence[bpy.types.Object],
-    levels: Sequence[Sequence[bpy.types.Object]],
-    progress: tuple[float, float] = (0.0, 1.0),
-) -> Iterator[float]:
-    """`group`, whose character is `objects`, with the deviations of its LODs, whose meshes are `levels`, and their bounds; a
-    generator that yields the progress within `progress` and returns the group.
+class Measure:
+    """What LODs of the character `objects`, of the group `name`, are measured by: the character in all poses, read when first needed.
+    Their steps yield, of a whole of 1, the part done."""
 
-    All objects of a LOD together are measured against all of the character's, in all poses. CrowdError if the character or a LOD
-    has no face in any pose.
-    """
-    begin, end = progress
-    frames, shapes = poses(objects), []  # of each frame (points, triangles) of the character and of each LOD
-    with Posed(objects, levels) as posed:
-        for done, frame in enumerate(frames, start=1):
-            shapes.append(posed.shapes(frame))
-            yield begin + (end - begin) * 0.3 * done / len(frames)
-    character, *others = zip(*shapes, strict=True)
-    if not any(has_area(points[triangles]).any() for points, triangles in character):
-        raise CrowdError(f"The character {group.name} shows no face in any pose of its action: check its modifiers.")
-    found, acting = [], _Acting(character)
-    for k, other in enumerate(others):
-        found.append(_measured(acting, _Acting(other), frames))
-        if found[-1] is None:
-            raise CrowdError(f"LOD {k} of {group.name} has no face: raise its ratio and press Make LOD Meshes.")
-        yield begin + (end - begin) * (0.3 + 0.7 * (k + 1) / len(others))
+    def __init__(self, name: str, objects: Sequence[bpy.types.Object]):
+        self.name, self.objects, self.character = name, objects, None
+
+    def read(self) -> Iterator[float]:
+        """Read the character, unless that is done. CrowdError if it has no face in any pose."""
+        if self.character is not None:
+            return
+        self.frames = poses(self.objects)
+        shapes = yield from _shapes(self.objects, self.frames)
+        shown = [each.points for each in (_surface(*shape) for shape in shapes) if each]
+        if not shown:
+            raise CrowdError(f"The character {self.name} shows no face in any pose of its action: check its modifiers.")
+        self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
+        self.character = _Acting(shapes)
+
+    def level(self, objects: Sequence[bpy.types.Object], k: int) -> Iterator[float]:
+        """Measure LOD k, all `objects` together against all of the character's, in all poses; returns (deviation, bound, root mean
+        square, frame of the worst pose), metres. CrowdError if either has no face in any pose."""
+        yield from share(self.read(), 0.0, 0.2)
+        shapes = yield from share(_shapes(objects, self.frames), 0.2, 0.4)
+        found = _measured(self.character, _Acting(shapes), self.frames)
+        if found is None:
+            raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
+        yield 1.0
+        return found
+
+
+def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Iterator[float]:
+    """Yields the part done and returns what the objects are at each of the frames."""
+    found = []
+    with Posed(objects, ()) as posed:
+        for frame in frames:
+            found += posed.shapes(frame)
+            yield len(found) / len(frames)
+    return found
+
+
+def measure(group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]) -> Iterator[float]:
+    """`group`, whose character is `objects`, with the deviations of its LODs, whose meshes are `levels`, and their bounds, see Measure;
+    a generator that yields the progress, 0 to 1, and returns the group."""
+    by, found = Measure(group.name, objects), []
+    for k, level in enumerate(levels):
+        found.append((yield from share(by.level(level, k), k / len(levels), (k + 1) / len(levels))))
     deviations, bounds, rms, worst = zip(*found, strict=True)
-    diagonal = max(float(np.linalg.norm(np.ptp(each.points, axis=0))) for each in (_surface(*shape) for shape in character) if each)
-    return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=diagonal, shaded=())
+    return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=by.diagonal, shaded=())
 
 
 class _Acting:
@@ -243,18 +251,15 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
 
 
 def compare(
-    group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]], progress: float
-) -> Iterator[float]:
-    """`group`, measured, with what its LODs' shaded pictures say (Group.shaded), each in the pose in which it deviates most; a generator
-    that yields `progress` and returns the group."""
-    looks, found = Looks(), [0.0]
-    with Posed(objects, levels) as posed:
-        for k in range(1, len(levels)):
-            posed.shapes(group.worst[k])
-            bodies = [bodies_of(each, posed.stage.view_layers[0].depsgraph, looks) for each in (posed.character, posed.levels[k])]
-            found.append(np.inf if None in bodies else within(*bodies, looks.images(), group.diagonal))
-            yield progress
-    return replace(group, shaded=tuple(found))
+    objects: Sequence[bpy.types.Object], level: Sequence[bpy.types.Object], frame: float, diagonal: float, looks: Looks
+) -> float:
+    """What the shaded pictures of a LOD, whose objects are `level`, and of the character `objects` say at `frame`, see Group.shaded.
+    diagonal: metres, of the character's bounding box; looks: of all objects."""
+    with Posed(objects, [level]) as posed:
+        posed.shapes(frame)
+        depsgraph = posed.stage.view_layers[0].depsgraph
+        bodies = [bodies_of(each, depsgraph, looks) for each in (posed.character, *posed.levels)]
+        return np.inf if None in bodies else within(*bodies, looks.images(), diagonal)
 
 
 def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
@@ -275,11 +280,12 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
             raise CrowdError(
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
             )
-        span = g / len(characters), (g + 1) / len(characters)
         meshes = meshes_of(settings.levels, g, name)
-        measured.append((yield from measure(known[name], objects, meshes, span)))
+        own = yield from share(measure(known[name], objects, meshes), g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
-            measured[-1] = yield from compare(measured[-1], objects, meshes, span[1])
+            looks, others = Looks(), zip(meshes[1:], own.worst[1:], strict=True)
+            own = replace(own, shaded=(0.0, *(compare(objects, *other, own.diagonal, looks) for other in others)))
+        measured.append(own)
     store_groups(settings, tuple(measured))
 
 

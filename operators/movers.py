@@ -161,11 +161,11 @@ def _read(target: bpy.types.DriverTarget) -> tuple:
     return block and block.name_full, path, value, place
 
 
-def stance(item: bpy.types.Object) -> list:
-    """How `item` and all that it follows stand and move, and what those are shaped like, as far as no frame of an action changes
+def stance(*items: bpy.types.Object) -> list:
+    """How `items` and all that they follow stand and move, and what those are shaped like, as far as no frame of an action changes
     it: what prints alike moves alike."""
     found = []
-    for mover in movers_of([item]):
+    for mover in movers_of(list(items)):
         data = _animated([mover])
         curves = [curve for player in players_of([mover]) for curve in curves_of(player)]
         drivers = [driver for each in data for driver in each.drivers]
@@ -186,7 +186,7 @@ def stance(item: bpy.types.Object) -> list:
         if mover.type == "ARMATURE":
             found += [_bone(bone, mover.data.bones[bone.name], moved) for bone in mover.pose.bones]
             found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and _settings(mover.pose.ik_param)]
-        elif mover != item and mover.data is not None:
+        elif mover not in items and mover.data is not None:
             found += [_settings(mover.data, moved), *_shape(mover.data)]
     return found
 

@@ -1,7 +1,7 @@
 """From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -82,9 +82,9 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
     return finished(measuring_groups(scene))
 
 
-def measuring_groups(scene: bpy.types.Scene) -> Iterator[float]:
-    """Measure every character group's bounding sphere, stride and period; what is known of its LOD meshes is kept. Yields the
-    progress, 0 to 1, and returns the groups."""
+def measuring_groups(scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float]] = {}) -> Iterator[float]:
+    """Measure every character group's bounding sphere, stride and period; what is known of its LOD meshes is kept, and of groups in
+    `reaches` (lowest, centre, radius). Yields the progress, 0 to 1, and returns the groups."""
     settings = scene.crowd_lod
     fps = scene.render.fps / scene.render.fps_base
     known = {}
@@ -93,15 +93,24 @@ def measuring_groups(scene: bpy.types.Scene) -> Iterator[float]:
     measured, characters = [], characters_of(scene)
     for g, (name, objects, origin) in enumerate(characters):
         first, last = action_range(objects)
-        poses = yield from share(posing(objects, frames_of(first, last)), g / len(characters), (g + 1) / len(characters))
-        entry = settings.groups.get(name)
-        low, on_ground = lowest(poses, origin[2]), entry is None or entry.on_ground
-        centre, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), poses)
+        on_ground = stands(settings, name)
+        if name in reaches:
+            low, centre, radius = reaches[name]
+        else:
+            poses = yield from share(posing(objects, frames_of(first, last)), g / len(characters), (g + 1) / len(characters))
+            low = lowest(poses, origin[2])
+            centre, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), poses)
         stride = _custom(settings.characters, name, "stride")
         found = Group(name, centre, radius, stride, (last - first) / fps, lowest=low, on_ground=on_ground)
         lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
         measured.append(replace(found, **lods))
     return tuple(measured)
+
+
+def stands(settings, name: str) -> bool:
+    """Whether the group called `name` is to stand on its lowest point."""
+    entry = settings.groups.get(name)
+    return entry is None or entry.on_ground
 
 
 def store_groups(settings, groups: tuple[Group, ...]) -> None:

@@ -28,14 +28,14 @@ SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_
 
 @dataclass
 class Bones:
-    """What bones do over time, in the world. rest: of each bone its matrix (4, 4) without scale; moves: of each at each time
-    the matrix (4, 4) that takes a point that it deforms from its place at rest to where it is then; back: the inverse of its matrix in
-    the armature, at rest."""
+    """What bones do over time, in the world. rest: of each bone its matrix (4, 4) without scale; back: the inverses (bones, 4, 4) of
+    their matrices in the armature, at rest; moves: at each time the matrices (bones, 4, 4) that take a point which they deform from its
+    place at rest to where it is then."""
 
     rest: dict[str, np.ndarray] = field(default_factory=dict)
-    lengths: dict[str, float] = field(default_factory=dict)
-    moves: dict[str, list[np.ndarray]] = field(default_factory=dict)
-    back: dict[str, np.ndarray] = field(default_factory=dict)
+    lengths: list[float] = field(default_factory=list)
+    moves: list[np.ndarray] = field(default_factory=list)
+    back: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -106,16 +106,19 @@ def _alone(item: bpy.types.Object) -> bpy.types.Object:
 
 def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
     """Add to `own` what the bones `wanted` of the evaluated armature `rig` do now."""
-    world = np.array(rig.matrix_world, np.float64)
-    away = np.linalg.pinv(world)
-    for name in wanted:
-        bone = rig.pose.bones[name]
-        if name not in own.rest:
-            rest = np.array(bone.bone.matrix_local, np.float64)
+    if not wanted:
+        return
+    world, bones = np.array(rig.matrix_world, np.float64), rig.pose.bones
+    if own.back is None:
+        rests = [np.array(bones[name].bone.matrix_local, np.float64) for name in wanted]
+        own.back = np.linalg.inv(rests)
+        for name, rest in zip(wanted, rests, strict=True):
             own.rest[name], scale = _plain(world @ rest)
-            own.lengths[name], own.moves[name] = max(bone.bone.length * scale, 1e-4), []
-            own.back[name] = np.linalg.inv(rest)
-        own.moves[name].append(world @ np.array(bone.matrix, np.float64) @ own.back[name] @ away)
+            own.lengths.append(max(bones[name].bone.length * scale, 1e-4))
+    matrices = np.empty((len(bones), 4, 4), np.float32)
+    bones.foreach_get("matrix", matrices.ravel())  # column by column
+    now = matrices[[bones.find(name) for name in wanted]].transpose(0, 2, 1).astype(np.float64)
+    own.moves.append(world @ now @ own.back @ np.linalg.pinv(world))
 
 
 def _deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
@@ -145,17 +148,19 @@ def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarra
         if np.abs(moves - np.eye(4)).max() > STILL:
             carried[item] = f"object {number:03d}"
             tracks.rest[carried[item]], _ = _plain(matrices[0])
-            tracks.moves[carried[item]], tracks.lengths[carried[item]] = list(moves), 0.1
+            tracks.lengths.append(0.1)
+            tracks.moves.append(moves)
+    tracks.moves = np.moveaxis(tracks.moves, 0, 1) if carried else []
     rigs = {}
     for armature, own in {**bones, **({TRACKS: tracks} if carried else {})}.items():
         if not own.rest:
             continue
         rest = {bone: shift @ matrix for bone, matrix in own.rest.items()}
-        data = _armature(f"{name} {armature}", rest, own.lengths)
+        data = _armature(f"{name} {armature}", rest, dict(zip(rest, own.lengths, strict=True)))
         action = bpy.data.actions.new(f"{name} {armature}")
         made |= {data: f"{name} {armature}", action: f"{name} {armature}"}
-        for bone, moves in own.moves.items():
-            _bake(action, bone, np.linalg.inv(rest[bone]) @ (shift @ np.array(moves) @ back) @ rest[bone], span)
+        for bone, moves in zip(rest, np.moveaxis(own.moves, 1, 0), strict=True):
+            _bake(action, bone, np.linalg.inv(rest[bone]) @ (shift @ moves @ back) @ rest[bone], span)
         rigs[armature] = data, action
     return Model(rigs, carried, {item: shift @ matrices[0] for item, matrices in places.items()}, span[1] - span[0])
 

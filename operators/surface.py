@@ -14,6 +14,7 @@ ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 ma
 LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32
 NEAR = 5e-5  # of the surface's size: what it may err by
 CLOSER, HALVED = 400, 5  # triangles, where samples are farthest off, that are looked at closer, and how often these are divided
+FARTHEST = 50  # triangles whose sides are looked at where that is roughly known
 SILHOUETTE = 256  # pixels across a surface's silhouette
 FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
 
@@ -167,6 +168,22 @@ def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
 def spread(one: Surface, other: Surface, count: int) -> float:
     """The root mean square, metres, of the distances of `count` samples of each of two surfaces to the other; the larger one."""
     return max(float(np.sqrt(np.mean(b.distances(a.at(*scattered(a.area, count))) ** 2))) for a, b in ((one, other), (other, one)))
+
+
+def roughly(one: Surface, other: Surface, count: int) -> float:
+    """About the symmetric Hausdorff distance, metres, of two surfaces: at `count` points of each, corners and middles of as many
+    of its triangles as that makes, and on the sides of those that are farthest off: good enough for a choice."""
+    return max(_roughly(a, b, count // 2) for a, b in ((one, other), (other, one)))
+
+
+def _roughly(one: Surface, other: Surface, count: int) -> float:
+    """The same from `one` to `other` alone."""
+    some = np.arange(0, len(one.triangles), max(1, len(one.triangles) // count))
+    face, weights = np.concatenate([some, some]), np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0)
+    off = other.distances(one.at(face, weights))
+    far = one.points[one.triangles[np.unique(face[np.argsort(-off, kind="stable")[:FARTHEST]])]]
+    middles = (far + np.roll(far, -1, axis=1)) / 2
+    return float(max(off.max(), other.distances(np.concatenate([far, middles]).reshape(-1, 3)).max()))
 
 
 def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:

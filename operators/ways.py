@@ -12,10 +12,10 @@ from . import scene as io
 from .repair import drop_loose
 from .shaded import similarity
 from .source import Source, evaluated_mesh, read_weights, staged
-from .surface import Surface, deviation, scattered
+from .surface import Surface, roughly, scattered
 from .transfer import barycentric, charts_of, dress, nearest_vertices, shade, weights_of
 
-SAMPLES = 5_000  # points that the two ways are compared at
+SAMPLES = 4_000  # points of each surface that the two ways are compared at
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
 MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
 KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
@@ -165,13 +165,13 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
     points, triangles, corners, _ = io.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     made = Surface(points, triangles)
-    distance, _ = deviation(source.surface, made, SAMPLES)
+    distance = roughly(source.surface, made, SAMPLES)
     skin, surfaces = source.posed
     if surfaces:
         follows = nearest_vertices(source, points)
     for j, surface in enumerate(surfaces):
         yield
-        distance = max(distance, deviation(surface, Surface(skin.at(j, points.T, follows).T, triangles), SAMPLES)[0])
+        distance = max(distance, roughly(surface, Surface(skin.at(j, points.T, follows).T, triangles), SAMPLES))
     yield
     off = uv_error(source, mesh, made, corners)
     yield

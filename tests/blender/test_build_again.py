@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.bake import bake
@@ -76,6 +77,40 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     assert visible().shape == looks.shape or visible().shape[0] > looks.shape[0]
     builder.remove_build(built.crowd_lod)
     assert built in lamp.users_scene and "my tree" in bpy.data.node_groups
+
+
+def change_nothing(scene):
+    pass
+
+
+def move_a_key(scene):
+    item = next(item for item in scene.crowd_lod.characters.all_objects if item.type == "ARMATURE")
+    item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0].co.y += 0.1
+
+
+def paint_a_lod(scene):
+    item = next(item for item in scene.crowd_lod.levels.children[1].all_objects if item.type == "MESH")
+    item.pass_index = 7
+
+
+def lose_a_rig(scene):
+    bpy.data.objects.remove(next(item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"))
+
+
+def turn_a_character(scene):
+    next(item for item in scene.crowd_lod.build.children_recursive[0].all_objects if item.type == "MESH").location.x += 1
+
+
+@pytest.mark.parametrize("change", [change_nothing, move_a_key, paint_a_lod, lose_a_rig, turn_a_character])
+def test_characters_are_made_anew_only_where_something_changed(levelled, change):
+    first = finished(builder.build(levelled))
+    rigs = {item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"}
+    assert first.collections and rigs
+    change(levelled)
+    again = finished(builder.build(levelled))
+    now = {item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"}
+    assert len(now) == len(rigs) and (now == rigs) == (not again.collections) == (change is change_nothing)
+    assert again.notes == first.notes and again.posed.tolist() == first.posed.tolist()
 
 
 def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):

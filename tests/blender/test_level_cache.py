@@ -87,6 +87,26 @@ def test_a_change_to_one_character_makes_that_one_anew(two, change):
     assert again["other LOD 1"] == kept and set(again) == set(first)
 
 
+def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):
+    """What displaces a surface is in no mesh: the LODs are kept, the sphere is not."""
+    body = bpy.data.objects["body"]
+    material = body.data.materials[0]
+    material.use_nodes, material.displacement_method = True, "DISPLACEMENT"
+    run(two)
+    before = [group.radius for group in two.crowd_lod.groups]
+    outcome, _ = run(two)
+    assert outcome.kept == ("one", "two") and [group.radius for group in two.crowd_lod.groups] == before
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeDisplacement")
+    node.inputs["Height"].default_value, node.inputs["Midlevel"].default_value, node.inputs["Scale"].default_value = 3, 0, 1
+    end = next(node for node in tree.nodes if node.type == "OUTPUT_MATERIAL")
+    tree.links.new(node.outputs[0], end.inputs["Displacement"])
+    outcome, _ = run(two)
+    assert outcome.kept == ("one", "two") and two.crowd_lod.groups[0].radius > before[0] + 2.9
+    two.crowd_lod.groups[1].radius = 100.0
+    assert run(two)[0].kept == ("one", "two") and two.crowd_lod.groups[1].radius == before[1]
+
+
 def test_other_settings_make_all_anew(two):
     run(two)
     two.crowd_lod.ratios[2] = 0.2

@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators.levels import _object_digest
+from crowd_lod_extension.operators.ladder import _object_digest
 from crowd_lod_extension.operators.movers import action_range
 from crowd_lod_extension.operators.populate import measure_groups
 from crowd_lod_extension.operators.source import read_source

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.camera import Window
-from crowd_lod_extension.crowd_lod.chain import BETWEEN, LEAST_SAVED, View, choose
+from crowd_lod_extension.crowd_lod.chain import BETWEEN, LEAST_SAVED, View, choose, ruled_out
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy, assign, limits
 
@@ -80,3 +80,28 @@ def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(see
 def test_a_tolerance_that_means_nothing_is_refused():
     with pytest.raises(CrowdError, match="tolerance"):
         choose(LODS, float("nan"), [View(straight(), 2.0, 40.0)])
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_candidates_that_are_ruled_out_would_not_have_been_kept(seed):
+    """Where coarser ones deviate more, as is taken for granted: in whatever order they are made, and of both kinds of cameras."""
+    random = np.random.default_rng(seed)
+    ratios = (1.0, 0.5, 0.25, 0.12, 0.06, 0.03, 0.015)
+    triangles, bounds = tuple(round(2000 * ratio) for ratio in ratios), (0.0, *np.sort(random.uniform(0, 3, 6)).tolist())
+    camera = straight(far=500, kind=random.choice(["PERSP", "ORTHO"]))
+    views = [View(camera, near, near * random.uniform(1, 3)) for near in random.uniform(1, 80, 3)]
+    kept, _ = choose(replace(LODS, triangles=triangles, deviations=bounds, bounds=bounds), 1.0, views)
+    known, out = {0: (triangles[0], 0.0)}, {}
+    while left := [k for k in range(len(ratios)) if k not in known and k not in out]:
+        k = int(random.choice(left))
+        known[k] = triangles[k], bounds[k]
+        out = ruled_out(ratios, known, 1.0, 1.0, views)
+        assert not out.keys() & known.keys() and not set(kept) & out.keys()
+
+
+def test_what_is_ruled_out_is_said_with_the_candidate_that_says_so():
+    known, views = {0: (1000, 0.0), 2: (160, 0.3)}, [View(straight(), 30.0, 40.0)]
+    ratios, few = (1.0, 0.4, 0.16, 0.06), "would end 16 m away, and the nearest agent is 30 m away."
+    assert ruled_out(ratios, known, 1.0, 1.0, views) == {1: f"About 400 triangles were not tried: they {few}"}
+    near, far = [View(straight(), 2.0, 8.0)], "160 would begin 16 m away, and the farthest agent is 8 m away."
+    assert ruled_out(ratios, known, 1.0, 1.0, near) == {3: f"About 60 triangles were not tried: {far}"}
