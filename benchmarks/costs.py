@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 from worth import LIMIT, PICTURE, job, show
 
-CROWDS = ((1, 0), (1, 1), (1, 2), (4, 0), (4, 1))  # characters, and how often their faces are divided
-AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (30, 300, 3000)}
+# Of each engine the characters, and how often their faces are divided
+CROWDS = {"CYCLES": ((1, 0), (1, 1), (1, 2), (4, 0), (4, 1)), "EEVEE": ((1, 0), (1, 1), (4, 0))}
+AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
 COUNTS = {
     "memory": ("posed", "unique", "instances", "instanced", "rigs"),
     "seconds": ("posed", "unique", "instances", "instanced", "rigs", "rays"),
@@ -61,7 +62,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for engine, agents in AGENTS.items():
             rows = []
-            for groups, finer in CROWDS:
+            for groups, finer in CROWDS[engine]:
                 made = job(
                     1200,
                     job="full",

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures import Future, wait
+from contextlib import closing
 from typing import Any
 
 LOOK = 0.05  # seconds between two looks at work that another thread does
@@ -23,23 +24,24 @@ def finished(steps: Generator) -> Any:
 
 
 def share(steps: Generator, begin: float, end: float) -> Iterator[float]:
-    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns."""
-    while True:
-        try:
-            progress = next(steps)
-        except StopIteration as stop:
-            return stop.value
-        yield begin + (end - begin) * progress
+    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns. Closed early, it closes the
+    generator at once: before its caller tidies up, and not when Python frees it."""
+    return (yield from _told(steps, lambda progress: begin + (end - begin) * progress))
 
 
 def standing(steps: Generator, progress: float) -> Iterator[float]:
-    """Yields `progress` at each of the generator's steps, whatever it yields; returns what it returns."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stop:
-            return stop.value
-        yield progress
+    """Yields `progress` at each of the generator's steps, whatever it yields; returns what it returns. Closed early, as share."""
+    return (yield from _told(steps, lambda _: progress))
+
+
+def _told(steps: Generator, tell: Callable[[Any], float]) -> Iterator[float]:
+    with closing(steps):
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as stop:
+                return stop.value
+            yield tell(progress)
 
 
 def aside(work: Callable[[], Any], progress: Callable[[], float] = lambda: 0.0) -> Iterator[float]:

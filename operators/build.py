@@ -135,7 +135,7 @@ def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
     """Hashes that tell whether the characters of the build `top` are as they would be made now."""
     levels = scene.crowd_lod.levels.children
     homes = [home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children]
-    return f"{made_of(homes, _played(trajectory_of(scene)))} {policy_of(scene.crowd_lod).finest} {shown_by(top)}"
+    return f"{made_of(homes, _played(trajectory_of(scene)))} {policy_of(scene.crowd_lod).finest} {scene.crowd_lod.scale_textures} {shown_by(top)}"
 
 
 def _as_it_is(scene: bpy.types.Scene) -> Cast | None:

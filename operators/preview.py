@@ -88,13 +88,11 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         ready = 0.0
         if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod)) is None:
             ready = LEVELS
-            for part in (make_levels if stage.crowd_lod.levels is None else measure_levels)(stage):
-                yield LEVELS * part
+            yield from share((make_levels if stage.crowd_lod.levels is None else measure_levels)(stage), 0.0, LEVELS)
         # nothing that these depend on changes from here on, and each look reads the whole map
         trajectory = trajectory_of(stage)
         shots = opened.enter_context(Playblast(stage, trajectory, size)) if drawn else Rendered(stage, wanted)
-        for part in shots.prepare():
-            yield ready + PREPARED * part
+        yield from share(shots.prepare(), ready, ready + PREPARED)
         ready += PREPARED
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
         view = first = None

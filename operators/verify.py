@@ -73,11 +73,9 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         yield from standing(trajectory.approach(io.time_of(scene)), 0.0)
         frame_of(scene, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if own.levels is None:
-            for part in make_levels(scene):
-                yield 0.05 * part
+            yield from share(make_levels(scene), 0.0, 0.05)
         every = [range(2**31)] * policy_of(own).count  # also of LODs that are left out to save memory: they are what is proved
-        for part in build.build(scene, every):
-            yield 0.05 + 0.05 * part
+        yield from share(build.build(scene, every), 0.05, 0.1)
         bake.mark(scene, wanted.frames)  # with motion blur its points move by themselves
         build.dress_all(scene)
         top, own.build = own.build, None  # it holds what is written here, not what the frame asks
