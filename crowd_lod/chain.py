@@ -17,6 +17,7 @@ from .words import number
 # Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
 LADDER = (1.0, 0.4, 0.16, 0.06, 0.025, 0.01)
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
+WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
 STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
 BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
 
@@ -33,50 +34,35 @@ class View:
     character: np.ndarray = field(default_factory=lambda: np.empty(0, np.intp))
 
 
-def ruled_out(
-    ratios: Sequence[float], known: dict[int, tuple[int, float]], radius: float, tolerance: float, views: Sequence[View], metres=1.0
-) -> dict[int, str]:
-    """Those of the candidates of `ratios` that need not be made, each with the reason, a sentence: coarser ones than one that begins
-    behind all agents, which are taken to deviate more, and finer ones than one that begins before them all.
-
-    known: of those made, the first among them, their triangles and bounds. radius: metres, of the bounding sphere. tolerance, views,
-    metres: as in `choose`.
-    """
-    policy, found = LevelPolicy((0.0,), "PIXELS", tolerance=tolerance), {}
-    nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
-    for k in known.keys() - {0}:
-        triangles, bound = known[k]
-        begins = np.stack([limits(policy, view.camera, np.array([radius]), np.array([[0.0, bound]]))[0, 0] for view in views])
-        if (begins > farthest * BETWEEN).all():
-            edges, others, what = (begins, np.full_like(begins, np.inf)), range(k + 1, len(ratios)), f"{triangles:,}"
-        elif (begins <= nearest / BETWEEN).all():
-            edges, others, what = (np.where(np.isinf(begins), begins, 0.0), begins), range(1, k), "they"
-        else:
-            continue
-        reason = _unused(0, np.stack(edges, axis=1), views, metres)
-        found |= {
-            j: f"About {ratios[j] * known[0][0]:,.0f} triangles were not tried: {what} {reason}" for j in others if j not in known
-        }
-    return found
+def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> list[float]:
+    """What the candidates of `ratios` deviate at most, metres: where it is `known`, that, else by that of those around. Between them
+    logarithms of deviation and triangles are in a line, and outside deviation is as 1 / triangles, which holds for smooth surfaces.
+    usual: metres, times 1 / ratio the deviation where none is known."""
+    made = sorted(k for k, bound in known.items() if 0 < bound < np.inf)
+    places = np.log([1 / ratios[k] for k in made] or [1.0])
+    values = np.log([known[k] for k in made] or [usual])
+    at = np.log(1 / np.array(ratios))
+    found = np.exp(np.interp(at, places, values) + np.minimum(at - places[0], 0) + np.maximum(at - places[-1], 0))
+    return [known.get(k, float(found[k])) for k in range(len(ratios))]
 
 
-def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], list[str]]:
-    """(indices of the candidates to keep, why each of the others is dropped, a sentence each).
+def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], dict[int, str]]:
+    """(the candidates to keep, why each of the others is dropped, a sentence each), by their numbers.
 
     group: with its candidates' triangles and bounds of deviation, finest first. The first is always kept: it is the character. Of
     the others one is dropped if one with fewer triangles deviates no more, if it saves less than LEAST_SAVED of the
     triangles of the finer one kept, or if in none of the views an agent is where it would be used, within the tolerance in
     pixels. metres: that a unit of length is, for the sentences.
     """
-    kept, dropped = [0], []
+    kept, dropped = [0], {}
     for k in range(1, len(group.triangles)):
         own, finer = group.triangles[k], group.triangles[kept[-1]]
         coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
         lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
         if lower:
-            dropped.append(f"{own:,} triangles deviate no less than {lower[0]:,}.")
+            dropped[k] = f"{own:,} triangles deviate no less than {lower[0]:,}."
         elif own > (1 - LEAST_SAVED) * finer:
-            dropped.append(f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD.")
+            dropped[k] = f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD."
         else:
             kept.append(k)
     deviation = np.array([[group.bounds[k] for k in kept]])
@@ -88,7 +74,7 @@ def choose(group: Group, tolerance: float, views: Sequence[View], metres: float 
         used |= (edges[:-1] < edges[1:]) & (edges[:-1] <= view.farthest * BETWEEN) & (edges[1:] > view.nearest / BETWEEN)
         begins.append(edges)
     for j in np.flatnonzero(~used[1:]) + 1:
-        dropped.append(f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, metres)}")
+        dropped[kept[j]] = f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, metres)}"
     return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
 
 
@@ -161,19 +147,21 @@ def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> I
             yield tuple(kept[j] for j in chosen), price(work, shot.engine)
 
 
-def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[list[int], list[str]]:
+def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[list[int], dict[int, str]]:
     """(those of the candidates `kept` with which the shot's build costs least, why the others are dropped, a sentence each).
 
-    Cost is the mean of the parts of memory and time that the group takes at full detail. The first is kept: whoever comes
-    nearer than the shot shows needs it."""
+    Cost is the sum of the parts of memory and time that the group takes at full detail; of choices that cost less than WORTH
+    more than the least, that of the fewest LODs. The first is kept: whoever comes nearer than the shot shows needs it."""
     if not any(len(view.distance) for view in shot.views):
-        return list(kept), []
+        return list(kept), {}
     found = {chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]}
     whole = found[(kept[0],)]
     parts = {chosen: own.share(whole) for chosen, own in found.items()}
-    best = min(parts, key=lambda chosen: (round(parts[chosen].memory + parts[chosen].seconds, 6), len(chosen)))
+    cost = {chosen: own.memory + own.seconds for chosen, own in parts.items()}
+    good = [chosen for chosen in cost if cost[chosen] <= min(cost.values()) + WORTH]
+    best = min(good, key=lambda chosen: (len(chosen), cost[chosen]))
     gone = [k for k in kept if k not in best]
-    return list(best), [f"{group.triangles[k]:,} triangles cost {NAMES[shot.engine]} more than they save." for k in gone]
+    return list(best), {k: f"{group.triangles[k]:,} triangles save {NAMES[shot.engine]} nothing worth a LOD." for k in gone}
 
 
 def within(

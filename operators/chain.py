@@ -73,29 +73,30 @@ def cast_of(scene: bpy.types.Scene, trajectory: Trajectory) -> Library:
 
 @dataclass(frozen=True)
 class Chosen:
-    """keep: of each group which of its candidates to keep; dropped: why the others are not, a sentence each; finest: of each group the
-    finest of those kept that builds have; tolerance: pixels, what LODs deviate so that they fit in memory, 0 without such a limit."""
+    """keep: of each group the candidates to keep; dropped: why the others are not, a sentence each, by their numbers; finest: of each
+    group the finest of those kept that builds have; tolerance: pixels, what LODs deviate so that they fit in memory, 0 without such a
+    limit."""
 
     keep: list[list[int]]
-    dropped: list[str]
+    dropped: list[dict[int, str]]
     finest: list[int]
     tolerance: float = 0.0
 
 
 def chosen(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None]) -> Chosen:
-    """The candidates that are Chosen of the `groups`, which were measured: of groups without a shot all."""
+    """The candidates that are Chosen of the `groups`, which have what is known of theirs, or guessed: of groups without a shot all."""
     settings = scene.crowd_lod
-    tolerance, keep, said = round(settings.tolerance, 6), [], []
+    tolerance, keep, dropped = round(settings.tolerance, 6), [], []
     if settings.memory and None not in shots:
         reached, keep, built = within(groups, tolerance, shots, 1e6 * settings.memory)
-        return Chosen(keep, [], [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)], reached)
+        finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
+        return Chosen(keep, [{}] * len(keep), finest, reached)
     for group, shot in zip(groups, shots, strict=True):
-        kept, reasons = list(range(len(group.triangles))), []
+        kept, reasons, dear = list(range(len(group.triangles))), {}, {}
         if shot is not None:
             own = counting(group, tolerance, shot)
             kept, reasons = choose(own, tolerance, shot.views, io.metres(scene))
             kept, dear = cheapest(own, kept, tolerance, shot)
-            reasons += dear
         keep.append(kept)
-        said += [f"{group.name}: {reason}" for reason in dict.fromkeys(reasons)]
-    return Chosen(keep, said, [0] * len(keep))
+        dropped.append(reasons | dear)
+    return Chosen(keep, dropped, [0] * len(keep))

@@ -2,10 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 import bpy
+import numpy as np
 from idprop.types import IDPropertyGroup
 
+from ..crowd_lod.agents import Group
+from ..crowd_lod.chain import guessed
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.steps import share, standing
 from . import scene as io
@@ -40,7 +44,8 @@ COLUMNS = {"vertices": int, "triangles": int, "deviations": float, "bounds": flo
 REACH = "reach"  # of what was measured: where the group stands, by how much materials displace it, its lowest point, centre, radius
 # Modifiers whose settings say all that they do; of others, such as physics, groups are measured again.
 PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
-VERSION = 17  # of the code that makes LOD meshes: another one makes them anew
+LOST = 14.0  # of LODs of people, about: see Ladder.lost
+VERSION = 18  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -145,6 +150,23 @@ class Ladder:
     def columns(self, some: Sequence[int]) -> dict:
         """What a Group has of the candidates `some`."""
         return dict(zip(self.kinds, zip(*(self.rows[k] for k in some), strict=True), strict=True)) | {"diagonal": self.diagonal}
+
+    def lost(self) -> list[float]:
+        """Of the candidates measured, by which part of the character's size they deviate, times their triangles."""
+        triangles, bounds = (list(self.kinds).index(name) for name in ("triangles", "bounds"))
+        return [row[triangles] * row[bounds] / self.diagonal for k, row in self.rows.items() if k]
+
+    def guess(self, group: Group, usual: Sequence[float]) -> Group:
+        """The group with what is known of its candidates, and guessed of the others; usual: what characters have `lost`."""
+        whole = self.rows[0][list(self.kinds).index("triangles")]
+        own = {
+            name: [self.rows[k][at] if k in self.rows else 0 for k in range(len(self.ratios))] for at, name in enumerate(self.kinds)
+        }
+        for name in ("bounds", *self.kinds.keys() & {"shaded"}):
+            known = {k: own[name][k] for k in self.rows}
+            own[name] = guessed(self.ratios, known, float(np.median(usual or [LOST])) * self.diagonal / whole)
+        own["triangles"] = [own["triangles"][k] or max(1, round(ratio * whole)) for k, ratio in enumerate(self.ratios)]
+        return replace(group, diagonal=self.diagonal, **{name: tuple(values) for name, values in own.items()})
 
     def settle(self, chosen: list[bpy.types.Collection]) -> None:
         some = sorted(self.rows)

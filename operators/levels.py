@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 
 import bpy
 
-from ..crowd_lod.agents import Group
-from ..crowd_lod.chain import Shot, counting, ruled_out
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.steps import share, standing
 from . import chain
@@ -65,18 +63,23 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
             if ladder.reach:
                 reaches[name] = ladder.reach
         groups = yield from standing(measuring_groups(scene, reaches), 0.1)
-        shots, measured, untried = [None] * len(groups), [], []
+        shots = [None] * len(groups)
         if settings.choice == "BY_TOLERANCE":
             shots = yield from standing(chain.views(scene, groups), 0.1)
-        for g, (ladder, group, shot) in enumerate(zip(ladders, groups, shots, strict=True)):
+        for ladder, group in zip(ladders, groups, strict=True):
             ladder.reach = group.lowest, group.centre, group.radius
-            trying = _tried(ladder, group, None if settings.memory else shot, settings.tolerance, io.metres(scene))
-            out = yield from share(trying, 0.1 + 0.8 * g / len(groups), 0.1 + 0.8 * (g + 1) / len(groups))
-            untried += [f"{ladder.name}: {reason}" for reason in dict.fromkeys(out.values())]
-            measured.append(replace(group, **ladder.columns(sorted(ladder.rows))))
-        chosen = chain.chosen(scene, measured, shots)
-        for g, (ladder, own) in enumerate(zip(ladders, chosen.keep, strict=True)):
-            kept = [sorted(ladder.rows)[j] for j in own]
+            if 0 not in ladder.rows:
+                yield from standing(ladder.measure(0), 0.1)
+        chosen, missing, total = None, True, len(ladders) * len(ratios)
+        while missing:  # those that are chosen by what is guessed of them are made, until all that are chosen are
+            usual = [each for ladder in ladders for each in ladder.lost()]
+            guesses = [ladder.guess(group, usual) for ladder, group in zip(ladders, groups, strict=True)]
+            chosen = chain.chosen(scene, guesses, shots)
+            missing = [(ladder, k) for ladder, own in zip(ladders, chosen.keep, strict=True) for k in own if k not in ladder.rows]
+            for ladder, k in missing[:1]:  # it says more of the others
+                done = sum(len(each.rows) for each in ladders)
+                yield from share(ladder.measure(k), 0.1 + 0.8 * done / total, 0.1 + 0.8 * (done + 1) / total)
+        for g, (ladder, kept) in enumerate(zip(ladders, chosen.keep, strict=True)):
             ladder.find(earlier, taken)
             missing = [k for k in kept if k not in ladder.found]
             if missing and ladder.digest not in [each.digest for each in ladders[:g]]:
@@ -132,7 +135,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for view_layer in scene.view_layers:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
-    settings.levels, settings.dropped = top, "\n".join(chosen.dropped + untried)
+    settings.levels, settings.dropped = top, "\n".join(_told(ladders, chosen.dropped))
     settings.memory_tolerance = chosen.tolerance
     columns = [ladder.columns([home[CANDIDATE] for home in own]) for ladder, own in zip(ladders, homes, strict=True)]
     store_groups(settings, tuple(replace(group, **_padded(own, len(levels))) for group, own in zip(groups, columns, strict=True)))
@@ -142,22 +145,12 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     return outcome
 
 
-def _tried(ladder: Ladder, group: Group, shot: Shot | None, tolerance: float, metres: float) -> Iterator[float]:
-    """Measure those candidates of the `group` that may be used in the `shot`, or all; yields the part done, and returns why the others
-    were not tried, a sentence each, by their numbers."""
-    tolerance, out = round(tolerance, 6), {}
-    while True:
-        if shot is not None and 0 in ladder.rows:
-            made = sorted(ladder.rows)
-            known = counting(replace(group, **ladder.columns(made)), tolerance, shot)
-            rows = dict(zip(made, zip(known.triangles, known.bounds, strict=True), strict=True))
-            out = ruled_out(ladder.ratios, rows, group.radius, tolerance, shot.views, metres)
-        left = [k for k in range(len(ladder.ratios)) if k not in ladder.rows and k not in out]
-        if not left:
-            return out
-        done = 1 - len(left) / len(ladder.ratios)
-        # in the middle, which says most of the others
-        yield from share(ladder.measure(0 if 0 in left else left[len(left) // 2]), done, done + 1 / len(ladder.ratios))
+def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
+    """Why candidates are dropped, a line each: about those that were only guessed."""
+    found = []
+    for ladder, reasons in zip(ladders, dropped, strict=True):
+        found += [f"{ladder.name}: {'' if k in ladder.rows else 'About '}{reasons[k]}" for k in sorted(reasons)]
+    return found
 
 
 def _padded(columns: dict, count: int) -> dict:
