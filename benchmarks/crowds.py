@@ -7,7 +7,6 @@ import bmesh
 import bpy
 import numpy as np
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.sample_scenes.body import SUBDIVISIONS
 from crowd_lod_extension.sample_scenes.characters import BUILDS, make_characters
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, child, film, material, tile
 
@@ -28,7 +27,7 @@ def make(groups: int, metres: float, finer: int = 1, textured: bool = False, spl
         replace(BUILDS[g % len(BUILDS)], name=f"person {g:02d}", limb=BUILDS[g % len(BUILDS)].limb * (1 + 0.01 * g))
         for g in range(groups)
     ]
-    made = make_characters(characters, builds=builds, subdivisions=SUBDIVISIONS + finer)
+    made = make_characters(characters, builds=builds, finer=finer)
     if textured:
         for g, group in enumerate(made):
             _paint(group, g)

@@ -12,7 +12,7 @@ from . import chain
 from . import scene as io
 from .ladder import CANDIDATE, TINTS, Ladder
 from .operator import Stepwise
-from .populate import GROUP, characters_of, measuring_groups, stands, store_groups
+from .populate import GROUP, characters_of, check_maps, measuring_groups, stands, store_groups
 from .source import OWNED
 
 
@@ -48,6 +48,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     io.check_own(scene)
     settings = scene.crowd_lod
     characters = characters_of(scene)
+    if settings.choice == "BY_TOLERANCE":
+        check_maps(settings)  # where agents are is asked after the meshes were read
     ratios = chain.ratios_of(settings)
     copied = io.shared(scene, "levels")  # a linked copy begins with the LODs of the other scene, which stay that one's
     earlier = None if copied else settings.levels
@@ -77,8 +79,8 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
             chosen = chain.chosen(scene, guesses, shots)
             missing = [(ladder, k) for ladder, own in zip(ladders, chosen.keep, strict=True) for k in own if k not in ladder.rows]
             for ladder, k in missing[:1]:  # it says more of the others
-                done = sum(len(each.rows) for each in ladders)
-                yield from share(ladder.measure(k), 0.1 + 0.8 * done / total, 0.1 + 0.8 * (done + 1) / total)
+                tried = sum(len(each.rows) for each in ladders)
+                yield from share(ladder.measure(k), 0.1 + 0.8 * tried / total, 0.1 + 0.8 * (tried + 1) / total)
         for g, (ladder, kept) in enumerate(zip(ladders, chosen.keep, strict=True)):
             ladder.find(earlier, taken)
             missing = [k for k in kept if k not in ladder.found]

@@ -204,8 +204,8 @@ def skeleton(build: Build) -> dict:
     return joints
 
 
-def make_body(build: Build, subdivisions: int = SUBDIVISIONS) -> Body:
-    """The character's mesh and joints; the same build gives the same numbers, bit for bit."""
+def make_body(build: Build, finer: int = 0) -> Body:
+    """The character's mesh and joints; the same build gives the same numbers, bit for bit. finer: further steps of subdivision."""
     joints = skeleton(build)
     cage = Cage(list(joints))
     rings = torso(cage, build)
@@ -219,7 +219,7 @@ def make_body(build: Build, subdivisions: int = SUBDIVISIONS) -> Body:
     sizes = np.array([len(face) for face in cage.faces])
     points = np.hstack([cage.points, cage.weights])
     corners, uvs, materials = np.concatenate(cage.faces), np.concatenate(cage.uvs), np.array(cage.materials)
-    for _ in range(subdivisions):
+    for _ in range(SUBDIVISIONS + finer):
         points, corners, uvs, materials, sizes = subdivide(points, corners, uvs, materials, sizes)
     scale = build.height / points[:, 2].max()  # smoothing took a little off the top
     vertices = points[:, :3] * scale

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from .body import SUBDIVISIONS, Body, Build, make_body
+from .body import Body, Build, make_body
 from .walk import Cycle, walk_cycle
 
 FPS = 24
@@ -31,10 +31,10 @@ BUILDS = (
 
 
 def make_characters(
-    collection: bpy.types.Collection, speed: float = 1.25, builds: Sequence[Build] = BUILDS, subdivisions: int = SUBDIVISIONS
+    collection: bpy.types.Collection, speed: float = 1.25, builds: Sequence[Build] = BUILDS, finer: int = 0
 ) -> list[bpy.types.Collection]:
     """Add the characters of the `builds` to `collection`: a child collection each, with an armature and its mesh, which each step
-    of `subdivisions` gives four times the faces.
+    of `finer` gives four times the faces.
 
     They stand at the origin on z = 0 and face +x, and walk on the spot: for ever, by an action with one key a
     frame from frame 1, made for 24 frames a second. In its own space a character's standing foot goes along
@@ -43,7 +43,7 @@ def make_characters(
     """
     groups = []
     for build in builds:
-        body = make_body(build, subdivisions)
+        body = make_body(build, finer)
         group = bpy.data.collections.new(build.name)
         collection.children.link(group)
         armature = make_armature(build.name, body)

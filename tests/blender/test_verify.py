@@ -132,7 +132,7 @@ def test_far_from_the_origin_no_shadow_is_missed(lit, tmp_path):
 def blurred(scene):
     """Camera and agents move while the shutter is open."""
     scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 0.9
-    for frame, x in ((1, -6), (13, 6)):
+    for frame, x in ((1, -3), (13, 3)):
         scene.camera.location.x, scene.camera.rotation_euler.z = x, x / 12
         scene.camera.keyframe_insert("location", frame=frame)
         scene.camera.keyframe_insert("rotation_euler", frame=frame)
