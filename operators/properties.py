@@ -135,6 +135,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     choice: EnumProperty(
         name="Choose LODs",
+        default="BY_TOLERANCE",
         description="How many LODs there are, and where they begin",
         items=[
             ("BY_RATIO", "By Ratio", "Set how many LODs there are, what they keep and where they begin"),
@@ -337,6 +338,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         subtype="FACTOR",
         description="Part of a LOD's distance over which it dissolves into the next one, in a dither pattern; 0 switches at once",
     )
+    version: IntProperty(name="Version", min=0, description="Of the settings, when the file was last saved; see versions.py")
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
     trouble: StringProperty(name="Trouble", description="Which agents get stuck, as Populate found")

@@ -21,6 +21,7 @@ from . import (
     samples,
     scenery,
     threads,
+    versions,
     viewport_render,
 )
 
@@ -47,7 +48,8 @@ HANDLERS = {
     "redo_pre": [scenery.forget],
     "undo_post": [collection_caches.renew],
     "redo_post": [collection_caches.renew],
-    "load_post": [build.upgrade],
+    "load_post": [versions.upgrade, build.upgrade],
+    "save_pre": [versions.note],
     "render_pre": [follow.rendering],
     "render_post": [follow.rendered],
     "render_complete": [follow.ended],

@@ -37,7 +37,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.map_image = io.write_image("Chapter map", table.label_colours[labels])
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
-    settings.level_count = 3
+    settings.choice, settings.level_count = "BY_RATIO", 3
     settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.3, 0.6)
     settings.metric, settings.margin_kind, settings.colour = "AXIS", "DERIVED", "LOD"
     settings.above = above

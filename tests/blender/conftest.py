@@ -40,7 +40,7 @@ def scene():
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.size = 300, (40, 40)
     settings.thresholds[:2] = (0.2, 0.5)
-    settings.way = "PRECISE"  # the quickest
+    settings.choice, settings.way = "BY_RATIO", "PRECISE"  # the quickest
     return scene
 
 

@@ -109,6 +109,7 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     capfd.readouterr()
     assert cli._run([*words, "--bake", "--frames", "9:11"], "crowd-lod") == 0
     result = json.loads(capfd.readouterr().out)
+    assert result["predicted"]["Full Detail"]["time_share"] == 1 and result["predicted"]["By Ratio"]["memory_mb"] > 0
     assert result["frames"] == [9, 10, 11] and result["bytes"] == out.stat().st_size and result["load_seconds"] > 0
     bpy.ops.wm.open_mainfile(filepath=str(out))
     top = bpy.context.scene.crowd_lod.build
