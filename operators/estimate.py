@@ -1,7 +1,7 @@
 """What builds of a scene would cost: at full detail, with LODs by ratio, and by tolerance."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import bpy
@@ -106,7 +106,8 @@ def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
 
 def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False) -> Iterator[float]:
     """Plan up to MOST_FRAMES of the `frames` (those that the scene renders, if none) with each choice of LODs, and find what
-    their builds cost the scene's engine; yields the progress and returns the Estimate. known: of a bake of these frames."""
+    their builds cost the scene's engine; yields the progress and returns the Estimate. known: of a bake of these frames; else of
+    builds that may show any frame, and, of the scene's own choice, of a bake, too, which holds less."""
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
@@ -129,11 +130,14 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
                 shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, trajectory, scene))
             yield (done + 1) / len(looked_at)
-    works = {}
+    works, mine = {}, CHOICES[scene.crowd_lod.choice]
     for name, choice in choices.items():
         stored = float(choice.triangles[:, 1:].sum())
         actors = Actors(choice.triangles, owner, library.posed == 0, stored, finest=np.array(choice.policy.finest or 0))
-        works[name] = work_of(actors, np.array(shown[name]), np.array(rays), known)
+        for baked in (known,) if known or name != mine else (False, True):
+            work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
+            work = replace(work, points=work.points * len(frames) / len(looked_at))
+            works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, io.engine_of(scene), frames, looked_at)
 
 
