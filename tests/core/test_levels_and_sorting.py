@@ -147,3 +147,19 @@ def test_ids_differ_from_exact_arithmetic_within_the_stated_bound_only():
         bound = ROUNDING * (np.abs(p - camera.origin).sum() + abs(camera.origin[2]))
         assert abs(Fraction(float(d)) - exact) <= bound
     assert differ < 400
+
+
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+@pytest.mark.parametrize("metric, tolerance", [("AXIS", None), ("RADIAL", None), ("PIXELS", None), ("PIXELS", 1.0)])
+def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
+    random = np.random.default_rng(4)
+    camera, radius, finest = straight(kind=kind), np.array([1.0, 2.0, 0.5]), (0, 2, 3)
+    thresholds = (90.0, 30.0, 9.0) if metric == "PIXELS" else (0.1, 0.4, 0.8)
+    deviation = np.sort(random.uniform(0, 0.4, (3, 4)), axis=1)
+    policy = LevelPolicy(thresholds, metric, tolerance=tolerance)
+    group, distance = random.integers(3, size=500, dtype=np.uint8), random.uniform(-5, 120, 500)
+    free, held = (
+        assign(distance, limits(each, camera, radius, deviation), group) for each in (policy, replace(policy, finest=finest))
+    )
+    np.testing.assert_array_equal(held, np.maximum(free, np.array(finest)[group]))
+    assert (held != free).any()
