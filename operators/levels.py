@@ -138,7 +138,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels, settings.dropped = top, "\n".join(_told(ladders, chosen.dropped))
-    settings.memory_tolerance = chosen.tolerance
+    settings.memory_tolerance, settings.estimate = chosen.tolerance, ""
     columns = [ladder.columns([home[CANDIDATE] for home in own]) for ladder, own in zip(ladders, homes, strict=True)]
     store_groups(settings, tuple(replace(group, **_padded(own, len(levels))) for group, own in zip(groups, columns, strict=True)))
     for entry, finest in zip(settings.groups, chosen.finest, strict=True):

@@ -21,6 +21,11 @@ SIZES = (200, 80, 40, 20, 10, 5, 2)
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
+def outdate(settings, _) -> None:
+    """Update of what the crowd costs by: the estimate no longer holds."""
+    settings.estimate = ""
+
+
 class CrowdLodGroup(bpy.types.PropertyGroup):
     """What was measured of one character group (`name` is its name), and LOD thresholds of its own."""
 
@@ -96,7 +101,13 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", "Blender's back"), ("X", "+X", "Right"), ("-X", "-X", "Left")],
     )
     count: IntProperty(
-        name="Agents", default=1000, min=0, soft_max=1_000_000, max=MOST_AGENTS, description="How many there are in the crowd"
+        update=outdate,
+        name="Agents",
+        default=1000,
+        min=0,
+        soft_max=1_000_000,
+        max=MOST_AGENTS,
+        description="How many there are in the crowd",
     )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
     centre: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Centre of the crowd's ground")
@@ -134,6 +145,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Start Frame", default=1, subtype="TIME", description="Before it the crowd stands where it was populated"
     )
     choice: EnumProperty(
+        update=outdate,
         name="Choose LODs",
         default="BY_TOLERANCE",
         description="How many LODs there are, and where they begin",
@@ -143,6 +155,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         ],
     )
     tolerance: FloatProperty(
+        update=outdate,
         name="Tolerance",
         default=1.0,
         min=0,
@@ -152,6 +165,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
     )
     memory: FloatProperty(
+        update=outdate,
         name="Memory for Characters",
         min=0,
         soft_max=16_000,
@@ -163,13 +177,19 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         description="A LOD by tolerance also begins no nearer than where its shaded picture differs by 2 % of white at most",
     )
     level_count: IntProperty(
-        name="Levels", default=3, min=1, max=MOST_LEVELS, description="LODs of each character, itself as LOD 0 included"
+        update=outdate,
+        name="Levels",
+        default=3,
+        min=1,
+        max=MOST_LEVELS,
+        description="LODs of each character, itself as LOD 0 included",
     )
     scale_textures: BoolProperty(
         name="Scale Textures",
         description="Build and Bake show far LODs with images scaled down to what can be seen of them where each begins",
     )
     ratios: FloatVectorProperty(
+        update=outdate,
         name="Ratio",
         precision=3,
         size=MOST_LEVELS,
@@ -188,6 +208,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         ],
     )
     thresholds: FloatVectorProperty(
+        update=outdate,
         name="Threshold",
         precision=3,
         size=MOST_LEVELS - 1,
@@ -197,6 +218,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         description="Part of the camera's far distance at which the next LOD begins",
     )
     metric: EnumProperty(
+        update=outdate,
         name="Distance",
         description="By what an agent's LOD is chosen",
         items=[
@@ -206,6 +228,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         ],
     )
     sizes: FloatVectorProperty(
+        update=outdate,
         name="Size",
         size=MOST_LEVELS - 1,
         min=0.01,

@@ -51,6 +51,8 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     assert bpy.ops.crowd_lod.estimate() == {"FINISHED"}
     rows = [line.split("\t") for line in scene.crowd_lod.estimate.splitlines()]
     assert [row[0] for row in rows][1:] == [FULL, "By Ratio", "By Ratio, Baked", "By Tolerance"] and rows[1][-1] == "100%"
+    scene.crowd_lod.tolerance = 2.0
+    assert scene.crowd_lod.estimate == ""
 
 
 def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene):
