@@ -161,7 +161,18 @@ def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) ->
     good = [chosen for chosen in cost if cost[chosen] <= min(cost.values()) + WORTH]
     best = min(good, key=lambda chosen: (len(chosen), cost[chosen]))
     gone = [k for k in kept if k not in best]
-    return list(best), {k: f"{group.triangles[k]:,} triangles save {NAMES[shot.engine]} nothing worth a LOD." for k in gone}
+    return list(best), {
+        k: f"{group.triangles[k]:,} triangles save too little memory and time in {NAMES[shot.engine]} to be worth a LOD."
+        for k in gone
+    }
+
+
+def _least(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[tuple[int, ...], Price]:
+    """The choice of the candidates `kept` that takes least memory; all of them where the shot shows nobody."""
+    found = dict(priced(group, kept, tolerance, shot))
+    best = min(found, key=lambda chosen: (found[chosen].memory, len(chosen)))
+    best = best if any(len(view.distance) for view in shot.views) else tuple(kept)
+    return best, found[best]
 
 
 def within(
@@ -172,16 +183,13 @@ def within(
     least = np.inf
     for step in range(STEPS):
         reached = tolerance * 2 ** (step / 4)
-        own = [counting(group, reached, shot) for group, shot in zip(groups, shots, strict=True)]
-        keep = [choose(group, reached, shot.views)[0] for group, shot in zip(own, shots, strict=True)]
-        found = [
-            min(priced(*each), key=lambda one: (one[1].memory, len(one[0])))
-            for each in zip(own, keep, [reached] * len(groups), shots, strict=True)
-        ]
-        total = sum(price.memory for _, price in found)
+        counted = [counting(group, reached, shot) for group, shot in zip(groups, shots, strict=True)]
+        keep = [choose(group, reached, shot.views)[0] for group, shot in zip(counted, shots, strict=True)]
+        found = [_least(*each) for each in zip(counted, keep, [reached] * len(groups), shots, strict=True)]
+        total = sum(own.memory for _, own in found)
         least = min(least, total)
         if total <= memory:
             return reached, [sorted({0, *chosen}) for chosen, _ in found], [chosen for chosen, _ in found]
     raise CrowdError(
-        f"The characters cannot take less than {least / 1e6:,.0f} MB: set Memory for Characters to that, or use fewer character groups."
+        f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for Characters to that, or use fewer character groups."
     )

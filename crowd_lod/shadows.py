@@ -53,13 +53,14 @@ class Mirror:
 class Surroundings:
     """What else the scene holds, at one time or while one shutter is open. box: (2, 3) metres, least and most, of all that
     shadows may fall on besides the crowd; None if that is not known. level: the LOD of agents that the camera itself does
-    not see, or the coarsest there is. left_out: what is not looked at, and why."""
+    not see, or the coarsest there is; finest: of each group the finest that it has, () for all. left_out: what is not looked at, and why."""
 
     lights: tuple[Light, ...] = ()
     mirrors: tuple[Mirror, ...] = ()
     box: np.ndarray | None = None
     level: int = 255
     left_out: tuple[LeftOut, ...] = ()
+    finest: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -275,7 +276,8 @@ def surround(
                 sought.leaves[leaves] = left.any(axis=1)
     reflects, shades = unseen & ~reflects.agents, unseen & ~shades.agents
     count = len(frame.buckets.counts)
-    levels = np.full(len(frame.crowd), min(around.level, count - 1), np.uint8)
+    finest = np.array(around.finest or [0] * len(trajectory.groups), np.uint8)[frame.crowd.group]
+    levels = np.maximum(finest, np.uint8(min(around.level, count - 1)))
     return replace(
         frame,
         shadow=sort(shades & ~reflects, levels, count),

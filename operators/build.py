@@ -184,8 +184,14 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     """Sentences on what of the characters' motion the build does not show as it is; "" where all is."""
     found = list(cast.notes)
     settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
-    if settings.choice == "BY_TOLERANCE" and settings.memory_tolerance > settings.tolerance:
-        found.append(f"To fit in {settings.memory:g} MB, LODs deviate by up to {figure(settings.memory_tolerance)} pixels.")
+    limited = [group.name for group in settings.groups if group.finest]
+    if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
+        found.append("Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again.")
+    elif settings.choice == "BY_TOLERANCE" and settings.memory_tolerance:
+        pixels = figure(settings.memory_tolerance)
+        found.append(f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the frames that were looked at.")
+        if limited:
+            found.append(f"Nearer than there these look coarser, for their finest LODs are not built: {', '.join(limited)}.")
     if slides:
         found.append(
             f"The state machine has more speeds than characters are made for: feet slide by up to {slides:.0%} of the way."
@@ -289,7 +295,8 @@ def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bp
     for home in list(shelf.children):
         if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
             for item in list(home.objects):
-                gone.objects.link(item)
+                if gone.objects.get(item.name) is None:  # a group's last LOD may stand in place of another, too
+                    gone.objects.link(item)
                 home.objects.unlink(item)
             left.append(home)
         else:

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..crowd_lod.agents import Group
 from ..crowd_lod.behaviour import Trajectory
-from ..crowd_lod.chain import LADDER, Shot, View, cheapest, choose, counting, within
+from ..crowd_lod.chain import LADDER, Shot, View, cheapest, choose, counting, priced, within
 from ..crowd_lod.culling import radar
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.gaits import Library
@@ -86,17 +86,18 @@ class Chosen:
 def chosen(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None]) -> Chosen:
     """The candidates that are Chosen of the `groups`, which have what is known of theirs, or guessed: of groups without a shot all."""
     settings = scene.crowd_lod
-    tolerance, keep, dropped = round(settings.tolerance, 6), [], []
-    if settings.memory and None not in shots:
-        reached, keep, built = within(groups, tolerance, shots, 1e6 * settings.memory)
-        finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
-        return Chosen(keep, [{}] * len(keep), finest, reached)
+    tolerance, keep, dropped, memory = round(settings.tolerance, 6), [], [], 0.0
     for group, shot in zip(groups, shots, strict=True):
         kept, reasons, dear = list(range(len(group.triangles))), {}, {}
         if shot is not None:
             own = counting(group, tolerance, shot)
             kept, reasons = choose(own, tolerance, shot.views, io.metres(scene))
             kept, dear = cheapest(own, kept, tolerance, shot)
+            memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
         keep.append(kept)
         dropped.append(reasons | dear)
+    if settings.memory and memory > 1e6 * settings.memory:
+        reached, keep, built = within(groups, tolerance, shots, 1e6 * settings.memory)
+        finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
+        return Chosen(keep, [{}] * len(keep), finest, reached)
     return Chosen(keep, dropped, [0] * len(keep))

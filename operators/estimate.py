@@ -1,6 +1,7 @@
 """What builds of a scene would cost: at full detail, with LODs by ratio, and by tolerance."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -82,8 +83,8 @@ class Estimate:
 
     @property
     def sentence(self) -> str:
-        told = "; ".join(f"{name} {memory}, file {file}, time {time}" for name, memory, file, time in self.rows)
-        return f"The crowd takes, by {NAMES[self.engine]}, frames {self.frames[0]} to {self.frames[-1]}: {told}."
+        told = "; ".join(f"{name}: memory {memory}, file {file}, time {time}" for name, memory, file, time in self.rows)
+        return f"The crowd takes in {NAMES[self.engine]}, frames {self.frames[0]} to {self.frames[-1]}: {told}."
 
 
 def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
@@ -96,11 +97,12 @@ def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
     full = np.array([each[0] for each in made], np.float64)[:, None]
     found = {FULL: Choice(LevelPolicy(()), full)}
     for choice, name in CHOICES.items():
-        policy = policy_of(settings, choice)
-        if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy) is not None):
-            found[name] = Choice(policy, np.array([each[: policy.count] for each in made], np.float64))
-        elif choice == "BY_RATIO":
-            found[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
+        with nullcontext() if choice == settings.choice else suppress(CrowdError):  # the other's settings may be anything
+            policy = policy_of(settings, choice)
+            if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy) is not None):
+                found[name] = Choice(policy, np.array([each[: policy.count] for each in made], np.float64))
+            elif choice == "BY_RATIO":
+                found[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
     return found
 
 
@@ -132,7 +134,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
             yield (done + 1) / len(looked_at)
     works, mine = {}, CHOICES[scene.crowd_lod.choice]
     for name, choice in choices.items():
-        stored = float(choice.triangles[:, 1:].sum())
+        stored = float((choice.triangles[:, 1:] * (np.diff(choice.triangles, axis=1) != 0)).sum())  # a last LOD is stored once
         actors = Actors(choice.triangles, owner, library.posed == 0, stored, finest=np.array(choice.policy.finest or 0))
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(actors, np.array(shown[name]), np.array(rays), baked)

@@ -113,6 +113,10 @@ class Ladder:
                 if k not in self.found and home not in taken and _untouched(home):
                     self.found[k] = home
 
+    def held(self, earlier: bpy.types.Collection | None, some: Sequence[int]) -> bool:
+        """Whether there was one of the candidates `some`."""
+        return any(home.get(CANDIDATE) in some for home in self._homes(earlier))
+
     def _homes(self, earlier: bpy.types.Collection | None) -> list[bpy.types.Collection]:
         levels = earlier.children if earlier is not None else ()
         return [home for level in levels for home in level.children if home.get(DIGEST) == self.digest]

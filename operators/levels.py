@@ -84,7 +84,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         for g, (ladder, kept) in enumerate(zip(ladders, chosen.keep, strict=True)):
             ladder.find(earlier, taken)
             missing = [k for k in kept if k not in ladder.found]
-            if missing and ladder.digest not in [each.digest for each in ladders[:g]]:
+            if ladder.held(earlier, missing) and ladder.digest not in [each.digest for each in ladders[:g]]:
                 edited.append(ladder.name)
             for k in missing:
                 yield from standing(ladder.make(k), 0.9 + 0.09 * g / len(groups))
@@ -138,7 +138,7 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels, settings.dropped = top, "\n".join(_told(ladders, chosen.dropped))
-    settings.memory_tolerance, settings.estimate = chosen.tolerance, ""
+    settings.memory_tolerance, settings.memory_made, settings.estimate = chosen.tolerance, settings.memory, ""
     columns = [ladder.columns([home[CANDIDATE] for home in own]) for ladder, own in zip(ladders, homes, strict=True)]
     store_groups(settings, tuple(replace(group, **_padded(own, len(levels))) for group, own in zip(groups, columns, strict=True)))
     for entry, finest in zip(settings.groups, chosen.finest, strict=True):

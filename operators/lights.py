@@ -11,6 +11,7 @@ from ..crowd_lod.shadows import Light, Mirror, Surroundings
 from . import scene as io
 from . import stepping
 from .cameras import shutter_times
+from .populate import policy_of
 from .scenery import SOLID, Placed, casts, emits, matrix_of, scenery_of
 
 MOST_INSTANCES = 64  # of lights that nodes or instancing make; of more one that holds them all is made
@@ -47,7 +48,7 @@ def read_surroundings(
         lights += shown.instanced
         box = None if _foggy(scene.world) else shown.box(depsgraph)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
-    return Surroundings(tuple(lights), tuple(mirrors), box, settings.unseen_level, left_out)
+    return Surroundings(tuple(lights), tuple(mirrors), box, settings.unseen_level, left_out, policy_of(settings).finest)
 
 
 def _read(lamps: list[Placed], panes: list[Placed], depsgraph, engine: str) -> tuple[list[Light], list[Mirror]]:

@@ -27,6 +27,7 @@ from .movers import action_range
 from .operator import Stepwise
 from .source import OWNED, may_have_faces, parts
 from .trouble import find
+from .versions import VERSION
 
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
 # Trajectories by the digest of all they depend on: a cache, never the truth.
@@ -118,6 +119,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
     and the finest LOD that they build."""
     own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest) for g in settings.groups}
     settings.groups.clear()
+    settings.version = VERSION
     for group in groups:
         entry = settings.groups.add()
         for name in ("name", "centre", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):  # see set_down

@@ -141,12 +141,12 @@ def _rig(
     made = rigs.perform(model, title, rate, which / gaits.classes, action_range(group.objects))
     cast.rigs.extend(made.values())
     cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
+    copies, shown = [], None
     for k in of_levels:
-        copies = []
-        for item in group.homes[k].objects:
-            copies.append(rigs.dress(item, model, made))
-            cast.stands_for[copies[-1]] = item
-            cast.names[copies[-1]] = f"{item.name} {number:05d}"
+        if group.homes[k] != shown:  # a group with fewer LODs than others shows its last in their place
+            copies, shown = [rigs.dress(item, model, made) for item in group.homes[k].objects], group.homes[k]
+            cast.stands_for.update(zip(copies, shown.objects, strict=True))
+            cast.names.update((copy, f"{item.name} {number:05d}") for copy, item in zip(copies, shown.objects, strict=True))
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
 
 
@@ -156,9 +156,13 @@ def _pose(cast: Cast, group: _Actors, number: int, phase: float, of_levels: list
     frame = first + (last - first) * phase
     group.stage.frame_set(int(frame // 1), subframe=frame % 1)
     depsgraph = group.stage.view_layers[0].depsgraph
+    stills, shown = [], None
     for k in of_levels:
-        home = group.homes[k]
-        stills = [_still(cast, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number) for item in home.objects]
+        if group.homes[k] != shown:
+            shown = group.homes[k]
+            stills = [
+                _still(cast, item, shown, group.actors[item].evaluated_get(depsgraph), depsgraph, number) for item in shown.objects
+            ]
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", stills))
 
 

@@ -63,7 +63,12 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         description="Length that a pixel shows from which on each LOD's shaded picture is like the character's; below 0 if not known",
     )
     diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
-    finest: IntProperty(name="Finest LOD", min=0, max=MOST_LEVELS - 1, description="Finest LOD that builds have, to fit in memory")
+    finest: IntProperty(
+        name="Finest LOD",
+        min=0,
+        max=MOST_LEVELS - 1,
+        description="Finer LODs of this group are not built, to fit in Memory for Characters",
+    )
     own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
     thresholds: FloatVectorProperty(
         name="Threshold",
@@ -361,7 +366,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         subtype="FACTOR",
         description="Part of a LOD's distance over which it dissolves into the next one, in a dither pattern; 0 switches at once",
     )
-    version: IntProperty(name="Version", min=0, description="Of the settings, when the file was last saved; see versions.py")
+    version: IntProperty(name="Version", min=0, description="Which version of Crowd LOD these settings are of")
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
     trouble: StringProperty(name="Trouble", description="Which agents get stuck, as Populate found")
@@ -371,6 +376,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         subtype="PIXEL",
         description="Pixels that LODs deviate so that they fit in Memory for Characters, as Make LOD Meshes found; 0 without a limit",
     )
+    memory_made: FloatProperty(name="Memory Limit of LODs", description="Memory for Characters when LOD meshes were last made")
     dropped: StringProperty(name="Not Made", description="LODs that were not made by tolerance, and why, a line each")
     estimate: StringProperty(name="Estimate", description="What the crowd costs to render, as Estimate Cost found: a table")
     levels: PointerProperty(type=bpy.types.Collection, name="LOD Meshes", description="Made by Make LOD Meshes")

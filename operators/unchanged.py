@@ -53,4 +53,7 @@ def _slots(item: bpy.types.Object) -> list:
 
 
 def _properties(item: bpy.types.Object) -> list:
-    return [(key, repr(item[key])) for key in item.keys() if isinstance(item[key], str | int | float)]
+    found = [(key, getattr(item[key], "to_list", item[key].__repr__)()) for key in item.keys()]
+    linked = [home and home.name_full for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)]
+    inputs = [(key, repr(m[key])) for m in item.modifiers if m.type == "NODES" for key in m.keys()]
+    return [*map(repr, found), item.lightgroup, linked, inputs]

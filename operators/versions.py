@@ -19,8 +19,11 @@ def upgrade(*_) -> None:
 def note(*_) -> None:
     """save_pre: say in all scenes of which version their settings are."""
     for scene in bpy.data.scenes:
-        if scene.library is None and _used(scene.crowd_lod):
-            scene.crowd_lod.version = VERSION
+        settings = scene.crowd_lod
+        if scene.library is None and _used(settings):
+            if not settings.version and len(settings.groups) and not settings.is_property_set("choice"):
+                settings.choice = "BY_RATIO"  # appended from such a file: populated, and not by this version
+            settings.version = VERSION
 
 
 def _used(settings) -> bool:

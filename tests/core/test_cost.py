@@ -101,7 +101,7 @@ def test_lods_that_many_agents_show_pay_by_eevee_and_one_more_mesh_costs_by_cycl
     many = shot_of(random, views=1, agents=5000, characters=16, near=(3, 4))
     slim = replace(BODY, triangles=(1000, 700), deviations=(0, 0.1))  # which begins at 6 m, in the crowd's midst
     kept, gone = cheapest(slim, [0, 1], 1.0, replace(many, engine="CYCLES"))
-    assert kept == [0] and gone == {1: "700 triangles save Cycles nothing worth a LOD."}
+    assert kept == [0] and gone == {1: "700 triangles save too little memory and time in Cycles to be worth a LOD."}
     assert cheapest(BODY, range(5), 1.0, replace(many, engine="EEVEE"))[0] != [0]
 
 
