@@ -197,7 +197,7 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
                 [x for _, x in known], [y for y, _ in known], 90 if way == BAKED else 40, colour, marker, label=way, zorder=3
             )
         axes.axvline(1, color="#444444", lw=1)
-        axes.set(title=part, xscale="log", xlabel="part of everyone's")
+        axes.set(title=part, xlim=(0, None), xlabel="part of everyone's")
         axes.grid(alpha=0.25)
     panels[0].set_yticks(range(len(crowds)), [f"{engine}, {crowd}, {agents:,}" for engine, crowd, agents in crowds])
     panels[0].invert_yaxis()
