@@ -69,7 +69,7 @@ def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int,
             elif way not in CROWD_LOD:
                 _dress(scene, way)
             path = Path(folder) / f"{way}_{agents}.blend"
-            bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True)
+            bpy.ops.wm.save_as_mainfile(filepath=str(path))
             files[path.stem] = round(path.stat().st_size / 1e6, 2)
     crowd_lod_extension.unregister()
     return {"builds": rows, "files": files, "predicted": predicted}
