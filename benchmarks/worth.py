@@ -162,7 +162,9 @@ def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int) -> dic
                 results["predicted"].append(beside(rows, made["predicted"][str(agents)]))
     show("Of the crowd alone, predicted / measured", results["predicted"])
     results["goals"] = judged(results["ways"])
-    show(f"Goals of {BAKED}", results["goals"])
+    print(f"\nGoals of {BAKED}")
+    for row in results["goals"]:
+        print(f"{row['met']}: {row['goal']}{'; above: ' * bool(row['missed'])}{row['missed']}")
     return results
 
 
