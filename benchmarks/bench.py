@@ -268,11 +268,9 @@ def _text(value: str | int | float | None) -> str:
 def main(arguments: list[str] | None = None) -> None:
     parser = argparse.ArgumentParser(prog="crowd-lod bench", description="Measure the core: the chapter's tests and growth.")
     parser.add_argument(
-        "--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: some minutes)"
+        "--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: a quarter of an hour)"
     )
-    parser.add_argument(
-        "--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: a quarter of an hour"
-    )
+    parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: an hour")
     parser.add_argument(
         "--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)"
     )

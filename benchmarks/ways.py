@@ -25,6 +25,7 @@ import crowds
 import numpy as np
 import peers
 from crowd_lod_extension.crowd_lod.agents import Group
+from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import bake, build, estimate, follow
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels
@@ -33,53 +34,56 @@ from crowd_lod_extension.operators.populate import frame_of, measure_groups, sto
 NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "1 px, baked"
 CROWD_LOD = ("by ratio", "1 px")
 WAYS = (NOBODY, EVERYONE, CAMERA_CULL, NODES, *CROWD_LOD, BAKED)
+BASES = {NODES: "by ratio", "by ratio": "by ratio", "1 px": "1 px", BAKED: "1 px"}  # the build whose LODs a way has, if not full's
 FRAMES = range(30, 33)  # that a baked file holds; the middle one is rendered
 CHOSEN_FOR = 10_000  # agents of the shot for which LODs by tolerance are chosen
 
 
-def prepare(folder: str, crowd: dict, sizes: list[int], width: int, ways: list[str]) -> dict:
-    """Write WAY_AGENTS.blend into the folder, for pictures `width` pixels wide, of a crowd of crowds.make; a row for each
-    choice of LODs, and of each file, by its name, MB."""
+def shown_by(engine: str) -> tuple[str, ...]:
+    """The ways that the engine has."""
+    return tuple(way for way in WAYS if engine == "CYCLES" or way != CAMERA_CULL)
+
+
+def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int, samples: int) -> dict:
+    """Write WAY_AGENTS.blend into the folder of a crowd of crowds.make, for pictures `width` pixels wide of so many `samples` by the
+    `engine`; a row for each choice of LODs, of each file its MB, and of each of `sizes` what was predicted."""
     crowd_lod_extension.register()
-    scene, rows = crowds.make(**crowd), []
-    settings, film = scene.crowd_lod, scene.render
-    film.resolution_x, film.resolution_y, film.resolution_percentage = width, round(width * 9 / 16), 100
+    scene, rows, files, predicted = _scene(crowd, engine, width, samples), [], {}, {}
+    settings = scene.crowd_lod
     crowds.spread(scene, CHOSEN_FOR)
     store_groups(settings, measure_groups(scene))
     settings.thresholds[:2] = [metres / scene.camera.data.clip_end for metres in (15, 40)]
-    for way, choice in zip(CROWD_LOD, ("BY_RATIO", "BY_TOLERANCE"), strict=True):
-        settings.choice = choice
+    for way, choice, count in (("full", "BY_RATIO", 1), ("by ratio", "BY_RATIO", 3), ("1 px", "BY_TOLERANCE", 3)):
+        settings.choice, settings.level_count = choice, count
         rows.append(_build(scene, way, Path(folder) / f"{way}.blend"))
-    files = {}
     for agents in sizes:
-        for way in ways:
-            base = "1 px" if way in ("1 px", BAKED) else "by ratio"
-            bpy.ops.wm.open_mainfile(filepath=f"{folder}/{base}.blend")
+        for way in shown_by(engine):
+            bpy.ops.wm.open_mainfile(filepath=f"{folder}/{BASES.get(way, 'full')}.blend")
             scene = bpy.context.scene
             crowds.spread(scene, agents)
             if way == BAKED:
-                list(bake.bake(scene, FRAMES))
+                predicted[agents] = finished(estimate.estimate(scene, FRAMES, known=True)).as_json
+                finished(bake.bake(scene, FRAMES))
+            elif way == NOBODY:
+                build.remove_build(scene.crowd_lod)
             elif way not in CROWD_LOD:
                 _dress(scene, way)
             path = Path(folder) / f"{way}_{agents}.blend"
             bpy.ops.wm.save_as_mainfile(filepath=str(path))
-            files[path.stem] = round(path.stat().st_size / 1e6, 1)
+            files[path.stem] = round(path.stat().st_size / 1e6, 2)
     crowd_lod_extension.unregister()
-    return {"builds": rows, "files": files}
+    return {"builds": rows, "files": files, "predicted": predicted}
 
 
 def full(folder: str, crowd: dict, sizes: list[int], width: int, samples: int) -> dict:
     """Write files of the crowd at full detail, of nobody and of `sizes` agents; a row of counts for each (see crowd_lod/cost.py)."""
     crowd_lod_extension.register()
-    scene, rows = crowds.make(**crowd), []
-    settings, film = scene.crowd_lod, scene.render
-    film.resolution_x, film.resolution_y, film.resolution_percentage = width, round(width * 9 / 16), 100
+    scene, rows = _scene(crowd, "CYCLES", width, samples), []
+    settings = scene.crowd_lod
     settings.choice, settings.level_count = "BY_RATIO", 1
     store_groups(settings, measure_groups(scene))
-    list(make_levels(scene))
-    list(build.build(scene))
     base = Path(folder) / "base.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(base))
+    _build(scene, "full", base)
     for agents in (0, *sizes):
         bpy.ops.wm.open_mainfile(filepath=str(base))
         scene = bpy.context.scene
@@ -124,12 +128,21 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     }
 
 
+def _scene(crowd: dict, engine: str, width: int, samples: int) -> bpy.types.Scene:
+    """The scene of a crowd of crowds.make, for such pictures."""
+    scene = crowds.make(**crowd)
+    scene.render.engine = io.EEVEE if engine == "EEVEE" else engine
+    scene.render.resolution_x, scene.render.resolution_y = width, round(width * 9 / 16)
+    scene.cycles.samples = scene.eevee.taa_render_samples = samples
+    return scene
+
+
 def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
     """Make the LODs of the scene, build it and write it to `path`; the row of what that took."""
     begun = time.process_time()
-    list(make_levels(scene))
+    finished(make_levels(scene))
     made = time.process_time()
-    list(build.build(scene))
+    finished(build.build(scene))
     took = time.process_time()
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return {

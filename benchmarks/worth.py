@@ -1,44 +1,68 @@
-"""Worth it? What a render of the plaza takes with and without Crowd LOD, and what a tolerance saves and costs.
+"""Worth it? What a render of a crowd takes with and without Crowd LOD, beside what *Estimate Cost* says before.
 
 ./crowd-lod bench --worth [--quick] [--out DIR]
 
-First: time and peak memory of one frame, in each of the ways of ways.py, in turn, in one run; medians. Export is all that comes
-before the first sample: the crowd's plan, Blender's scene, and the engine's own. Then: error against run time for LODs by
-tolerance. The error is that of `crowd-lod verify`. Every render and every proof is a process of its own.
+Each crowd of ROWS is rendered in each of the ways of ways.py, every render a process of its own: processor seconds, peak memory, and
+the file that is rendered; all less those of the same ground without a crowd, as parts of what everyone takes. Then: what was
+predicted, and which of GOALS are met.
 """
 
 import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import bpy
 import numpy as np
 from bench import table
 from crowd_lod_extension.crowd_lod import outputs, report
-from crowd_lod_extension.crowd_lod.difference import between
-from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.plots import COLOURS, MARKERS
 from crowd_lod_extension.operators.report import machine_name
+from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 
-WAYS = ("nobody", "everyone", "camera cull", "geometry nodes", "Crowd LOD", "Crowd LOD 1 px", "baked 1 px")  # see ways.py
-SIZES = {"CYCLES": (10_000, 100_000, 1_000_000), "EEVEE": (1000, 10_000)}
-TOLERANCES = (0.5, 1.0, 2.0, 4.0, 8.0)
-LIMIT = 150.0  # seconds of a render
-FRAME = 60  # of the plaza: at eye level, in the crowd's midst
-SWEPT = 10_000  # agents of the tolerances' sweep
+NEAR, FAR = ({"groups": 4, "metres": metres, "finer": 1} for metres in (2, 20))
+LIGHT = [{**crowd, "finer": 0} for crowd in (NEAR, FAR)]  # a GPU of software draws every instance's triangles
+TWENTY = {"groups": 20, "metres": 20, "finer": 0}
+QUICK = [("CYCLES", crowd, (1000, 10_000)) for crowd in (NEAR, FAR)]
+ROWS = [
+    *(("CYCLES", crowd, (1000, 10_000, 100_000, 1_000_000)) for crowd in (NEAR, FAR)),
+    *(("CYCLES", crowd, (10_000,)) for crowd in (TWENTY, {**FAR, "textured": True})),
+    *(("EEVEE", crowd, (1000, 10_000)) for crowd in LIGHT),
+]
 PICTURE = {"CYCLES": {"width": 640, "samples": 4}, "EEVEE": {"width": 160, "samples": 1}}
-SWEEP = {"width": 320, "samples": 4}  # its builds have the poses of the wider pictures
-REPEATED = 10_000  # agents up to which a Cycles render is repeated
-ASKED = {"CYCLES": WAYS, "EEVEE": ("nobody", "everyone", "Crowd LOD", "Crowd LOD 1 px", "baked 1 px")}
-KEYS = ("cpu_s", "render_s", "export_s", "peak_mb")
+LIMIT = 1200.0  # seconds of a render: a GPU of software takes its time
+REPEATS, REPEATED = 3, 10_000  # renders by Cycles of up to so many agents, for medians
+PARTS = {"cpu_s": "time", "peak_mb": "memory", "file_mb": "file"}  # what is measured, and the name of its part of everyone's
 
 
-def child(limit: float, *command: str) -> dict:
-    """What the process prints as JSON, or {"ended": why}."""
+@dataclass(frozen=True)
+class Goal:
+    """That of the rows that it is `of`, LODs by tolerance, baked, take at most these parts of what everyone takes."""
+
+    says: str
+    most: dict[str, float]
+    of: Callable[[dict], bool] = lambda row: True
+
+
+GOALS = (
+    Goal("never more than 1.05 of everyone", dict.fromkeys(PARTS.values(), 1.05)),
+    Goal(
+        "Cycles, heavy characters from 20 m on: memory 0.45, time 0.6",
+        {"memory": 0.45, "time": 0.6},
+        lambda row: row["crowd"] == name_of(FAR),
+    ),
+    Goal("EEVEE, 10,000 agents: time 0.1", {"time": 0.1}, lambda row: (row["engine"], row["agents"]) == ("EEVEE", 10_000)),
+)
+
+
+def job(limit: float, **inputs) -> dict:
+    """What a process of ways.py prints as JSON, or {"ended": why}."""
+    command = [sys.executable, str(Path(__file__).with_name("ways.py")), json.dumps(inputs)]
     try:
-        done = subprocess.run([sys.executable, *command], capture_output=True, text=True, timeout=limit)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=limit)
     except subprocess.TimeoutExpired:
         return {"ended": f"not done in {limit:g} s"}
     lines = done.stdout.strip().splitlines()
@@ -48,54 +72,62 @@ def child(limit: float, *command: str) -> dict:
     return json.loads(lines[-1])
 
 
-def job(limit: float, **inputs) -> dict:
-    return child(limit, str(Path(__file__).with_name("ways.py")), json.dumps(inputs))
+def name_of(crowd: dict) -> str:
+    """The crowd's name in tables."""
+    finer = ("light", "heavy")[crowd["finer"]]
+    return f"{crowd['groups']} {finer}{', textured' * crowd.get('textured', False)}, {crowd['metres']} m"
 
 
-def costs(folder: Path, engine: str, agents: int, repeats: int, limit: float) -> list[dict]:
-    """A row for each way, asked in turn."""
-    took: dict[str, list[dict]] = {way: [] for way in ASKED[engine]}
-    for _ in range(repeats):
-        for way, found in took.items():
-            if not any("ended" in each for each in found):
-                picture = str(folder / f"{way}.exr")
-                file = str(folder / f"{way}_{agents}.blend")
-                found.append(job(limit, job="render", file=file, picture=picture, engine=engine, frame=FRAME, **PICTURE[engine]))
-    rows, whole = [], None
-    for way, found in took.items():
-        row = {"engine": engine, "agents": agents, "way": way}
-        if "ended" in found[-1]:
-            rows.append(row | {**dict.fromkeys(KEYS), "off_percent": None, "ended": found[-1]["ended"]})
-            continue
-        row |= {key: round(float(np.median([each[key] for each in found])), 2) for key in KEYS}
-        picture = values(folder / f"{way}.exr")
-        whole = picture if way == "everyone" else whole
-        row["off_percent"] = None if whole is None else round(100 * between(whole, picture).share, 2)
-        rows.append(row | {"ended": ""})
+def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> dict:
+    """What the file of that way takes, medians; or None, and under "ended" why it could not be measured."""
+    asked = {"engine": engine, "frame": FRAMES[1], "picture": str(folder / f"{way}.exr"), **PICTURE[engine]}
+    found = [job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **asked)]
+    while "ended" not in found[-1] and len(found) < repeats:
+        found.append(job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **asked))
+    if "ended" in found[-1]:
+        return {**dict.fromkeys(("cpu_s", "peak_mb")), "ended": found[-1]["ended"]}
+    return {key: round(float(np.median([each[key] for each in found])), 2) for key in ("cpu_s", "peak_mb")} | {"ended": ""}
+
+
+def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, float], repeats: int) -> list[dict]:
+    """A row for each way: what it takes, and its parts of what everyone takes, both less nobody."""
+    rows = []
+    for way in shown_by(engine):
+        row = {"engine": engine, "crowd": name_of(crowd), "agents": agents, "way": way}
+        rows.append(row | rendered(folder, engine, way, agents, repeats) | {"file_mb": files[f"{way}_{agents}"]})
+    nobody, whole = (next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE))
+    for row in rows:
+        known = row["way"] != NOBODY and not (row["ended"] or nobody["ended"] or whole["ended"])
+        for key, part in PARTS.items():
+            row[part] = round((row[key] - nobody[key]) / max(whole[key] - nobody[key], 1e-9), 3) if known else None
     return rows
 
 
-def values(path: Path) -> np.ndarray:
-    """The picture's own values, three channels."""
-    image = bpy.data.images.load(str(path))
-    try:
-        return io.read_values(image)[..., :3]
-    finally:
-        bpy.data.images.remove(image)
+def beside(rows: list[dict], predicted: dict) -> dict:
+    """The row of what was predicted of the crowd, and measured, at full detail and by tolerance, MB; time as the latter's part."""
+    nobody, whole, own = (next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED))
+    found = {key: own[key] for key in ("engine", "crowd", "agents")}
+    for name, row in (("Full Detail", whole), ("By Tolerance", own)):
+        for key, told in (("peak_mb", "memory_mb"), ("file_mb", "file_mb")):
+            known = None not in (row[key], nobody[key])
+            found[f"{name} {told}"] = f"{predicted[name][told]:g} / {round(row[key] - nobody[key], 1) if known else '-'}"
+    return found | {"time": f"{predicted['By Tolerance']['time_share']:.2f} / {'-' if own['time'] is None else own['time']}"}
 
 
-def tolerance(folder: Path, pixels: float) -> dict:
-    """A row of the sweep: one render, and one proof."""
-    file, asked = str(folder / f"tolerance_{pixels:g}.blend"), SWEEP
-    row = {"tolerance_px": pixels}
-    row |= job(2 * LIMIT, job="render", file=file, picture=str(folder / "tolerance.exr"), engine="CYCLES", frame=FRAME, **asked)
-    words = ("--frames", str(FRAME), "--width", str(asked["width"]), "--out", str(folder / "proof"), "--json", "--quiet")
-    proof = child(4 * LIMIT, "-m", "crowd_lod_extension.operators.cli", "verify", file, *words)
-    if "ended" in row | proof:
-        return row | {"ended": (row | proof)["ended"]}
-    (frame,) = proof["frames"]
-    row |= {"off_percent": round(100 * frame["c_share"], 2), "rms_percent": round(100 * frame["c_rms"], 3)}
-    return row | {"shift_px": round(frame["silhouette_shift"], 2), "predicted_px": round(frame["predicted_shift"], 2), "ended": ""}
+def judged(rows: list[dict]) -> list[dict]:
+    """A row for each goal of which something was measured: whether it is met, and what misses it."""
+    found = []
+    for goal in GOALS:
+        own = [row for row in rows if row["way"] == BAKED and goal.of(row) and row["time"] is not None]
+        missed = [
+            f"{part} {row[part]} ({row['engine']}, {row['crowd']}, {row['agents']:,} agents)"
+            for row in own
+            for part, most in goal.most.items()
+            if row[part] > most
+        ]
+        if own:
+            found.append({"goal": goal.says, "met": "not met" if missed else "met", "missed": "; ".join(missed)})
+    return found
 
 
 def main(out: Path, quick: bool) -> None:
@@ -103,37 +135,36 @@ def main(out: Path, quick: bool) -> None:
         raise SystemExit(
             f"crowd-lod bench: --worth needs Blender 5, and this is {bpy.app.version_string}: run it with Python 3.13."
         )
-    repeats = 1 if quick else 3
-    sizes = {"CYCLES": (10_000, 100_000)} if quick else SIZES
-    tolerances = (1.0, 4.0) if quick else TOLERANCES
-    machine = f"{machine_name()}; up to {REPEATED:,} agents medians of {repeats} renders by Cycles"
+    machine = (
+        f"{machine_name()}; {'one render each' if quick else f'medians of {REPEATS} renders by Cycles to {REPEATED:,} agents'}"
+    )
     print(machine, flush=True)
-    with outputs.staged(out) as stage, tempfile.TemporaryDirectory() as scratch:
-        asked = {"width": PICTURE["CYCLES"]["width"], "tolerances": tolerances, "swept": SWEPT, "frame": FRAME}
-        every = sorted({agents for counts in sizes.values() for agents in counts})
-        made = job(1200, job="prepare", folder=scratch, sizes=every, **asked)
-        if "ended" in made:
-            raise SystemExit(f"crowd-lod bench: the plaza's files were not made ({made['ended']}).")
-        show("Builds", made["builds"])
-        results = {"builds": made["builds"], **measure(Path(scratch), made["visible_percent"], sizes, tolerances, repeats)}
-        write(stage, results, machine)
+    with outputs.staged(out) as stage:
+        write(stage, measure(QUICK if quick else ROWS, 1 if quick else REPEATS), machine)
     print(f"\n{out}")
 
 
-def measure(folder: Path, visible: float, sizes: dict[str, tuple[int, ...]], tolerances: tuple[float, ...], repeats: int) -> dict:
-    """The tables of ways and of tolerances, from the files in the folder."""
-    results = {"ways": [], "tolerances": []}
-    for engine, counts in sizes.items():
-        for agents in counts:
-            times = repeats if engine == "CYCLES" and agents <= REPEATED else 1
-            rows = costs(folder, engine, agents, times, LIMIT)
-            wide = f"{PICTURE[engine]['width']} pixels wide"
-            show(f"{engine}, {agents:,} agents, frame {FRAME}, which sees {visible} % of the agents, {wide}", rows)
-            results["ways"] += rows
-        if engine == "CYCLES":
-            for pixels in tolerances:
-                results["tolerances"].append(tolerance(folder, pixels))
-                show(f"LODs by tolerance, Cycles, {SWEPT:,} agents, {SWEEP['width']} pixels wide", results["tolerances"][-1:])
+def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int) -> dict[str, list[dict]]:
+    """The tables: of the LODs made, of the ways, of what was predicted and measured, and of the goals."""
+    results = {"builds": [], "ways": [], "predicted": [], "goals": []}
+    for engine, crowd, sizes in asked:
+        with tempfile.TemporaryDirectory() as scratch:
+            made = job(1800, job="prepare", folder=scratch, crowd=crowd, engine=engine, sizes=sizes, **PICTURE[engine])
+            if "ended" in made:
+                raise SystemExit(f"crowd-lod bench: the files of {name_of(crowd)} were not made ({made['ended']}).")
+            show(f"{engine}, {name_of(crowd)}: builds", made["builds"])
+            results["builds"] += [{"engine": engine, "crowd": name_of(crowd), **row} for row in made["builds"]]
+            for agents in sizes:
+                again = repeats if engine == "CYCLES" and agents <= REPEATED else 1
+                rows = costs(Path(scratch), engine, crowd, agents, made["files"], again)
+                show(f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} pixels wide", rows)
+                results["ways"] += rows
+                results["predicted"].append(beside(rows, made["predicted"][str(agents)]))
+    show("Of the crowd alone, predicted / measured", results["predicted"])
+    results["goals"] = judged(results["ways"])
+    print(f"\nGoals of {BAKED}")
+    for row in results["goals"]:
+        print(f"{row['met']}: {row['goal']}{'; above: ' * bool(row['missed'])}{row['missed']}")
     return results
 
 
@@ -141,52 +172,36 @@ def write(stage: Path, results: dict, machine: str) -> None:
     """worth.json, a CSV a table, and the picture."""
     (stage / "worth.json").write_text(report.to_json({"machine": machine, **results}), encoding="utf-8")
     for name, rows in results.items():
-        whole = dict.fromkeys(key for row in rows for key in row)
-        text = report.to_csv([{**dict.fromkeys(whole), **row} for row in rows])
-        (stage / f"worth_{name}.csv").write_text(f"# {machine}\n{text}", encoding="utf-8")
-    draw(stage / "worth.png", results, machine)
+        (stage / f"worth_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+    draw(stage / "worth.png", results["ways"], machine)
 
 
 def show(title: str, rows: list[dict]) -> None:
     print(f"\n{title}\n{table(rows, {name.replace('_', ' '): name for name in rows[0]})}", flush=True)
 
 
-def draw(path: Path, results: dict, machine: str) -> None:
-    """Above, the ways of Cycles; below, error against run time and memory, a point a tolerance."""
+def draw(path: Path, rows: list[dict], machine: str) -> None:
+    """Of each crowd the parts of what everyone takes, a mark a way."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12, 9), dpi=100, layout="constrained")
+    crowds = list(dict.fromkeys((row["engine"], row["crowd"], row["agents"]) for row in rows))
+    ways = [way for way in dict.fromkeys(row["way"] for row in rows) if way not in (NOBODY, EVERYONE)]
+    figure = Figure(figsize=(12, 2 + 0.35 * len(crowds)), dpi=100, layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle(f"The plaza, frame {FRAME}, Cycles. {machine}", fontsize=7, color="#444444")
-    above, below = figure.subplots(2, 2)
-    for axes, key, label in zip(
-        above, ("cpu_s", "peak_mb"), ("CPU seconds of a render", "peak memory of its process, MB"), strict=True
-    ):
-        for way, colour, marker in zip(WAYS, COLOURS, MARKERS, strict=False):
-            rows = [row for row in results["ways"] if row["way"] == way and row["engine"] == "CYCLES" and not row["ended"]]
-            x, y = [row["agents"] for row in rows], [row[key] for row in rows]
-            axes.plot(x, y, color=colour, marker=marker, lw=2.2 if way.startswith("Crowd LOD") else 1.2, label=way)
-        axes.set(xscale="log", yscale="log", xlabel="agents", ylabel=label)
-        axes.legend(frameon=False)
-    rows = [row for row in results["tolerances"] if not row["ended"]]
-    errors = {
-        "off_percent": "pixels visibly off, %",
-        "rms_percent": "RMS, % of white",
-        "shift_px": "largest silhouette shift, pixels",
-    }
-    for axes, key, label in zip(
-        below, ("cpu_s", "peak_mb"), ("CPU seconds of a render", "peak memory of its process, MB"), strict=True
-    ):
-        for colour, marker, (name, says) in zip(COLOURS, MARKERS, errors.items(), strict=False):
-            axes.plot([row[key] for row in rows], [row[name] for row in rows], color=colour, marker=marker, label=says)
-        for row in rows:
-            axes.annotate(
-                f"{row['tolerance_px']:g} px", (row[key], row["shift_px"]), (3, 5), textcoords="offset points", fontsize=8
+    figure.suptitle(f"What the crowd takes, as a part of everyone at full detail. {machine}", fontsize=8, color="#444444")
+    panels = figure.subplots(1, len(PARTS), sharey=True)
+    for axes, part in zip(panels, PARTS.values(), strict=True):
+        for way, colour, marker in zip(ways, COLOURS, MARKERS, strict=False):
+            found = {(row["engine"], row["crowd"], row["agents"]): row[part] for row in rows if row["way"] == way}
+            known = [(place, found[crowd]) for place, crowd in enumerate(crowds) if found.get(crowd) is not None]
+            axes.scatter(
+                [x for _, x in known], [y for y, _ in known], 90 if way == BAKED else 40, colour, marker, label=way, zorder=3
             )
-        axes.set_yscale("symlog", linthresh=0.5)  # a shift may be 0
-        axes.set(xlabel=label, ylabel=f"error of {SWEPT:,} agents, by tolerance")
-        axes.legend(frameon=False)
-    for axes in figure.axes:
+        axes.axvline(1, color="#444444", lw=1)
+        axes.set(title=part, xlim=(0, None), xlabel="part of everyone's")
         axes.grid(alpha=0.25)
+    panels[0].set_yticks(range(len(crowds)), [f"{engine}, {crowd}, {agents:,}" for engine, crowd, agents in crowds])
+    panels[0].invert_yaxis()
+    figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(ways), frameon=False)
     figure.savefig(path)
