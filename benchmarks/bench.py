@@ -2,6 +2,7 @@
 
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
 ./crowd-lod bench --worth [--quick] [--out DIR]     renders instead: worth.py
+./crowd-lod bench --costs                           what things cost engines: costs.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
 same (peers.py, loop.c, the GPU), each taken in turn in the same run. Test 2: the plan from perspective A, which sees nearly
@@ -272,6 +273,9 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: an hour")
     parser.add_argument(
+        "--costs", action="store_true", help="instead, fit what things cost engines (crowd_lod/cost.py): some 20 minutes"
+    )
+    parser.add_argument(
         "--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)"
     )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="another crowd of the same kind")
@@ -280,6 +284,10 @@ def main(arguments: list[str] | None = None) -> None:
         import worth
 
         return worth.main(outputs.absolute(args.out), args.quick)
+    if args.costs:
+        import costs
+
+        return costs.main()
     with outputs.staged(outputs.absolute(args.out)) as stage:
         measure(stage, args)
     print(f"\n{args.out.absolute()}")

@@ -1,6 +1,6 @@
 """What each thing that a build holds costs an engine: the coefficients of crowd_lod/cost.py, fitted to renders.
 
-./crowd-lod bench --costs [--out DIR]
+./crowd-lod bench --costs
 
 Crowds at full detail, of few and many characters, triangles and agents, each a file that needs no Crowd LOD, are rendered in a
 process of their own. What a render takes beyond that of the empty ground is put down to the counts of Work by non-negative least

@@ -40,7 +40,7 @@ def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> l
     usual: metres, times 1 / ratio the deviation where none is known."""
     made = sorted(k for k, bound in known.items() if 0 < bound < np.inf)
     places = np.log([1 / ratios[k] for k in made] or [1.0])
-    values = np.log([known[k] for k in made] or [usual])
+    values = np.log([known[k] for k in made] or [max(usual, 1e-30)])
     at = np.log(1 / np.array(ratios))
     found = np.exp(np.interp(at, places, values) + np.minimum(at - places[0], 0) + np.maximum(at - places[-1], 0))
     return [known.get(k, float(found[k])) for k in range(len(ratios))]

@@ -157,7 +157,7 @@ class Ladder:
     def lost(self) -> list[float]:
         """Of the candidates measured, by which part of the character's size they deviate, times their triangles."""
         triangles, bounds = (list(self.kinds).index(name) for name in ("triangles", "bounds"))
-        return [row[triangles] * row[bounds] / self.diagonal for k, row in self.rows.items() if k]
+        return [row[triangles] * row[bounds] / self.diagonal for k, row in self.rows.items() if k and row[bounds] > 0]
 
     def guess(self, group: Group, usual: Sequence[float]) -> Group:
         """The group with what is known of its candidates, and guessed of the others; usual: what characters have `lost`."""

@@ -11,6 +11,7 @@ from crowd_lod_extension.operators import casts, overlay
 def scene():
     """A scene with a cube and a cone as characters, populated."""
     scene = bpy.data.scenes.new("follow")
+    scene.crowd_lod.choice = "BY_RATIO"
     characters = bpy.data.collections.new("characters")
     scene.collection.children.link(characters)
     for name, height in (("cone", 1.0), ("cube", 2.0)):

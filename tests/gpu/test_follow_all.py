@@ -13,6 +13,7 @@ from crowd_lod_extension.operators.populate import frame_of
 def scene():
     """Tetrahedra that walk, before a camera that pans fast."""
     scene = bpy.data.scenes.new("follow all")
+    scene.crowd_lod.choice = "BY_RATIO"
     characters = bpy.data.collections.new("characters")
     scene.collection.children.link(characters)
     mesh = bpy.data.meshes.new("one")
