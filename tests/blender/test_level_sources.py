@@ -212,7 +212,7 @@ def test_characters_linked_from_another_file(tmp_path, override):
         top.children.unlink(bpy.data.collections["linked", path])
         if group.name not in top.children:
             top.children.link(group)
-    scene.crowd_lod.characters = top
+    scene.crowd_lod.characters, scene.crowd_lod.choice = top, "BY_RATIO"
     states = {block: (block.name, block.library) for block in bpy.data.user_map()}
     lod = made(2)["body LOD 2"]
     assert lod.library is None and lod.override_library is None and triangles(lod) < 0.13 * scene.crowd_lod.groups[0].triangles[0]
