@@ -58,7 +58,7 @@ def saved(path: str):
     yield from robot.press("crowd_lod.sample", name="plaza")
     settings = robot.settings()
     settings.count, settings.frames, settings.width, settings.folder = AGENTS, "1,5", 64, str(FOLDER / "undo_preview")
-    settings.way = "PRECISE"
+    settings.way, settings.choice = "PRECISE", "BY_RATIO"
     robot.scene().frame_end = 5
     for button in ("populate", "make_levels", "build"):
         yield from robot.press(f"crowd_lod.{button}")
