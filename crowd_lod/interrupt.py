@@ -88,11 +88,16 @@ def _watch(reader: socket.socket, writer: socket.socket, screen: int | None) -> 
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, 1)
             os.dup2(nowhere, 2)
-        for clean in reversed(_unfinished):
-            with suppress(Exception):
-                clean()
+        _clean()
         said = f"stopped too late: {_late[0]}" if _late else "stopped; nothing on disk was changed"
         with suppress(OSError, TypeError):
             os.write(screen, f"{line}crowd-lod: {said}.\n".encode())
+        _clean()  # Blender, still at work, may have made folders again
     finally:
         os._exit(STOPPED)
+
+
+def _clean() -> None:
+    for clean in reversed(_unfinished):
+        with suppress(Exception):
+            clean()
