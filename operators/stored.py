@@ -44,7 +44,11 @@ def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
     NaN, a choice or a kind of data that there is not. What was measured of groups is not looked at: see populate.groups_of."""
     known = settings.bl_rna.properties
     for setting in [known[name] for name in names] or known[1:]:  # the first is Blender's own
-        value, where = getattr(settings, setting.identifier), f"The setting {setting.name} of {settings.id_data.name}"
+        where = f"The setting {setting.name} of {settings.id_data.name}"
+        try:
+            value = getattr(settings, setting.identifier)
+        except UnicodeDecodeError:
+            raise CrowdError(f"{where} holds bytes that are no text: set it anew.") from None
         if setting.type == "ENUM" and value not in setting.enum_items:
             raise CrowdError(f"{where} has no known value: choose one of {', '.join(item.name for item in setting.enum_items)}.")
         elif setting.type in NUMBERS:
