@@ -123,7 +123,6 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
         "unique": int(triangles[shown > 0].sum()),
         "instances": int(shown.sum()),
         "instanced": int((shown * triangles).sum()),
-        "objects": sum(len(home.objects) for home in homes),
         "rigs": len(rigs.objects),
     }
 

@@ -16,10 +16,8 @@ WINDOW = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
 WINDOW /= WINDOW.sum()
 STEADY = 0.01**2, 0.03**2  # the constants of structural similarity
 WITHIN = 0.02  # of white: the mean difference of two pictures that counts as none, five steps of a byte's 255
-LARGEST, HALVINGS = (
-    256,
-    6,
-)  # pixels of a character's diagonal at which its LODs' pictures are compared, and how often these are halved
+LARGEST = 256  # pixels of a character's diagonal at which its LODs' pictures are compared
+HALVINGS = 6  # of these, for pictures as they look from farther off
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,10 @@
 """All frames of a shot."""
 
 import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from .errors import CrowdError
 
@@ -35,3 +39,8 @@ def _known(frame: int) -> int:
     if abs(frame) > LAST_FRAME:
         raise CrowdError(f"There is no frame {frame}: Blender's frames run from {-LAST_FRAME} to {LAST_FRAME}.")
     return frame
+
+
+def evenly(things: Sequence[Any], most: int) -> list[Any]:
+    """Up to `most` of the `things`, in their order: the first, the last, and others evenly between them."""
+    return [things[i] for i in np.unique(np.linspace(0, len(things) - 1, most).round().astype(int))]

@@ -9,7 +9,7 @@ from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.gaits import Library
 from ..crowd_lod.steps import share
-from . import cameras, lights, stepping
+from . import lights, stepping
 from . import scene as io
 from .build import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
@@ -82,9 +82,7 @@ def _rows(scene: bpy.types.Scene, library: Library, frames: Sequence[int]) -> It
         for done, number in enumerate(frames):
             time = io.remapped(render, number)
             yield from share(trajectory.approach(time), done / len(frames), (done + 0.9) / len(frames))
-            film = cameras.camera_at(scene, time, at)
-            around = lights.read_surroundings(scene, at((), time), time, at=at)
-            shutter = cameras.read_shutter(scene, time, at)
+            film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             held = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():

@@ -13,7 +13,7 @@ from ..crowd_lod.culling import radar
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.gaits import Library
 from ..crowd_lod.levels import LevelPolicy
-from ..crowd_lod.shot import parse_frames
+from ..crowd_lod.shot import evenly, parse_frames
 from . import scene as io
 from .cameras import cameras_at
 from .movers import action_range
@@ -41,7 +41,7 @@ def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
     """
     settings = scene.crowd_lod
     frames = parse_frames(settings.frames, settings.step)
-    chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
+    chosen = evenly(frames, MOST_FRAMES)
     trajectory = trajectory_of(scene, groups)
     bias, cameras = bias_of(settings, trajectory.world.area), cameras_at(scene, chosen)
     centre, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
@@ -93,7 +93,8 @@ def chosen(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot
             own = counting(group, tolerance, shot)
             kept, reasons = choose(own, tolerance, shot.views, io.metres(scene))
             kept, dear = cheapest(own, kept, tolerance, shot)
-            memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
+            if settings.memory:
+                memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
         keep.append(kept)
         dropped.append(reasons | dear)
     if settings.memory and memory > 1e6 * settings.memory:

@@ -15,16 +15,16 @@ from ..crowd_lod.frame import Frame, deviations, plan
 from ..crowd_lod.gaits import Library
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shadows import surround
+from ..crowd_lod.shot import evenly
 from ..crowd_lod.steps import share
 from ..crowd_lod.words import number as figure
-from . import cameras, lights, stepping
+from . import lights, stepping
 from . import scene as io
-from .chain import cast_of
+from .chain import MOST_FRAMES, cast_of
 from .follow import members
 from .operator import Stepwise
 from .populate import bias_of, groups_of, policy_of, trajectory_of
 
-MOST_FRAMES = 9  # of a shot, evenly, that are looked at
 FULL = "Full Detail"
 CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
 COVERS = 0.15  # of the square about its bounding sphere in the picture that a character covers, roughly
@@ -112,7 +112,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
     builds that may show any frame, and, of the scene's own choice, of a bake, too, which holds less."""
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-    looked_at = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, MOST_FRAMES).round().astype(int)})
+    looked_at = evenly(frames, MOST_FRAMES)
     trajectory, choices = trajectory_of(scene), choices_of(scene)
     library = cast_of(scene, trajectory)
     owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(library.first(trajectory.gaits)))
@@ -123,9 +123,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
         for done, number in enumerate(looked_at):
             time = io.remapped(render, number)
             yield from share(trajectory.approach(time), done / len(looked_at), (done + 0.5) / len(looked_at))
-            eyes = cameras.camera_at(scene, time, at)
-            around = lights.read_surroundings(scene, at((), time), time, at=at)
-            shutter = cameras.read_shutter(scene, time, at)
+            eyes, around, shutter = lights.read_moment(scene, time, at)
             for name, choice in choices.items():
                 frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
                 frame = surround(frame, trajectory, eyes, shutter, around)

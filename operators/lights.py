@@ -10,7 +10,7 @@ from ..crowd_lod.lean import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WORKBENCH
 from ..crowd_lod.shadows import Light, Mirror, Surroundings
 from . import scene as io
 from . import stepping
-from .cameras import shutter_times
+from .cameras import camera_at, read_shutter, shutter_times
 from .populate import policy_of
 from .scenery import SOLID, Placed, casts, emits, matrix_of, scenery_of
 
@@ -49,6 +49,13 @@ def read_surroundings(
         box = None if _foggy(scene.world) else shown.box(depsgraph)
     left_out = (NO_SHADOWS,) * (not lights) + (NO_MIRRORS,) * (not mirrors)
     return Surroundings(tuple(lights), tuple(mirrors), box, settings.unseen_level, left_out, policy_of(settings).finest)
+
+
+def read_moment(scene: bpy.types.Scene, time: float, at: stepping.At) -> tuple:
+    """What a plan of `scene` at `time` takes: (the eyes' cameras, the Surroundings, what the shutter sees), with the scene stepped
+    there by `at`."""
+    film = camera_at(scene, time, at)
+    return film, read_surroundings(scene, at((), time), time, at=at), read_shutter(scene, time, at)
 
 
 def _read(lamps: list[Placed], panes: list[Placed], depsgraph, engine: str) -> tuple[list[Light], list[Mirror]]:

@@ -17,7 +17,7 @@ from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.frame import Frame, deviations
 from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
-from ..crowd_lod.shot import parse_frames
+from ..crowd_lod.shot import evenly, parse_frames
 from ..crowd_lod.steps import aside, share, standing
 from ..crowd_lod.words import printable
 from . import above, build, cameras, follow, lights, lods, stepping
@@ -285,8 +285,8 @@ def _caption(frame: Frame) -> str:
 
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     """Main picture and picture from above side by side, two frames a row; of a long shot, frames at even distances."""
-    chosen = np.unique(np.linspace(0, len(pictures) - 1, min(len(pictures), MOST_IN_SHEET)).round().astype(int))
-    shrunk = [report.shrink(io.load_pixels(path), THUMBNAIL) for i in chosen for path in pictures[i]]
+    chosen = evenly(pictures, MOST_IN_SHEET)
+    shrunk = [report.shrink(io.load_pixels(path), THUMBNAIL) for pair in chosen for path in pair]
     return report.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
 
 

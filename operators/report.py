@@ -12,7 +12,7 @@ import numpy as np
 
 from ..crowd_lod import __version__, audit, extremes, outputs, precision, report
 from ..crowd_lod.levels import LevelPolicy
-from ..crowd_lod.shot import parse_frames
+from ..crowd_lod.shot import evenly, parse_frames
 from ..crowd_lod.words import printable
 from . import cameras
 from .populate import measure_groups, policy_of, store_groups, trajectory_of
@@ -29,7 +29,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
         store_groups(scene.crowd_lod, measure_groups(scene))
         trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
         frames = parse_frames(scene.crowd_lod.frames, scene.crowd_lod.step)
-        chosen = sorted({frames[i] for i in np.linspace(0, len(frames) - 1, VIEWS).round().astype(int)})
+        chosen = evenly(frames, VIEWS)
         seen = cameras.cameras_at(scene, chosen)
         begun = 0.0
         for k, frame in enumerate(chosen):

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..crowd_lod import difference, outputs, report, whole
 from ..crowd_lod.frame import Frame
+from ..crowd_lod.shot import evenly
 from ..crowd_lod.sorting import sort
 from ..crowd_lod.steps import share, standing
 from ..crowd_lod.stereo import EYES
@@ -93,8 +94,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         result = _result(rows, wanted, command, left_out + _left_out(scene, rows, wanted), not_proved)
         (folder / "verify.json").write_text(report.to_json(result), encoding="utf-8")
         (folder / "verify.csv").write_text(report.to_csv(rows), encoding="utf-8")
-        chosen = np.unique(np.linspace(0, len(sheet) - 1, min(len(sheet), MOST_IN_SHEET)).round().astype(int))
-        tiles = [picture for i in chosen for picture in sheet[i]]
+        tiles = [picture for pictures in evenly(sheet, MOST_IN_SHEET) for picture in pictures]
         io.save_png(folder / "contact_sheet.png", report.contact_sheet(tiles, columns=len(PICTURES) + 3))
         yield 1.0
         return result
@@ -188,12 +188,10 @@ def _film(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types
 def _frame(scene, at: stepping.At, top, outline, number: int, wanted: Verify, folder: Path, done: int):
     """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
     trajectory, time = trajectory_of(scene), io.remapped(scene.render, number)
-    film = cameras.camera_at(scene, time, at)
-    around = lights.read_surroundings(scene, at((), time), time, at=at)
-    shutter = cameras.read_shutter(scene, time, at)
+    film, around, shutter = lights.read_moment(scene, time, at)
     depsgraph = at((), time)
     planned, full = (
-        frame_of(scene, depsgraph, time, film, trajectory, each, shutter) for each in (around, replace(around, level=0))
+        frame_of(scene, depsgraph, time, film, trajectory, each, shutter) for each in (around, replace(around, level=0, finest=()))
     )
     frames = _variants(planned, full)
     _film(outline, scene, depsgraph)

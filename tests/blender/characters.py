@@ -77,3 +77,17 @@ def character(*objects: bpy.types.Object, name: str = "someone") -> bpy.types.Co
 
 def new(name: str, data) -> bpy.types.Object:
     return bpy.data.objects.new(name, data)
+
+
+def painted(name, image, coordinates=None):
+    """A material whose color is the image, placed by these coordinates."""
+    material = bpy.data.materials.new(name)
+    if bpy.app.version < (5, 0, 0):
+        material.use_nodes = True
+    tree = material.node_tree
+    node = tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
+    if coordinates:
+        tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs[coordinates], node.inputs["Vector"])
+    return material

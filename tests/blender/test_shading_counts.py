@@ -8,7 +8,7 @@ from crowd_lod_extension.operators.deviation import measure_levels
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.populate import frame_of, groups_of, measure_groups, store_groups
 
-from .characters import character, new, tube
+from .characters import character, new, painted, tube
 
 
 @pytest.fixture
@@ -21,14 +21,7 @@ def striped(monkeypatch):
     values = np.ones((64, 64, 4), np.float32)
     values[..., :3] = 0.5 + 0.06 * np.sign(np.sin(np.arange(64) / 64 * 8 * np.pi + 1e-6))[:, None, None]
     image.pixels.foreach_set(values.ravel())
-    material = bpy.data.materials.new("stripes")
-    if bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
-    tree = material.node_tree
-    node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = image
-    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
-    item.data.materials.append(material)
+    item.data.materials.append(painted("stripes", image))
     character(item)
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     scene.collection.objects.link(camera)

@@ -10,7 +10,7 @@ from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.levels import make_levels, remove_owned
 from crowd_lod_extension.operators.populate import measure_groups, store_groups
 
-from .characters import character, new, rig, skin, tube
+from .characters import character, new, painted, rig, skin, tube
 
 SIZE = 1024
 
@@ -27,20 +27,6 @@ def picture(name, size=SIZE, **kind):
     image.update()
     image.pack()
     return image
-
-
-def painted(name, image, coordinates=None):
-    """A material whose color is the image, placed by these coordinates."""
-    material = bpy.data.materials.new(name)
-    if bpy.app.version < (5, 0, 0):
-        material.use_nodes = True
-    tree = material.node_tree
-    node = tree.nodes.new("ShaderNodeTexImage")
-    node.image = image
-    tree.links.new(node.outputs["Color"], tree.nodes["Principled BSDF"].inputs["Base Color"])
-    if coordinates:
-        tree.links.new(tree.nodes.new("ShaderNodeTexCoord").outputs[coordinates], node.inputs["Vector"])
-    return material
 
 
 @pytest.fixture
