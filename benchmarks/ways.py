@@ -7,7 +7,7 @@ camera cull       the same, by Cycles' camera culling (Simplify), which reaches 
 geometry nodes    a tree that deletes the points outside the frustum and gives the others their LOD
 by ratio          the build: it plans the frame and writes its points while it is rendered; LODs of set ratios and distances
 1 px              the same, LODs by tolerance
-1 px, baked       that, baked over the frames: it holds the characters alone that these show
+1 px, baked       that, baked over the frames with --render-only: it holds what these show and nothing else
 
 By ratio and 1 px are rendered with Crowd LOD; the others are files that need none, and hold the points of FRAMES.
 """
@@ -28,7 +28,8 @@ from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import bake, build, estimate, follow
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.hidden_characters import hide_characters
+from crowd_lod_extension.operators.levels import make_levels, remove_owned
 from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups, trajectory_of
 
 NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "1 px, baked"
@@ -64,15 +65,28 @@ def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int,
             if way == BAKED:
                 predicted[agents] = finished(estimate.estimate(scene, FRAMES, known=True)).as_json
                 finished(bake.bake(scene, FRAMES))
-            elif way == NOBODY:
-                build.remove_build(scene.crowd_lod)
-            elif way not in CROWD_LOD:
+            elif way not in (NOBODY, *CROWD_LOD):
                 _dress(scene, way)
             path = Path(folder) / f"{way}_{agents}.blend"
-            bpy.ops.wm.save_as_mainfile(filepath=str(path))
-            files[path.stem] = round(path.stat().st_size / 1e6, 2)
+            if way == NOBODY:
+                build.remove_build(scene.crowd_lod)
+                files[f"{way}, with characters_{agents}"] = _save(path)
+                remove_owned(scene.crowd_lod.levels)
+                bpy.data.batch_remove(scene.crowd_lod.characters.all_objects)
+                bpy.data.orphans_purge(do_recursive=True)
+            if way == BAKED:
+                files[f"{way}, with characters_{agents}"] = _save(path)
+                hide_characters(scene)
+                bake.keep_what_renders(scene)
+            files[path.stem] = _save(path)
     crowd_lod_extension.unregister()
     return {"builds": rows, "files": files, "predicted": predicted}
+
+
+def _save(path: Path) -> float:
+    """Write the open file to `path`: its MB."""
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    return round(path.stat().st_size / 1e6, 2)
 
 
 def full(folder: str, crowd: dict, sizes: list[int], width: int, samples: int) -> dict:

@@ -103,14 +103,17 @@ def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, 
     return rows
 
 
-def beside(rows: list[dict], predicted: dict) -> dict:
-    """The row of what was predicted of the crowd, and measured, at full detail and by tolerance, MB; time as the latter's part."""
+def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
+    """The row of what was predicted of the crowd, and measured, at full detail and by tolerance, MB; time as the latter's part.
+    Of files that all hold the characters."""
     nobody, whole, own = (next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED))
     found = {key: own[key] for key in ("engine", "crowd", "agents")}
-    for name, row in (("Full Detail", whole), ("By Tolerance", own)):
-        for key, told in (("peak_mb", "memory_mb"), ("file_mb", "file_mb")):
-            known = None not in (row[key], nobody[key])
-            found[f"{name} {told}"] = f"{predicted[name][told]:g} / {round(row[key] - nobody[key], 1) if known else '-'}"
+    agents, characters = own["agents"], ", with characters"
+    ground = files[f"{NOBODY}{characters}_{agents}"]
+    for name, row, way in (("Full Detail", whole, EVERYONE), ("By Tolerance", own, BAKED + characters)):
+        memory = "-" if None in (row["peak_mb"], nobody["peak_mb"]) else round(row["peak_mb"] - nobody["peak_mb"], 1)
+        found[f"{name} memory_mb"] = f"{predicted[name]['memory_mb']:g} / {memory}"
+        found[f"{name} file_mb"] = f"{predicted[name]['file_mb']:g} / {files[f'{way}_{agents}'] - ground:.2f}"
     return found | {"time": f"{predicted['By Tolerance']['time_share']:.2f} / {'-' if own['time'] is None else own['time']}"}
 
 
@@ -159,7 +162,7 @@ def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int) -> dic
                 rows = costs(Path(scratch), engine, crowd, agents, made["files"], again)
                 show(f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} pixels wide", rows)
                 results["ways"] += rows
-                results["predicted"].append(beside(rows, made["predicted"][str(agents)]))
+                results["predicted"].append(beside(rows, made["predicted"][str(agents)], made["files"]))
     show("Of the crowd alone, predicted / measured", results["predicted"])
     results["goals"] = judged(results["ways"])
     print(f"\nGoals of {BAKED}")

@@ -54,6 +54,11 @@ def parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--bake", action="store_true", help="put all frames into the file: it renders without Crowd LOD")
     command.add_argument("--frames", metavar="A:B|LIST", help="the frames to bake (default: those that the scene renders)")
     command.add_argument(
+        "--render-only",
+        action="store_true",
+        help="with --bake: leave out characters and LODs that no frame shows; less memory and file",
+    )
+    command.add_argument(
         "--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)"
     )
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")

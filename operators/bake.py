@@ -13,6 +13,8 @@ from . import lights, stepping
 from . import scene as io
 from .build import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
+from .hidden_characters import HIDDEN, shows_characters
+from .levels import remove_owned
 from .populate import frame_of, policy_of, trajectory_of
 from .poses import make_cast, read_library
 
@@ -59,6 +61,34 @@ def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
     render = scene.render
     rate = render.frame_map_new / render.frame_map_old
     scene.crowd_lod.build[BAKED] = [rate, opening(render), float(frames[0]), float(frames[-1])]
+
+
+def keep_what_renders(scene: bpy.types.Scene) -> str:
+    """Take out of the file what renders of the baked `scene` do not need: the LOD meshes, and the characters, if they are hidden and
+    nothing else uses them; a sentence on it. The scene cannot be built again then."""
+    settings = scene.crowd_lod
+    if not io.shared(scene, "levels"):
+        remove_owned(settings.levels)
+    settings.levels = None
+    needed = "renders show them" if shows_characters(scene) else _used(settings.characters)
+    if not needed:
+        settings.build.pop(HIDDEN, None)
+        characters, settings.characters = settings.characters, None
+        for parent in (*bpy.data.collections, *(each.collection for each in bpy.data.scenes)):
+            if parent.library is None and characters in parent.children.values():
+                parent.children.unlink(characters)
+    bpy.data.orphans_purge(do_local_ids=True, do_linked_ids=True, do_recursive=True)
+    stay = f" The characters are still in it: {needed}." if needed else ""
+    return f"The file holds what its frames render; to build it again, take the one that it was baked from.{stay}"
+
+
+def _used(characters: bpy.types.Collection) -> str:
+    """What else than their collections and scenes uses the `characters`, or their objects; "" if nothing does."""
+    inside = {characters, *characters.children_recursive, *characters.all_objects}
+    homes = bpy.types.Collection | bpy.types.Scene | bpy.types.Screen | bpy.types.WindowManager
+    users = {user for each in bpy.data.user_map(subset=inside).values() for user in each} - inside
+    names = sorted(user.name for user in users if not isinstance(user, homes))
+    return f"{' and '.join(names[:3])} use{'s' * (len(names) == 1)} them" if names else ""
 
 
 def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) -> list[np.ndarray]:

@@ -206,6 +206,8 @@ def _build(args, command: list[str]) -> dict:
     path = _blend(args.out or Path(f"{stem}_built.blend"))
     if args.frames is not None and not args.bake:
         raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
+    if args.render_only and not args.bake:
+        raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
     frames = None if args.frames is None else parse_frames(args.frames)
     with outputs.staged_file(path) as part:
         scene = open_scene(args.scene)
@@ -227,6 +229,8 @@ def _build(args, command: list[str]) -> dict:
             build.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in build.points_of(scene.crowd_lod.build).items()}
         told = build.told_of_cast(scene, cast), told_of_characters(scene), args.bake and stepping.unbaked(scene)
+        if args.render_only:
+            told = *told, bake.keep_what_renders(scene)
         _save(part, path, compress=True)
     size = path.stat().st_size
     started = clock.perf_counter()

@@ -11,7 +11,8 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators import build as builder
 from crowd_lod_extension.operators import cli
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.bake import bake
+from crowd_lod_extension.operators.bake import bake, keep_what_renders
+from crowd_lod_extension.operators.hidden_characters import HIDDEN
 from crowd_lod_extension.operators.levels import make_levels
 
 FRAMES = (27, 12, 20)
@@ -123,6 +124,49 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     assert cli._run([*words, "--frames", "9:11"], "crowd-lod") == 1
     assert "add --bake" in capfd.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["crowd.blend", "out.blend"]
+
+
+def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(built, tmp_path, capfd):
+    characters = built.crowd_lod.characters
+    characters.hide_render = False  # the command hides them, and a file without them shows the same
+    built.crowd_lod.thresholds[0] = 0.01  # no frame shows LOD 0
+    bpy.context.scene.render.engine = "BLENDER_WORKBENCH"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    words = ["build", str(tmp_path / "crowd.blend"), "--quiet", "--json", "--bake", "--frames", "12,20,27"]
+    sizes, meshes, hidden = [], [], []
+    for name, more in (("whole", ()), ("slim", ("--render-only",))):
+        out = tmp_path / f"{name}.blend"
+        capfd.readouterr()
+        assert cli._run([*words, "--out", str(out), *more], "crowd-lod") == 0
+        result = json.loads(capfd.readouterr().out)
+        assert ("take the one that it was baked from" in result["summary"]) == bool(more)
+        farm(out, tmp_path)
+        for number in FRAMES:
+            (tmp_path / f"farm_{number}.png").rename(tmp_path / f"{name}_{number}.png")
+        bpy.ops.wm.open_mainfile(filepath=str(out))
+        sizes.append(out.stat().st_size)
+        hidden.append(HIDDEN in bpy.context.scene.crowd_lod.build)
+        meshes.append({mesh.name for mesh in bpy.data.meshes})
+    for whole, slim in zip(pictures(tmp_path, "whole"), pictures(tmp_path, "slim"), strict=True):
+        assert whole.any() and (whole != slim).mean() < 0.0002  # a pixel where two characters are equally near
+    assert sizes[1] < sizes[0] and meshes[1] < meshes[0] and hidden == [True, False]
+    scene = bpy.context.scene
+    assert scene.crowd_lod.characters is None and scene.crowd_lod.levels is None and "People" not in bpy.data.collections
+    with pytest.raises(CrowdError, match="no LOD meshes"):
+        list(builder.build(scene))
+    assert cli._run(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod") == 1
+    assert "add --bake" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("why", ["renders show them", "Camera uses them"])
+def test_characters_that_are_needed_stay_in_a_file_for_renders_alone(built, why):
+    settings = built.crowd_lod
+    settings.characters.hide_render = "Camera" in why
+    if settings.characters.hide_render:
+        built.camera.constraints.new("TRACK_TO").target = settings.characters.all_objects[0]
+    list(bake(built, [12]))
+    assert keep_what_renders(built).endswith(f" The characters are still in it: {why}.")
+    assert settings.characters == bpy.data.collections["People"] and settings.levels is None
 
 
 def test_a_bake_needs_what_a_build_needs(scene):
