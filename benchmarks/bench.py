@@ -30,6 +30,7 @@ from crowd_lod_extension.crowd_lod.behaviour import Trajectory
 from crowd_lod_extension.crowd_lod.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.frame import plan
+from crowd_lod_extension.crowd_lod.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, edge_map
@@ -182,7 +183,7 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
             ms["core"].append(sum(found.values()) - found["behaviour"])
     trajectory.at(65)  # when blocks are made anew, in a new order
     peaks = []
-    for job in (trajectory.blocks, lambda frame: plan(trajectory, camera(side, -0.1, half=1.5), POLICY, frame)):
+    for job in (partial(blocks_at, trajectory), lambda frame: plan(trajectory, camera(side, -0.1, half=1.5), POLICY, frame)):
         tracemalloc.start()
         job(65)
         peaks.append(round(tracemalloc.get_traced_memory()[1] / agents, 2))

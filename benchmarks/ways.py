@@ -29,7 +29,8 @@ from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import bake, build, estimate, follow
 from crowd_lod_extension.operators import scene as io
 from crowd_lod_extension.operators.hidden_characters import hide_characters
-from crowd_lod_extension.operators.levels import make_levels, remove_owned
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.ownership import remove_owned
 from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups, trajectory_of
 
 NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "1 px, baked"

@@ -17,13 +17,13 @@ whole rounds, and one that turns ever more often to get nowhere stands until the
 import operator
 import threading
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
 import numpy as np
 
-from . import blocks, borders, chance, curve
+from . import borders, chance
 from .agents import CLASSES, Crowd, Group
 from .ahead import look, onward, opened
 from .gaits import gaits_of
@@ -42,10 +42,8 @@ HOLD = 32
 MOST_TURNS = 8
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW = 3000
-# Frames beyond those between two makings of the blocks at which they may be asked for.
-SHUTTER = 2
-# The blocks are put into a new order every so many makings.
-ORDERED = 4
+# Crowds that are kept, or let go, together.
+PART = 4
 # Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
 # Seconds of a long way to a frame after which others, the drawing of a viewport among them, have their turn, and how many of it.
@@ -229,7 +227,7 @@ def _tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
     return Tables(machine, seconds)
 
 
-@dataclass
+@dataclass(eq=False)
 class Trajectory:
     """The crowd at any time: a pure function of the frame, cached forward from the first.
 
@@ -267,11 +265,8 @@ class Trajectory:
         self.left_out = self.leave and self.leave & needless(
             self.start, self.machine, self.world, len(self.groups), self.heights is not None
         )
-        self._blocks = self._order = None, None
-        self._pace = blocks.pace(self.machine, self.heights) if STILL not in self.left_out else blocks.STANDING
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
         self._ahead = None, None  # a crowd, and what is known of its next steps
-        self.memo = None  # of frame.plan: a cache, never the truth
 
     def at(self, time: float) -> Crowd:
         """The crowd at `time`, in frames."""
@@ -295,8 +290,8 @@ class Trajectory:
         """Seconds from frame 0 to `time`, in frames: actions play on whichever frame is the crowd's first."""
         return time * self.seconds_per_frame
 
-    def approach(self, time: float) -> Iterator[float]:
-        """Make what `at` and `blocks` say of `time`, in frames, so that they know it. Yields the progress, 0 to 1, where that
+    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Iterator[float]:
+        """Make what `at` says of `time`, in frames, so that it is known, and do `then`. Yields the progress, 0 to 1, where that
         takes long, and may be closed at any time."""
         target = int(max(time - self.first_frame, 0.0))
         with self._lock:
@@ -304,42 +299,9 @@ class Trajectory:
 
         def go() -> None:
             self.at(time)
-            self.blocks(time)
+            then()
 
         yield from aside(go, lambda: min(max(self._recent[0][0] - begun, 0) / max(target - begun, 1), 1.0))
-
-    def blocks(self, time: float) -> tuple[int, blocks.Blocks] | None:
-        """(the frame they were made at, the crowd's blocks) for `time`, in frames, after `at` was asked for it; of a small
-        crowd None. They are made anew at certain frames, so they are the same whichever frame came before."""
-        if len(self.start) < curve.FEWEST:
-            return None
-        frame = int(max(time - self.first_frame, 0.0))
-        frame = min(frame, 1) if STILL in self.left_out else frame - frame % self.every
-        made, found = self._blocks
-        if made != self.first_frame + frame:
-            self._blocks, found = (None, None), None  # let go before others are made
-            ordered = frame - frame % (ORDERED * self.every)
-            known, order = self._order
-            if known != ordered:
-                self._order, order = (None, None), None
-                crowd = self._kept_at(ordered)
-                order = blocks.filled(curve.order_of(crowd.x, crowd.y, crowd.group, self.world.area))
-                self._order = ordered, order
-            crowd = self._kept_at(frame)
-            longest = self.seconds_per_frame * np.array([-SHUTTER, self.every + SHUTTER])
-            wraps = self._pace.between(longest) if self.machine.edge == "wrap" else None
-            about = self.groups, self.world.area, wraps, self.heights is None, self.heights
-            found = blocks.blocks_of(crowd, order, *about)
-            made = self.first_frame + frame
-            self._blocks = made, found
-        return made, found
-
-    def moved(self, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:
-        """(least, most) displacement, (3,) metres each, of agents at `time` from the blocks made at `since`, in frames."""
-        frames = max(time, self.first_frame) - since
-        if STILL not in self.left_out and not -SHUTTER <= frames <= self.every + SHUTTER:
-            return np.full(3, -np.inf), np.full(3, np.inf)
-        return self._pace.between([frames * self.seconds_per_frame])
 
     @cached_property
     def full(self) -> "Trajectory":
@@ -350,6 +312,11 @@ class Trajectory:
     def looks(self) -> np.ndarray:
         """(n,) float32 in [0, 1), a number of each agent's own."""
         return chance.uniform(self.start.key, chance.LOOKS).astype(np.float32)
+
+    def kept_at(self, frame: int) -> Crowd:
+        """The crowd at a whole `frame`, counted from 0, as it walks on flat ground."""
+        crowd = self._kept.get(frame)
+        return self._at_whole(frame) if crowd is None else crowd
 
     def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
         """The crowd, which is that of the frame `since`, counted from 0, so many `frames` later, 1 at most."""
@@ -378,18 +345,13 @@ class Trajectory:
             self._ahead = moved, ahead
         return moved
 
-    def _kept_at(self, frame: int) -> Crowd:
-        """The crowd at a frame from which blocks are made, counted from 0; it may have been let go in between."""
-        crowd = self._kept.get(frame)
-        return self._at_whole(frame) if crowd is None else crowd
-
     def _keep(self, frame: int, crowd: Crowd) -> None:
-        """Keep the crowd at `frame`. Of too many, those between two orders of the blocks go together, every other such part,
+        """Keep the crowd at `frame`. Of too many, those of one PART go together, every other part,
         but the first and this one's: whoever asks for a frame of a part again then comes by all of it."""
         self._kept[frame] = crowd
         own = sum(column.nbytes for name, column in vars(crowd).items() if column is not getattr(self.start, name))
         if len(self._kept) * own > MOST_KEPT:
-            part = ORDERED * self.every
+            part = PART * self.every
             parts = sorted({kept // part for kept in self._kept} - {0, frame // part})
             for gone in parts[::2]:
                 for kept in [kept for kept in self._kept if kept // part == gone]:

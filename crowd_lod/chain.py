@@ -10,8 +10,7 @@ from .agents import Group
 from .camera import Camera
 from .cost import NAMES, Actors, Price, price, work_of
 from .errors import CrowdError
-from .frame import deviations
-from .levels import LevelPolicy, limits
+from .levels import LevelPolicy, deviations, limits
 from .words import number
 
 # Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.

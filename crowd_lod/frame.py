@@ -8,12 +8,12 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from .agents import Crowd, Group
+from .agents import Crowd
 from .behaviour import Trajectory
 from .blocks import CULLED, LEAF, decide
 from .camera import Camera, pictured
 from .culling import Bounds, bounds, lost, radar, refuse_lost
-from .errors import CrowdError
+from .index_cache import blocks_at, kept_of, moved
 from .lean import (
     ALL_INSIDE,
     ALL_OUTSIDE,
@@ -27,7 +27,7 @@ from .lean import (
     STILL,
     LeftOut,
 )
-from .levels import Bias, LevelPolicy, assign, limits
+from .levels import Bias, LevelPolicy, assign, deviations, limits
 from .looks import Look
 from .sorting import Buckets, sort, sort_blocks, sort_in_order
 
@@ -114,7 +114,7 @@ def plan(
         asked = [column for each in crowds for column in (each.x, each.y, each.z, each.group)], (
             views, policy, painted, grown.tobytes()
         )  # fmt: skip
-        made = trajectory.memo
+        made = kept_of(trajectory).memo
         if made is not None and made[1] == asked[1] and all(map(operator.is_, made[0], asked[0])):
             ticks += [clock.perf_counter()] * 3
             left_out = STATIC, *made[2].left_out
@@ -150,7 +150,7 @@ def plan(
         dropped=dropped,
         left_out=tuple(item for item in ITEMS if item in left),
     )
-    trajectory.memo = None if asked is None else (*asked, frame)
+    kept_of(trajectory).memo = None if asked is None else (*asked, frame)
     return frame
 
 
@@ -158,7 +158,7 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     """(buckets, find_levels, what `tally` counts, how many are dropped, what was left out): every agent is tested. views:
     (time, the eyes' cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
     leave, items = trajectory.leave, set()
-    made = trajectory.blocks(views[0][0])  # for their order
+    made = blocks_at(trajectory, views[0][0])  # for their order
     (_, cameras, radius), *shutter = views
     centre = np.array([g.centre for g in trajectory.groups])
     about = (centre, radius, policy.margin, policy.metric == "RADIAL", trajectory.left_out)
@@ -170,9 +170,9 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     for sample, eyes, grown in shutter:
         if every:
             break
-        moved, about = trajectory.at(sample), (centre, grown, policy.margin, False, trajectory.left_out)
-        seen = bounds(moved, eyes, *about).every if {ALL_INSIDE, ALL_OUTSIDE} <= leave else None
-        visible |= radar(moved, eyes, *about, seen, measure=False)[0]
+        then, about = trajectory.at(sample), (centre, grown, policy.margin, False, trajectory.left_out)
+        seen = bounds(then, eyes, *about).every if {ALL_INSIDE, ALL_OUTSIDE} <= leave else None
+        visible |= radar(then, eyes, *about, seen, measure=False)[0]
         every = seen if seen or every is False else None
     ticks.append(clock.perf_counter())
     if level is None:
@@ -195,12 +195,12 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
 
 def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     """The same as `_one_by_one`, where blocks of agents are decided at once (blocks.py)."""
-    since, blocks = trajectory.blocks(views[0][0])
+    since, blocks = blocks_at(trajectory, views[0][0])
     centre = np.array([g.centre for g in trajectory.groups])
     radius, radial = views[0][2], policy.metric == "RADIAL"
     gone = 0 if blocks.finite else _lost(crowd, policy)
     looks = [
-        [Look(camera, *trajectory.moved(at, since), float((grown - radius).max())) for camera in eyes] for at, eyes, grown in views
+        [Look(camera, *moved(trajectory, at, since), float((grown - radius).max())) for camera in eyes] for at, eyes, grown in views
     ]
     decided, places = decide(blocks, crowd, looks, begin if bias is None else None, policy.margin, radial)
     agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
@@ -227,7 +227,7 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
 
 def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     """The same, made by `sorter`: all of it counts as culling."""
-    made = trajectory.blocks(views[0][0])
+    made = blocks_at(trajectory, views[0][0])
     gone = 0 if made is not None and made[1].finite else _lost(crowd, policy)
     order = None if made is None else made[1].order
     places, offsets = sorter(crowd, order, views[0][1][0], policy, begin)
@@ -283,22 +283,6 @@ def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
         return 0.0
     gap = max(np.diff(times))
     return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame
-
-
-def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
-    """(G, n) float64 metres: what each group's LODs deviate at most; None while one is not measured. Where shading counts, what shows as
-    many pixels as the tolerance from where on the picture is within its bound, if that is more: CrowdError if pictures were not compared."""
-    count = policy.count
-    if not all(len(group.bounds) >= count for group in groups):
-        return None
-    table = np.array([group.bounds[:count] for group in groups], np.float64)
-    if not policy.shading:
-        return table
-    if not all(len(group.shaded) >= count for group in groups):
-        raise CrowdError(
-            "Shading Counts needs LODs whose pictures were compared with their characters': press Measure LOD Meshes, or Make LOD Meshes."
-        )
-    return np.maximum(table, policy.tolerance * np.array([group.shaded[:count] for group in groups]))
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:

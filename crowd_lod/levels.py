@@ -1,9 +1,11 @@
 """Level of detail from distance: a sum of unit steps (chapter eq 1.7, listing 1.4)."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from .agents import Group
 from .camera import Camera
 from .errors import CrowdError
 from .maps import Area
@@ -189,3 +191,19 @@ class Bias:
             column = np.nan_to_num((x - self.area.x_min) * (columns / width)).clip(0, columns - 1).astype(np.intp)
             row = np.nan_to_num((y - self.area.y_min) * (rows / depth)).clip(0, rows - 1).astype(np.intp)
         return 4.0 ** (1 - 2 * self.values[row, column].astype(np.float64))
+
+
+def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
+    """(G, n) float64 metres: what each group's LODs deviate at most; None while one is not measured. Where shading counts, what shows as
+    many pixels as the tolerance from where on the picture is within its bound, if that is more: CrowdError if pictures were not compared."""
+    count = policy.count
+    if not all(len(group.bounds) >= count for group in groups):
+        return None
+    table = np.array([group.bounds[:count] for group in groups], np.float64)
+    if not policy.shading:
+        return table
+    if not all(len(group.shaded) >= count for group in groups):
+        raise CrowdError(
+            "Shading Counts needs LODs whose pictures were compared with their characters': press Measure LOD Meshes, or Make LOD Meshes."
+        )
+    return np.maximum(table, policy.tolerance * np.array([group.shaded[:count] for group in groups]))

@@ -10,6 +10,7 @@ import numpy as np
 from .behaviour import Trajectory
 from .camera import Camera
 from .frame import plan
+from .index_cache import blocks_at
 from .lean import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
 from .levels import LevelPolicy
 from .maps import HeightMap
@@ -46,7 +47,7 @@ def savings(
         first = time - 2 if settled else time - 1
         shot = replace(trajectory, start=bare, leave=leave, first_frame=first, _kept={}, _lock=threading.Lock())
         shot.left_out = leave & trajectory.left_out  # of the whole shot, not of what is still to come
-        shot.blocks(first)  # one making serves many frames
+        blocks_at(shot, first)  # one making serves many frames
         if settled:
             plan(shot, camera, policy, time - 1, *more)
         frame = plan(shot, camera, policy, time, *more)

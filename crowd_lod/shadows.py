@@ -8,6 +8,7 @@ from itertools import product
 
 import numpy as np
 
+from . import index_cache
 from .agents import Crowd
 from .behaviour import Trajectory
 from .blocks import Blocks, near
@@ -243,7 +244,7 @@ def surround(
     grown = radius + most_moved(trajectory, [time for time, _ in shutter])
     moments = [(frame.time, frame.crowd, cameras, radius), *((time, trajectory.at(time), eyes, grown) for time, eyes in shutter)]
     unseen = ~frame.visible
-    made = trajectory.blocks(frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
+    made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
     reflects, shades = (_Sought(unseen.copy(), made and np.ones(len(made[1].rows), bool)) for _ in range(2))
     for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
         beside = GRAIN * max(np.abs(eye.origin).sum() for eye in eyes)  # spheres are drawn: camera.pictured
@@ -254,7 +255,7 @@ def surround(
         if around.box is not None:
             box = _joined(around.box, crowd, centre, size)
             lit = [bounded(volume, box) for volume in lit]
-        moved, larger = made and trajectory.moved(time, made[0]), float((size - radius).max()) + beside
+        moved, larger = made and index_cache.moved(trajectory, time, made[0]), float((size - radius).max()) + beside
         larger += GRAIN * 3 * (made[1].extent + np.abs(moved).max()) if made else 0.0
         asked = [(reflects, volume, None) for volume in mirrors]
         asked += [(shades, volume, light) for volume, light in product(lit, map(_spread, around.lights))]

@@ -8,13 +8,14 @@ import numpy as np
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.errors import CrowdError
 from ..crowd_lod.gaits import Library
+from ..crowd_lod.index_cache import approach
 from ..crowd_lod.steps import share
 from . import lights, stepping
 from . import scene as io
 from .build import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 from .follow import Held, columns_of, held_by, members, opening
 from .hidden_characters import HIDDEN, shows_characters
-from .levels import remove_owned
+from .ownership import remove_owned
 from .populate import frame_of, policy_of, trajectory_of
 from .poses import make_cast, read_library
 
@@ -111,7 +112,7 @@ def _rows(scene: bpy.types.Scene, library: Library, frames: Sequence[int]) -> It
     with stepping.stepped(scene) as at:
         for done, number in enumerate(frames):
             time = io.remapped(render, number)
-            yield from share(trajectory.approach(time), done / len(frames), (done + 0.9) / len(frames))
+            yield from share(approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames))
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
             held = held_by(scene, trajectory, number, frame.crowd)

@@ -16,8 +16,9 @@ from . import scene as io
 from . import stored
 from .collection_caches import note_change
 from .hidden_characters import unhide_characters
-from .levels import OWNED, TINTS, remove_owned
+from .levels import TINTS
 from .nodes import baked, instances, trees
+from .ownership import OWNED, remove_owned
 from .populate import groups_of, home_of, policy_of, trajectory_of
 from .poses import Cast, Wanted, make_cast
 from .unchanged import made_of, shown_by

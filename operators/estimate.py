@@ -11,9 +11,10 @@ import numpy as np
 from ..crowd_lod.behaviour import Trajectory
 from ..crowd_lod.cost import NAMES, Actors, Price, Work, price, work_of
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.frame import Frame, deviations, plan
+from ..crowd_lod.frame import Frame, plan
 from ..crowd_lod.gaits import Library
-from ..crowd_lod.levels import LevelPolicy
+from ..crowd_lod.index_cache import approach
+from ..crowd_lod.levels import LevelPolicy, deviations
 from ..crowd_lod.shadows import surround
 from ..crowd_lod.shot import evenly
 from ..crowd_lod.steps import share
@@ -122,7 +123,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
     with stepping.stepped(scene) as at:
         for done, number in enumerate(looked_at):
             time = io.remapped(render, number)
-            yield from share(trajectory.approach(time), done / len(looked_at), (done + 0.5) / len(looked_at))
+            yield from share(approach(trajectory, time), done / len(looked_at), (done + 0.5) / len(looked_at))
             eyes, around, shutter = lights.read_moment(scene, time, at)
             for name, choice in choices.items():
                 frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)

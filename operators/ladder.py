@@ -18,8 +18,8 @@ from .deviation import Measure, compare, poses
 from .extent import displaced
 from .looks import Looks
 from .movers import armatures_of, stance
+from .ownership import OWNED
 from .skin import skin_of
-from .source import OWNED
 
 # LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
 # (Okabe and Ito), and white. Linear RGB.

@@ -1,7 +1,7 @@
 """LOD meshes: decimated copies of every character, in collections that the user can see and edit."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import bpy
@@ -12,8 +12,8 @@ from . import chain
 from . import scene as io
 from .ladder import CANDIDATE, TINTS, Ladder
 from .operator import Stepwise
+from .ownership import OWNED, remove_owned
 from .populate import GROUP, characters_of, check_maps, measuring_groups, stands, store_groups
-from .source import OWNED
 
 
 @dataclass(frozen=True)
@@ -158,37 +158,6 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
 def _padded(columns: dict, count: int) -> dict:
     """Columns of a Group, each with its last value repeated up to `count`."""
     return {name: value if name == "diagonal" else value + value[-1:] * (count - len(value)) for name, value in columns.items()}
-
-
-def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
-    """Remove the collection `top` and all that Crowd LOD made in it; what the user put there moves up into the scene.
-    Whatever refers to a child of `top`, such as a build, then refers to the heir in its place."""
-    inside, left = {top}, [top]
-    while left:
-        ours = {child for child in left.pop().children if child.get(OWNED)} - inside
-        inside |= ours
-        left += ours
-    others = [*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes)]
-    kept = {child for other in others if other not in inside for child in other.children}
-    scenes = [scene for scene in bpy.data.scenes if top in scene.collection.children_recursive]
-    for child in {child for home in inside for child in home.children} - kept - inside:
-        for scene in scenes:
-            scene.collection.children.link(child)
-    for item in list(top.all_objects):
-        if not item.get(OWNED) and set(item.users_collection).issubset(inside):
-            for scene in item.users_scene:
-                scene.collection.objects.link(item)
-    objects = [o for o in top.all_objects if o.get(OWNED)]
-    data = {o.data for o in objects if o.data is not None and o.data.get(OWNED)}
-    users = bpy.data.user_map(subset=data)
-    data = [block for block in data if users[block].issubset(objects)]  # the user may have taken one
-    doomed = [*objects, *data, *inside]
-    for child, heir in zip(list(top.children), heirs, strict=False):
-        child.user_remap(heir)
-    bpy.data.batch_remove(doomed)
-    for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):  # each may hold the next
-        while unused := [block for block in kind if block.get(OWNED) and not block.users]:
-            bpy.data.batch_remove(unused)
 
 
 class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):

@@ -22,10 +22,11 @@ from ..crowd_lod.words import number
 from . import scene as io
 from . import stored
 from .cameras import read_cameras, read_shutter
+from .character_objects import may_have_faces, parts
 from .extent import bounds, frames_of, lowest, posing, unknown
 from .movers import action_range
 from .operator import Stepwise
-from .source import OWNED, may_have_faces, parts
+from .ownership import OWNED
 from .trouble import find
 from .versions import VERSION
 

@@ -14,8 +14,8 @@ from ..crowd_lod.steps import share
 from . import rigs
 from . import scene as io
 from .deviation import SOLID
-from .levels import OWNED
 from .movers import action_range
+from .ownership import OWNED
 from .populate import characters_of, groups_of, home_of, policy_of, trajectory_of
 from .rendered import as_rendered
 from .textures import scale_textures

@@ -14,7 +14,9 @@ import numpy as np
 
 from ..crowd_lod import __version__, outputs, report
 from ..crowd_lod.errors import CrowdError
-from ..crowd_lod.frame import Frame, deviations
+from ..crowd_lod.frame import Frame
+from ..crowd_lod.index_cache import approach
+from ..crowd_lod.levels import deviations
 from ..crowd_lod.page import page
 from ..crowd_lod.savings import savings
 from ..crowd_lod.shot import evenly, parse_frames
@@ -83,7 +85,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         layer = stage.view_layers[0]
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
-        yield from standing(trajectory_of(stage).approach(io.time_of(stage)), 0.0)
+        yield from standing(approach(trajectory_of(stage), io.time_of(stage)), 0.0)
         frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         ready = 0.0
         if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod)) is None:
@@ -103,7 +105,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         at = opened.enter_context(stepping.stepped(scene))
         for done, number in enumerate(wanted.frames):
             time, begun = io.remapped(scene.render, number), ready + each * done
-            yield from share(trajectory.approach(time), begun, begun + BEHAVIOUR * each)
+            yield from share(approach(trajectory, time), begun, begun + BEHAVIOUR * each)
             filming = cameras.bound_camera(scene, time)
             stage.camera = cameras.still(filming, at((), time))
             scene.update_tag()  # what is driven by the scene follows it in the stage, too

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 
 import bpy
 
+from ..crowd_lod.index_cache import approach
 from ..crowd_lod.steps import share, standing
 from . import lights, stepping
 from . import scene as io
@@ -24,7 +25,7 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Ite
     known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
     groups = known or measure_groups(scene)
     trajectory = trajectory_of(scene, groups)
-    yield from standing(trajectory.approach(io.time_of(scene)), 0.0)
+    yield from standing(approach(trajectory, io.time_of(scene)), 0.0)
     around = lights.read_surroundings(scene, layer.depsgraph, io.time_of(scene))
     # what is wrong is said before the work begins
     frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())

@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from ..crowd_lod import __version__, audit, extremes, outputs, precision, report
+from ..crowd_lod.index_cache import approach
 from ..crowd_lod.levels import LevelPolicy
 from ..crowd_lod.shot import evenly, parse_frames
 from ..crowd_lod.words import printable
@@ -33,7 +34,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
         seen = cameras.cameras_at(scene, chosen)
         begun = 0.0
         for k, frame in enumerate(chosen):
-            for part in trajectory.approach(frame):
+            for part in approach(trajectory, frame):
                 begun = 0.5 * (k + part) / len(chosen)
                 yield begun
         views = [(precision.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
-from .levels import OWNED
+from .ownership import OWNED
 from .reached import reached
 
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}

@@ -15,8 +15,6 @@ from .movers import armatures_of, curves_of, movers_of
 from .repair import drop_flat_parts, mend
 from .surface import Surface
 
-OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
-GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}  # kinds of objects whose shape may be a mesh
 FOLLOWED = {"ARMATURE", "LATTICE"}  # modifiers that deform a LOD as they do its source, and so are left to it
 DEFORMERS = {"CLOTH", "HOOK", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "SOFT_BODY", "SURFACE_DEFORM", "WAVE"}
 # What a LOD takes from its source beyond Blender's own layers travels as attributes of these names, gone when it is done.
@@ -79,36 +77,6 @@ class Source:
     @cached_property
     def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return read_weights(self.mesh)
-
-
-def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those of the `objects` of the character group `owner` that have a shape: what is hidden in renders is left out,
-    unless all is, and so are the shapes of bones."""
-    for block in (owner, *objects, *(item.data for item in objects if item.data is not None)):
-        if block.is_missing:
-            path = block.library.filepath if block.library else "its library"
-            raise CrowdError(f"{block.name}, of the character group {owner.name}, is missing: bring back {path}, or link it anew.")
-    for item in objects:
-        if item.type == "META":
-            raise CrowdError(
-                f"{item.name}, of the character group {owner.name}, is a metaball: turn it into a mesh (Object > Convert)."
-            )
-        if item.instance_type == "COLLECTION" and item.instance_collection is not None:
-            raise CrowdError(
-                f"{item.name}, of the character group {owner.name}, instances the collection {item.instance_collection.name}: put that "
-                "collection in its place, or make the instance real (Object > Apply)."
-            )
-    bones = [bone for item in objects if item.type == "ARMATURE" for bone in item.pose.bones]
-    shapes = {bone.custom_shape for bone in bones}
-    found = [item for item in objects if item.type in GEOMETRY and item not in shapes]
-    inside = [] if isinstance(owner, bpy.types.Object) else owner.children_recursive
-    hidden = {item for collection in inside if collection.hide_render for item in collection.all_objects}
-    return [item for item in found if not item.hide_render and item not in hidden] or found
-
-
-def may_have_faces(item: bpy.types.Object) -> bool:
-    """Whether the object's shape may have faces: a modifier may make them."""
-    return item.type != "MESH" or len(item.data.polygons) > 0 or len(item.modifiers) > 0
 
 
 @contextmanager

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Iterator
 import bpy
 import numpy as np
 
-from ..crowd_lod.frame import deviations
-from ..crowd_lod.levels import grain, limits
+from ..crowd_lod.levels import deviations, grain, limits
 from ..crowd_lod.textures import halvings, scaled, texel
 from . import cameras, srgb
 from . import scene as io

@@ -10,6 +10,7 @@ import numpy as np
 
 from ..crowd_lod import difference, outputs, report, whole
 from ..crowd_lod.frame import Frame
+from ..crowd_lod.index_cache import approach
 from ..crowd_lod.shot import evenly
 from ..crowd_lod.sorting import sort
 from ..crowd_lod.steps import share, standing
@@ -18,7 +19,8 @@ from . import bake, build, cameras, lights, stepping
 from . import scene as io
 from .follow import Held, held_by, members
 from .hidden_characters import hides_characters
-from .levels import OWNED, make_levels
+from .levels import make_levels
+from .ownership import OWNED
 from .populate import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from .preview import Preview, set_up
 
@@ -71,7 +73,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         layer.update()
         store_groups(own, measure_groups(scene))
         trajectory = trajectory_of(scene)
-        yield from standing(trajectory.approach(io.time_of(scene)), 0.0)
+        yield from standing(approach(trajectory, io.time_of(scene)), 0.0)
         frame_of(scene, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
         if own.levels is None:
             yield from share(make_levels(scene), 0.0, 0.05)
@@ -86,7 +88,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         at, each = opened.enter_context(stepping.stepped(scene)), 0.85 / len(wanted.frames)
         for number in wanted.frames:
             begun = 0.1 + each * len(rows)
-            way = trajectory.approach(io.remapped(scene.render, number))
+            way = approach(trajectory, io.remapped(scene.render, number))
             yield from share(way, begun, begun + each / (2 * len(PICTURES)))
             row, pictures = yield from _frame(scene, at, top, outline, number, wanted, folder, len(rows))
             rows.append(row)

@@ -7,7 +7,8 @@ import pytest
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import bake, build
 from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.levels import make_levels, remove_owned
+from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.ownership import remove_owned
 from crowd_lod_extension.operators.populate import measure_groups, store_groups
 
 from .characters import character, new, painted, rig, skin, tube

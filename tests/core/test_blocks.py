@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import blocks, curve, lean
+from crowd_lod_extension.crowd_lod import blocks, curve, index_cache, lean
 from crowd_lod_extension.crowd_lod.agents import populate
 from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.behaviour import Trajectory
@@ -167,18 +167,18 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
 
 def test_a_crowd_seen_wholly_or_not_at_all_is_decided_by_few_blocks():
     trajectory = shot(count=2000)
-    since, found = trajectory.blocks(trajectory.at(9) and 9)
+    since, found = index_cache.blocks_at(trajectory, trajectory.at(9) and 9)
     inside = replace(straight(), kind="ORTHO", origin=np.array([0, -200, 0]), far=900.0)
     inside = replace(inside, window=replace(inside.window, left=-60, right=60, bottom=-60, top=60))
     endless = replace(inside, far=1e30)  # its far plane's roundings are larger than the crowd
     for camera, seen in ((inside, 2000), (endless, 2000), (replace(inside, origin=np.array([0, -2000, 0])), 0)):
-        look = blocks.Look(camera, *trajectory.moved(9, since))
+        look = blocks.Look(camera, *index_cache.moved(trajectory, 9, since))
         levels, places = in_order(found, *blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]])))
         assert len(places) == 0 and (levels == 0).sum() == seen
     # where a side of the picture cuts the crowd, some blocks are open: only with a lens are their agents left to the radar
     cut = replace(inside, window=replace(inside.window, left=0.0))
     for camera, least, most in ((cut, 0, 0), (lens_blur(cut, 1e-9, 1.0), 1, 500)):
-        look = blocks.Look(camera, *trajectory.moved(9, since))
+        look = blocks.Look(camera, *index_cache.moved(trajectory, 9, since))
         _, places = blocks.decide(found, trajectory.at(9), [[look]], np.array([[400.0]]))
         assert least <= len(places) <= most
 
@@ -273,7 +273,7 @@ def test_who_comes_back_at_the_other_side_of_the_map_stands_on_other_ground():
 
 def test_blocks_are_kept_of_large_crowds_alone(monkeypatch):
     monkeypatch.setattr(curve, "FEWEST", 401)
-    assert shot(count=400).blocks(1) is None
+    assert index_cache.blocks_at(shot(count=400), 1) is None
     big = Trajectory(*[getattr(shot(count=401), name) for name in ("start", "machine", "world", "groups", "seconds_per_frame")])
     big.at(1)
-    assert big.blocks(1)[0] == 1 and lean.BLOCKS in big.left_out
+    assert index_cache.blocks_at(big, 1)[0] == 1 and lean.BLOCKS in big.left_out

@@ -7,8 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod import shading
 from crowd_lod_extension.crowd_lod.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame import deviations
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
+from crowd_lod_extension.crowd_lod.levels import LevelPolicy, deviations, limits
 from crowd_lod_extension.crowd_lod.shading import Body, likeness, pictures
 
 from .test_culling import straight

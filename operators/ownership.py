@@ -1,0 +1,38 @@
+"""What Crowd LOD made, and may remove: it bears a custom property."""
+
+from collections.abc import Sequence
+
+import bpy
+
+OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
+
+
+def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
+    """Remove the collection `top` and all that Crowd LOD made in it; what the user put there moves up into the scene.
+    Whatever refers to a child of `top`, such as a build, then refers to the heir in its place."""
+    inside, left = {top}, [top]
+    while left:
+        ours = {child for child in left.pop().children if child.get(OWNED)} - inside
+        inside |= ours
+        left += ours
+    others = [*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes)]
+    kept = {child for other in others if other not in inside for child in other.children}
+    scenes = [scene for scene in bpy.data.scenes if top in scene.collection.children_recursive]
+    for child in {child for home in inside for child in home.children} - kept - inside:
+        for scene in scenes:
+            scene.collection.children.link(child)
+    for item in list(top.all_objects):
+        if not item.get(OWNED) and set(item.users_collection).issubset(inside):
+            for scene in item.users_scene:
+                scene.collection.objects.link(item)
+    objects = [o for o in top.all_objects if o.get(OWNED)]
+    data = {o.data for o in objects if o.data is not None and o.data.get(OWNED)}
+    users = bpy.data.user_map(subset=data)
+    data = [block for block in data if users[block].issubset(objects)]  # the user may have taken one
+    doomed = [*objects, *data, *inside]
+    for child, heir in zip(list(top.children), heirs, strict=False):
+        child.user_remap(heir)
+    bpy.data.batch_remove(doomed)
+    for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):  # each may hold the next
+        while unused := [block for block in kind if block.get(OWNED) and not block.users]:
+            bpy.data.batch_remove(unused)
