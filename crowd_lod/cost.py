@@ -80,14 +80,13 @@ def price(work: Work, engine: str) -> Price:
 class Actors:
     """The characters that a build may hold: K LODs of N, which are of G groups.
 
-    triangles: (G, K), of each group's LODs. group: (N,) intp, whose each is. rigs: (G,) armatures of one. stored: triangles of LOD meshes in the file. images: bytes. finest: (G,) of each group the finest LOD that the build has.
+    triangles: (G, K), of each group's LODs. group: (N,) intp, whose each is. rigs: (G,) armatures of one. stored: triangles of LOD meshes in the file. finest: (G,) of each group the finest LOD that the build has.
     """
 
     triangles: np.ndarray
     group: np.ndarray
     rigs: np.ndarray
     stored: float = 0.0
-    images: float = 0.0
     finest: np.ndarray | int = 0
 
 
@@ -111,7 +110,6 @@ def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, k
         instanced=(shown * each).sum(axis=(1, 2)),
         rigs=float((held.any(axis=0) * actors.rigs[actors.group]).sum()),
         rays=rays,
-        images=actors.images,
         stored=actors.stored,
         points=float(agents) if known else 0.0,
     )

@@ -32,7 +32,7 @@ def test_work_is_what_one_counts(known):
     triangles, finest = random.integers(10, 900, (2, 3)), np.array([0, 1])
     shown = random.poisson(0.4, (4, 3, 5))
     shown[:, 0, 3:] = 0
-    work = work_of(Actors(triangles, owner, np.array([1, 0]), 77.0, 5.0, finest), shown, np.arange(4), known)
+    work = work_of(Actors(triangles, owner, np.array([1, 0]), 77.0, finest), shown, np.arange(4), known)
     held = [(k, n) for k in range(3) for n in range(5) if (shown[:, k, n].any() if known else k >= finest[owner[n]])]
     assert work.posed == sum(triangles[owner[n], k] for k, n in held)
     assert work.rigs == len({n for _, n in held if owner[n] == 0})
@@ -41,7 +41,7 @@ def test_work_is_what_one_counts(known):
         assert work.instances[f] == len(agents)
         assert work.instanced[f] == sum(triangles[owner[n], k] for k, n in agents)
         assert work.unique[f] == sum(triangles[owner[n], k] for k, n in set(agents))
-    assert (work.stored, work.images, work.points) == (77.0, 5.0, shown.sum() if known else 0)
+    assert (work.stored, work.points) == (77.0, shown.sum() if known else 0)
 
 
 def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
