@@ -126,7 +126,10 @@ def test_fades_cross_half_way_at_the_limits_that_assign():
     assert (finer == 1).all() and not share.any()
 
 
-def planned(bias=None, policy=LevelPolicy((0.25, 0.5))):
+PLAIN = LevelPolicy((0.25, 0.5))
+
+
+def planned(bias=None, policy=PLAIN):
     x = np.array([0.0, 0.0, 0.0, 30.0, 0.0, 0.0])
     y = np.array([5.0, 25.0, 80.0, 10.0, -3.0, 8.0])
     n = len(x)
@@ -148,7 +151,7 @@ def test_each_agent_has_its_reason():
 
 
 def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
-    limited = LevelPolicy((0.25, 0.5), finest=(1,))
+    limited = replace(PLAIN, finest=(1,))
     frame, *rest = planned(None, limited)
     assert frame.levels[[0, 1, 5]].tolist() == [1, 2, 1]
     assert reasons(frame, *rest).tolist() == [LEFT_OUT, DISTANCE, FAR, BESIDE, NEAR, LEFT_OUT]
