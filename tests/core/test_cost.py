@@ -58,6 +58,15 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
         price(work, "WORKBENCH")
 
 
+def test_a_ray_costs_more_the_more_unique_triangles_there_are():
+    few = Work(unique=np.array([0.0, 2.0**9]), rays=np.array([1e7, 1e7]))
+    many = replace(few, unique=np.array([0.0, 2.0**15]))
+    assert few.traced.tolist() == [0, 9e7] and many.traced.tolist() == [0, 15e7] and Work(rays=5.0).traced == 0
+    more = price(many, "CYCLES").seconds - price(few, "CYCLES").seconds
+    unique, traced = (SECONDS["CYCLES"][name] for name in ("unique", "traced"))
+    assert more == pytest.approx(((2**15 - 2**9) * unique + 6e7 * traced) / 2)
+
+
 def counted(group, lods, tolerance, shot):
     """The price of a build of these LODs, agent by agent."""
     shown = np.zeros((len(shot.views), len(lods), shot.characters), int)
