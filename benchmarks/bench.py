@@ -274,7 +274,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: an hour")
     parser.add_argument(
-        "--costs", action="store_true", help="instead, fit what things cost engines (crowd_lod/cost.py): some 20 minutes"
+        "--costs", action="store_true", help="instead, fit what things cost engines (crowd_lod/cost.py): about an hour"
     )
     parser.add_argument(
         "--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)"

@@ -2,25 +2,33 @@
 
 ./crowd-lod bench --costs
 
-Crowds at full detail, of few and many characters, triangles and agents, each a file that needs no Crowd LOD, are rendered in a
-process of their own. What a render takes beyond that of the empty ground is put down to the counts of Work by non-negative least
+Crowds of few and many characters, triangles and agents, at full detail and with LODs, each a file that needs no Crowd LOD, are rendered
+in a process of their own. What a render takes beyond that of the empty ground is put down to the counts of Work by non-negative least
 squares of relative errors. Prints the rows, the coefficients and the residuals.
 """
 
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from crowd_lod_extension.crowd_lod.cost import Work
 from worth import LIMIT, PICTURE, job, show
 
-# Of each engine the characters, and how often their faces are divided
-CROWDS = {"CYCLES": ((1, 0), (1, 1), (1, 2), (4, 0), (4, 1)), "EEVEE": ((1, 0), (1, 1), (4, 0))}
+# Of each engine the characters, how often their faces are divided, and whether crowds of them have LODs, too
+CROWDS = {
+    "CYCLES": ((1, 0, True), (1, 1, True), (1, 2, True), (4, 0, True), (4, 1, False)),
+    "EEVEE": ((1, 0, False), (1, 1, False), (4, 0, False)),
+}
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
+SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1,)}  # of a pixel
+REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
 COUNTS = {
     "memory": ("posed", "unique", "instances", "instanced", "rigs"),
-    "seconds": ("posed", "unique", "instances", "instanced", "rigs", "rays"),
-    "file": ("rigs", "instances"),
+    "seconds": ("posed", "unique", "instances", "instanced", "rigs"),
+    "file": ("rigs", "stored", "points"),
 }
+RAYS = {"CYCLES": "traced", "EEVEE": "rays"}  # what is counted of these for seconds
 MEASURED = {"memory": "peak_mb", "seconds": "cpu_s", "file": "file_mb"}
 
 
@@ -47,47 +55,56 @@ def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
     return x
 
 
-def fit(rows: list[dict], what: str) -> tuple[dict[str, float], np.ndarray]:
-    """(what one of each of COUNTS costs, the relative error of each row) of MEASURED `what`; errors are relative to the row's
+def fit(rows: list[dict], counts: Sequence[str], key: str) -> tuple[dict[str, float], np.ndarray]:
+    """(what one of each of `counts` costs, the relative error of each row) of the rows' `key`; errors are relative to the row's
     own value, or to a twentieth of the largest where that is less."""
-    key = MEASURED[what]
-    table, values = np.array([[row[name] for name in COUNTS[what]] for row in rows], float), np.array([row[key] for row in rows])
+    table, values = np.array([[row[name] for name in counts] for row in rows], float), np.array([row[key] for row in rows])
     over = 0.05 * values.max()
     weight = 1 / np.maximum(values, over)
     found = non_negative(table * weight[:, None], values * weight)
-    return dict(zip(COUNTS[what], found.tolist(), strict=True)), (table @ found - values) * weight
+    return dict(zip(counts, found.tolist(), strict=True)), (table @ found - values) * weight
 
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
-        for engine, agents in AGENTS.items():
+        for engine in CROWDS:
             rows = []
-            for groups, finer in CROWDS[engine]:
-                made = job(
-                    1200,
-                    job="full",
-                    folder=scratch,
-                    crowd={"groups": groups, "metres": 5, "finer": finer},
-                    sizes=agents,
-                    **PICTURE[engine],
-                )
-                if "ended" in made:
-                    raise SystemExit(f"crowd-lod bench: a crowd of {groups} characters was not made ({made['ended']}).")
-                empty = None
-                for row in made["rows"]:
-                    asked = {"engine": engine, "frame": 30, "picture": str(Path(scratch) / "one.exr"), **PICTURE[engine]}
-                    found = job(LIMIT, job="render", file=row.pop("file"), **asked)
-                    if "ended" in found:
-                        continue
-                    if empty is None:
-                        empty = found | row
-                        continue
-                    beyond = {key: round(found[key] - empty[key], 2) for key in ("peak_mb", "cpu_s")}
-                    rows.append(row | beyond | {"file_mb": round(row["file_mb"] - empty["file_mb"], 2)})
-                    show(engine, rows[-1:])
-            for name in MEASURED:
-                found, off = fit(rows, name)
+            for groups, finer, lods in CROWDS[engine]:
+                rows += measured(engine, {"groups": groups, "metres": 5, "finer": finer}, lods, scratch)
+            for name, key in MEASURED.items():
+                found, off = fit(rows, (*COUNTS[name], *[RAYS[engine]] * (name == "seconds")), key)
                 print(engine, name, {k: float(f"{1e6 * v:.4g}") for k, v in found.items()}, "residuals", off.round(2).tolist())
+
+
+def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
+    """The rows of a crowd: its counts, and what renders take beyond those of the empty ground."""
+    made = job(1200, job="counts", folder=scratch, crowd=crowd, sizes=AGENTS[engine], lods=lods, **PICTURE[engine])
+    if "ended" in made:
+        raise SystemExit(f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made ({made['ended']}).")
+    empty, *files = made["rows"]
+    rows = []
+    for samples in SAMPLES[engine]:
+        asked = {"engine": engine, "frame": 30, "picture": str(Path(scratch) / "one.exr"), "width": PICTURE[engine]["width"]}
+        nobody, *found = (
+            [job(LIMIT, job="render", file=row["file"], samples=samples, **asked) for _ in range(REPEATS[engine])]
+            for row in made["rows"]
+        )
+        for row, renders in zip(files, found, strict=True):
+            if not any("ended" in each for each in (*nobody, *renders)):
+                beyond = {key: round(_median(renders, key) - _median(nobody, key), 2) for key in ("peak_mb", "cpu_s")}
+                rays = row["rays"] * samples / PICTURE[engine]["samples"]
+                own = {
+                    "rays": rays,
+                    "traced": Work(rays=rays, unique=row["unique"]).traced,
+                    "file_mb": round(row["file_mb"] - empty["file_mb"], 2),
+                }
+                rows.append({name: row[name] for name in row if name != "file"} | own | beyond)
+                show(engine, rows[-1:])
+    return rows
+
+
+def _median(renders: list[dict], key: str) -> float:
+    return float(np.median([each[key] for each in renders]))
 
 
 if __name__ == "__main__":

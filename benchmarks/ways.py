@@ -90,35 +90,40 @@ def _save(path: Path) -> float:
     return round(path.stat().st_size / 1e6, 2)
 
 
-def full(folder: str, crowd: dict, sizes: list[int], width: int, samples: int) -> dict:
-    """Write files of the crowd at full detail, of nobody and of `sizes` agents; a row of counts for each (see crowd_lod/cost.py)."""
+def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, samples: int) -> dict:
+    """Write files of the crowd, of nobody and of each of `sizes` agents: everyone at full detail, and, with `lods`, a bake with LODs
+    by ratio; a row of counts for each (see crowd_lod/cost.py)."""
     crowd_lod_extension.register()
     scene, rows = _scene(crowd, "CYCLES", width, samples), []
     settings = scene.crowd_lod
-    settings.choice, settings.level_count = "BY_RATIO", 1
+    settings.choice = "BY_RATIO"
     store_groups(settings, measure_groups(scene))
-    base = Path(folder) / "base.blend"
-    _build(scene, "full", base)
-    for agents in (0, *sizes):
-        bpy.ops.wm.open_mainfile(filepath=str(base))
-        scene = bpy.context.scene
-        crowds.spread(scene, agents or 1)
-        if agents:
-            top = scene.crowd_lod.build
-            scene.frame_set(FRAMES[0])
-            trajectory = trajectory_of(scene)
-            seen = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
-            rays = samples * estimate.covered(seen, trajectory, scene)
-            _dress(scene, EVERYONE)
-            row = counted(top) | {"rays": round(rays)}
-        else:
-            build.remove_build(scene.crowd_lod)
-            row = {}
-        path = Path(folder) / f"full_{agents}.blend"
+    settings.thresholds[:2] = [metres / scene.camera.data.clip_end for metres in (8, 25)]
+    made = {EVERYONE: 1} | ({"by ratio": 3} if lods else {})
+    for way, settings.level_count in made.items():
+        _build(scene, way, Path(folder) / f"{way}.blend")
+    for way, agents in [(EVERYONE, 0), *((way, agents) for way in made for agents in sizes)]:
+        bpy.ops.wm.open_mainfile(filepath=f"{folder}/{way}.blend")
+        row, path = _counted(bpy.context.scene, way, agents), Path(folder) / f"{way}_{agents}.blend"
         bpy.ops.wm.save_as_mainfile(filepath=str(path))
-        rows.append({**crowd, "agents": agents, **row, "file": str(path), "file_mb": path.stat().st_size / 1e6})
+        rows.append({**crowd, "way": way, "agents": agents, **row, "file": str(path), "file_mb": path.stat().st_size / 1e6})
     crowd_lod_extension.unregister()
     return {"rows": rows}
+
+
+def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
+    """Show so many agents in that way; the row of what the build then holds, and shows at the first of FRAMES."""
+    crowds.spread(scene, agents or 1)
+    if not agents:
+        build.remove_build(scene.crowd_lod)
+        return {}
+    works = finished(estimate.estimate(scene, FRAMES[:1], known=True)).works
+    if way != EVERYONE:
+        finished(bake.bake(scene, FRAMES[:1]))
+        return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
+    top = scene.crowd_lod.build
+    _dress(scene, EVERYONE)
+    return counted(top) | {"rays": float(works[estimate.FULL].rays[0]), "stored": 0.0, "points": 3.0 * agents}
 
 
 def counted(top: bpy.types.Collection) -> dict[str, int]:
@@ -276,5 +281,5 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
 if __name__ == "__main__":
     job = json.loads(sys.argv[1])
     with io.quiet():
-        row = {"prepare": prepare, "full": full, "render": render}[job.pop("job")](**job)
+        row = {"prepare": prepare, "counts": counts, "render": render}[job.pop("job")](**job)
     print(json.dumps(row), flush=True)

@@ -36,16 +36,21 @@ class Work:
     stored: float = 0.0
     points: float = 0.0
 
+    @property
+    def traced(self) -> np.ndarray | float:
+        """Rays, each times the levels of a binary tree of the unique triangles: a ray costs more in a deeper one."""
+        return self.rays * np.log2(np.maximum(self.unique, 1.0))
+
 
 # Bytes of memory, and seconds of one processor, for one of each.
-# Cycles: residuals of 20 renders up to 3 % of memory and 11 % of seconds. EEVEE on a software GPU: 3 % of seconds, but up to 60 % of
-# memory in scenes of few agents, which is little there.
+# Cycles: residuals of 20 renders up to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU:
+# 3 % of seconds, but up to 60 % of memory in scenes of few agents, which is little there.
 MEMORY = {
     "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
     "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
 }
 SECONDS = {
-    "CYCLES": {"posed": 2e-7, "unique": 6.1e-7, "instances": 1.43e-5, "instanced": 2.3e-11, "rigs": 2.7e-3, "rays": 2.4e-6},
+    "CYCLES": {"posed": 2e-7, "unique": 6.1e-7, "instances": 1.29e-5, "rigs": 3.7e-3, "traced": 1.1e-7},
     "EEVEE": {"posed": 4.5e-7, "unique": 2e-6, "instances": 5.9e-3, "instanced": 6.8e-6, "rays": 1.55e-4},
 }
 FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
@@ -80,14 +85,13 @@ def price(work: Work, engine: str) -> Price:
 class Actors:
     """The characters that a build may hold: K LODs of N, which are of G groups.
 
-    triangles: (G, K), of each group's LODs. group: (N,) intp, whose each is. rigs: (G,) armatures of one. stored: triangles of LOD meshes in the file. images: bytes. finest: (G,) of each group the finest LOD that the build has.
+    triangles: (G, K), of each group's LODs. group: (N,) intp, whose each is. rigs: (G,) armatures of one. stored: triangles of LOD meshes in the file. finest: (G,) of each group the finest LOD that the build has.
     """
 
     triangles: np.ndarray
     group: np.ndarray
     rigs: np.ndarray
     stored: float = 0.0
-    images: float = 0.0
     finest: np.ndarray | int = 0
 
 
@@ -111,7 +115,6 @@ def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, k
         instanced=(shown * each).sum(axis=(1, 2)),
         rigs=float((held.any(axis=0) * actors.rigs[actors.group]).sum()),
         rays=rays,
-        images=actors.images,
         stored=actors.stored,
         points=float(agents) if known else 0.0,
     )

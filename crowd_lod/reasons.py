@@ -1,14 +1,15 @@
 """Why an agent is culled, or has not the finest LOD."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from .agents import Group
 from .camera import Camera
 from .culling import planes, radar
-from .frame import Frame
-from .levels import Bias, LevelPolicy, assign
+from .frame import Frame, deviations
+from .levels import Bias, LevelPolicy, assign, limits
 
 REASONS = (
     "near enough",
@@ -18,8 +19,9 @@ REASONS = (
     "before the near plane",
     "beyond the far plane",
     "beside the view",
+    "finer LODs left out for memory",
 )
-NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE = range(len(REASONS))
+NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT = range(len(REASONS))
 
 
 def reasons(
@@ -28,16 +30,23 @@ def reasons(
     """For each agent of `frame`, whose plan had the other arguments, an index (n,) uint8 into REASONS.
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
-    the distance alone does not give comes from the detail map, or from hysteresis.
+    the distance alone does not give comes from the detail map, stands in for a finer one that builds leave out
+    (LevelPolicy.finest), or comes from hysteresis.
     """
     crowd = frame.crowd
     centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "reach"))
     _, distance = radar(crowd, cameras, centre, radius, policy.margin, policy.metric == "RADIAL")
-    plain = assign(distance, frame.begins, crowd.group)
-    painted = plain if bias is None else assign(distance, frame.begins, crowd.group, bias.at(crowd.x, crowd.y))
+    begins, finest = frame.begins, 0
+    if any(policy.finest):
+        sphere = np.array([group.radius for group in groups])
+        begins = limits(replace(policy, finest=()), cameras[0], sphere, deviations(groups, policy))
+        finest = np.array(policy.finest)[crowd.group]
+    plain = assign(distance, begins, crowd.group)
+    painted = plain if bias is None else assign(distance, begins, crowd.group, bias.at(crowd.x, crowd.y))
     found = np.full(len(crowd), DISTANCE, np.uint8)
     found[painted != plain] = DETAIL_MAP
-    found[frame.levels != painted] = HYSTERESIS
+    found[painted < finest] = LEFT_OUT
+    found[frame.levels != np.maximum(painted, finest)] = HYSTERESIS
     found[frame.levels == 0] = NEAR_ENOUGH
     culled = np.flatnonzero(~frame.visible)
     found[culled] = BESIDE

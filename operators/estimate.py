@@ -24,7 +24,8 @@ from . import scene as io
 from .chain import MOST_FRAMES, cast_of
 from .follow import members
 from .operator import Stepwise
-from .populate import bias_of, groups_of, policy_of, trajectory_of
+from .populate import bias_of, characters_of, groups_of, home_of, policy_of, trajectory_of
+from .textures import bytes_of, shown_images
 
 FULL = "Full Detail"
 CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
@@ -131,13 +132,22 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
                 shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, trajectory, scene))
             yield (done + 1) / len(looked_at)
-    works, mine = {}, CHOICES[scene.crowd_lod.choice]
+    works, mine, pictures = {}, CHOICES[scene.crowd_lod.choice], shown_images(scene)
+    full = [(image, 0) for own in pictures.values() for image, _ in own]
     for name, choice in choices.items():
         stored = float((choice.triangles[:, 1:] * (np.diff(choice.triangles, axis=1) != 0)).sum())  # a last LOD is stored once
-        actors = Actors(choice.triangles, owner, library.posed == 0, stored, finest=np.array(choice.policy.finest or 0))
+        actors = Actors(
+            choice.triangles,
+            owner,
+            library.posed == 0,
+            stored,
+            finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
+        )
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
-            work = replace(work, points=work.points * len(frames) / len(looked_at))
+            held = np.array(shown[name]).any(axis=0) if baked else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
+            images = bytes_of(_images(scene, pictures, held, owner) if name == mine else full)
+            work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
             works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, io.engine_of(scene), frames, looked_at)
 
@@ -151,6 +161,15 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
             numbers = library.shown(trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents)
             found[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
     return found
+
+
+def _images(scene: bpy.types.Scene, pictures: dict, held: np.ndarray, owner: np.ndarray) -> Iterator[tuple[bpy.types.Image, int]]:
+    """The images of `pictures`, of each LOD's object, that a build of `scene` shows which holds the LODs `held` (K, N) of characters
+    of the groups `owner` (N,)."""
+    for g, (name, _, _) in enumerate(characters_of(scene)):
+        for k in np.flatnonzero(held[:, owner == g].any(axis=1)):
+            for item in home_of(scene.crowd_lod.levels.children[k], g, name).objects:
+                yield from pictures[item]
 
 
 def _samples(scene: bpy.types.Scene) -> int:

@@ -15,7 +15,7 @@ from . import lod_picture
 from . import scene as io
 from .deviation import Posed, meshes_of
 from .looks import Looks
-from .populate import characters_of
+from .populate import characters_of, policy_of
 from .shaded import alike, bodies_of
 
 MOST_SHOWN = 12  # character groups whose silhouettes are measured and that have a picture
@@ -30,13 +30,20 @@ def tables(
     levels_NAME.png of the first MOST_SHOWN go into the folder."""
     found, taken = [], set()
     characters, settings, metres = characters_of(scene), scene.crowd_lod, io.metres(scene)
+    finest = policy_of(settings).finest or [0] * len(groups)
     start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
         every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
         meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]  # the last may be repeated
         rows = [_row(group, k, each, camera, begins[g], metres) for k, each in enumerate(meshes)]
         rows[-1]["to_lod"] = len(every) - 1
-        entry = {"group": group.name, "diagonal_m": metres * group.diagonal, "picture": None, "levels": rows}
+        entry = {
+            "group": group.name,
+            "diagonal_m": metres * group.diagonal,
+            "picture": None,
+            "finest_lod": finest[g],
+            "levels": rows,
+        }
         found.append(entry)
         if g >= MOST_SHOWN:
             continue

@@ -183,12 +183,23 @@ def stance(*items: bpy.types.Object) -> list:
             [_settings(each, moved, PLAYED) for each in data],
             [_strip(strip) for each in data for track in _tracks(each) for strip in _strips(track.strips)],
         ]
+        found += filter(None, [[each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]])
         if mover.type == "ARMATURE":
             found += [_bone(bone, mover.data.bones[bone.name], moved) for bone in mover.pose.bones]
             found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and _settings(mover.pose.ik_param)]
         elif mover not in items and mover.data is not None:
             found += [_settings(mover.data, moved), *_shape(mover.data)]
     return found
+
+
+def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
+    """The custom properties of the object: names, and values as text."""
+
+    def plain(value):
+        told = getattr(value, "to_dict", None) or getattr(value, "to_list", None)
+        return told() if told else value
+
+    return sorted((key, repr(plain(value))) for key, value in item.items())
 
 
 def _shape(data: bpy.types.ID) -> Iterator[list[bytes]]:

@@ -20,11 +20,35 @@ Levels = frozenset[tuple[bpy.types.Image, int]]  # images, and how often each is
 
 
 def image_bytes(materials: Iterable[bpy.types.Material]) -> int:
-    """The memory that the images of `materials` take in Cycles, each counted once: width x height x 4 bytes, or 16 of floats (of those
+    """The memory that the images of `materials` take in Cycles, each counted once, see bytes_of."""
+    return bytes_of((image, 0) for image in _images(materials))
+
+
+def bytes_of(levels: Iterable[tuple[bpy.types.Image, int]]) -> int:
+    """The memory that images halved so often take in Cycles, each counted once: width x height x 4 bytes, or 16 of floats (of those
     that files hold in 16 bits Cycles may keep 8)."""
-    images = {node.image for material in materials if material for node, _ in _textures(material.node_tree)}
-    sizes = [[tile.size for tile in image.tiles] if image.source == "TILED" else [image.size] for image in images]
-    return sum(w * h * (16 if image.is_float else 4) for image, tiles in zip(images, sizes, strict=True) for w, h in tiles)
+    found = 0
+    for image, times in set(levels):
+        sizes = [tile.size for tile in image.tiles] if image.source == "TILED" else [image.size]
+        found += sum(-(-w // 2**times) * -(-h // 2**times) for w, h in sizes) * (16 if image.is_float else 4)
+    return found
+
+
+def shown_images(scene: bpy.types.Scene) -> dict[bpy.types.Object, Levels]:
+    """Of each LOD's object the images that it shows in a build of `scene`, halved as Scale Textures says."""
+    pixels, found = _pixels(scene) if scene.crowd_lod.scale_textures else {}, {}
+    for item in scene.crowd_lod.levels.all_objects:
+        far, own = item.type == "MESH" and pixels.get(item, 0) > 0, set()
+        for number, slot in enumerate(item.material_slots):
+            halved = dict(_levels(item, number, pixels[item], {})) if far else {}
+            own |= {(image, halved.get(image, 0)) for image in _images([slot.material])}
+        found[item] = frozenset(own)
+    return found
+
+
+def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
+    """The images that the nodes of `materials` show."""
+    return {node.image for material in materials if material for node, _ in _textures(material.node_tree)}
 
 
 def scale_textures(scene: bpy.types.Scene, shown: dict[bpy.types.Object, bpy.types.Object], names: dict) -> Iterator[float]:

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 
 from . import scene as io
-from .movers import curves_of, players_of, read_columns, stance
+from .movers import curves_of, custom, players_of, read_columns, stance
 from .source import text_digest
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
@@ -53,7 +53,6 @@ def _slots(item: bpy.types.Object) -> list:
 
 
 def _properties(item: bpy.types.Object) -> list:
-    found = [(key, getattr(item[key], "to_list", item[key].__repr__)()) for key in item.keys()]
     linked = [home and home.name_full for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)]
     inputs = [(key, repr(m[key])) for m in item.modifiers if m.type == "NODES" for key in m.keys()]
-    return [*map(repr, found), item.lightgroup, linked, inputs]
+    return [*custom(item), item.lightgroup, linked, inputs]

@@ -1,5 +1,7 @@
 """What a build is said to hold and to show is what Blender's depsgraph has; what fits in memory is built, and nothing else."""
 
+import json
+
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -7,6 +9,7 @@ from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import bake, build, populate
 from crowd_lod_extension.operators.estimate import FULL, estimate
 from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.preview import Preview, preview
 
 
 def triangles(item):
@@ -55,7 +58,7 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     assert scene.crowd_lod.estimate == ""
 
 
-def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene):
+def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
     settings = scene.crowd_lod
     settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 0.2, "1:20"
     populate.store_groups(settings, populate.measure_groups(scene))
@@ -86,3 +89,6 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene):
         kept = {item.data for level in settings.levels.children[own:] for item in level.children[g].objects if item.type == "MESH"}
         assert kept <= {item.data for item in inside} and not (left_out - kept) & {item.data for item in inside}, group.name
     assert finished(estimate(scene)).prices["By Tolerance"].memory <= 1e6 * settings.memory * 1.02
+    finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)

@@ -75,8 +75,13 @@ def change_place(body):
     body.location.x = 1
 
 
+def change_property(body):
+    body["shade"] = [0.2, 0.3]
+
+
 @pytest.mark.parametrize(
-    "change", [change_point, change_weight, change_uv, change_material, change_action, change_modifier, change_place]
+    "change",
+    [change_property, change_point, change_weight, change_uv, change_material, change_action, change_modifier, change_place],
 )
 def test_a_change_to_one_character_makes_that_one_anew(two, change):
     _, first = run(two)
@@ -85,6 +90,20 @@ def test_a_change_to_one_character_makes_that_one_anew(two, change):
     outcome, again = run(two)
     assert (outcome.made, outcome.kept, outcome.edited) == (("one",), ("two",), ())
     assert again["other LOD 1"] == kept and set(again) == set(first)
+
+
+def test_a_custom_property_is_that_of_the_character_unless_it_is_animated(two):
+    body = bpy.data.objects["body"]
+    body["shade"], body["glow"], body["some"] = 0.2, 0.0, {"of": [1, 2]}
+    body.keyframe_insert('["glow"]', frame=1)
+    run(two)
+    body["glow"] = 0.7  # as another frame would
+    assert run(two)[0].kept == ("one", "two")
+    body["shade"] = 0.5
+    outcome, found = run(two)
+    assert outcome.made == ("one",) and {found[f"body LOD {k}"]["shade"] for k in range(3)} == {0.5}
+    body["some"]["of"] = [1, 3]
+    assert run(two)[0].made == ("one",)
 
 
 def test_spheres_are_measured_anew_where_the_scene_may_show_more(two):

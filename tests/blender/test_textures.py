@@ -7,6 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.steps import finished
 from crowd_lod_extension.operators import bake, build
 from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.estimate import FULL, estimate
 from crowd_lod_extension.operators.levels import make_levels
 from crowd_lod_extension.operators.ownership import remove_owned
 from crowd_lod_extension.operators.populate import measure_groups, store_groups
@@ -103,6 +104,20 @@ def test_far_lods_show_scaled_images_and_look_the_same(crowd, tmp_path):
     assert made() == unscaled
     build.remove_build(crowd.crowd_lod)
     assert made() == before
+
+
+def test_images_are_in_what_builds_are_said_to_cost(crowd):
+    node = next(node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE")
+    image, node.image = node.image, None
+    bare = finished(estimate(crowd)).prices
+    node.image = image
+    for name, own in finished(estimate(crowd)).prices.items():
+        assert own.memory - bare[name].memory == pytest.approx(1.4 * 4 * SIZE**2)
+    crowd.crowd_lod.scale_textures = True
+    for known in (False, True):
+        works = finished(estimate(crowd, [1], known)).works
+        cast = finished(bake.bake(crowd, [1]) if known else build.build(crowd))
+        assert works[FULL].images == 4 * SIZE**2 and works["By Ratio"].images == cast.images[1]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads a process's peak memory from Linux's /proc")

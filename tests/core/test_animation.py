@@ -1,5 +1,7 @@
 """Joint frames, skinning, stances, cross-fades and reasons, against sums written out and against geometry."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.agents import Crowd, Group
@@ -11,7 +13,17 @@ from crowd_lod_extension.crowd_lod.frame import plan
 from crowd_lod_extension.crowd_lod.levels import Bias, LevelPolicy, assign, limits
 from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.crowd_lod.maps import Area, HeightMap, edge_map
-from crowd_lod_extension.crowd_lod.reasons import BESIDE, DETAIL_MAP, DISTANCE, FAR, NEAR, NEAR_ENOUGH, reasons
+from crowd_lod_extension.crowd_lod.reasons import (
+    BESIDE,
+    DETAIL_MAP,
+    DISTANCE,
+    FAR,
+    HYSTERESIS,
+    LEFT_OUT,
+    NEAR,
+    NEAR_ENOUGH,
+    reasons,
+)
 
 RANDOM = np.random.default_rng(3)
 TETRAHEDRON = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32)
@@ -114,7 +126,10 @@ def test_fades_cross_half_way_at_the_limits_that_assign():
     assert (finer == 1).all() and not share.any()
 
 
-def planned(bias=None):
+PLAIN = LevelPolicy((0.25, 0.5))
+
+
+def planned(bias=None, policy=PLAIN):
     x = np.array([0.0, 0.0, 0.0, 30.0, 0.0, 0.0])
     y = np.array([5.0, 25.0, 80.0, 10.0, -3.0, 8.0])
     n = len(x)
@@ -124,7 +139,6 @@ def planned(bias=None):
     camera = Camera("PERSP", np.array([0.0, 0, 1]), *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
     machine = load_preset("chapter")
     groups = (Group("one", 0.9, 1.0, 0.0, 1.0),)
-    policy = LevelPolicy((0.25, 0.5))
     world = edge_map(Area(-100, -100, 100, 100), machine.labels)
     return plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1, (), bias), groups, (camera,), policy, bias
 
@@ -134,6 +148,23 @@ def test_each_agent_has_its_reason():
     dark = Bias(np.zeros((2, 2)), Area(-100, -100, 100, 100))
     frame, *rest = planned(dark)
     assert frame.levels[5] == 2 and reasons(frame, *rest)[[0, 1, 5]].tolist() == [DETAIL_MAP, DISTANCE, DETAIL_MAP]
+
+
+def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
+    limited = replace(PLAIN, finest=(1,))
+    frame, *rest = planned(None, limited)
+    assert frame.levels[[0, 1, 5]].tolist() == [1, 2, 1]
+    assert reasons(frame, *rest).tolist() == [LEFT_OUT, DISTANCE, FAR, BESIDE, NEAR, LEFT_OUT]
+    frame, *rest = planned(None, replace(limited, thresholds=(0.15, 0.5)))  # LOD 1 begins at 6 m
+    assert reasons(frame, *rest)[[0, 1, 5]].tolist() == [LEFT_OUT, DISTANCE, DISTANCE]
+    dark = Bias(np.full((2, 2), 0.1), Area(-100, -100, 100, 100))
+    frame, *rest = planned(dark, limited)  # 5 m counts as 15 m, and 8 m as 24 m
+    assert frame.levels[[0, 5]].tolist() == [1, 2] and reasons(frame, *rest)[[0, 5]].tolist() == [DETAIL_MAP, DETAIL_MAP]
+    old = frame.levels.copy()
+    old[0] = 2
+    frame, *rest = planned(None, limited)
+    held = replace(frame, find_levels=lambda: old)
+    assert reasons(held, *rest)[0] == HYSTERESIS
 
 
 def test_fades_of_a_frame_are_those_of_its_distances():

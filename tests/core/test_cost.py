@@ -32,7 +32,7 @@ def test_work_is_what_one_counts(known):
     triangles, finest = random.integers(10, 900, (2, 3)), np.array([0, 1])
     shown = random.poisson(0.4, (4, 3, 5))
     shown[:, 0, 3:] = 0
-    work = work_of(Actors(triangles, owner, np.array([1, 0]), 77.0, 5.0, finest), shown, np.arange(4), known)
+    work = work_of(Actors(triangles, owner, np.array([1, 0]), 77.0, finest), shown, np.arange(4), known)
     held = [(k, n) for k in range(3) for n in range(5) if (shown[:, k, n].any() if known else k >= finest[owner[n]])]
     assert work.posed == sum(triangles[owner[n], k] for k, n in held)
     assert work.rigs == len({n for _, n in held if owner[n] == 0})
@@ -41,7 +41,7 @@ def test_work_is_what_one_counts(known):
         assert work.instances[f] == len(agents)
         assert work.instanced[f] == sum(triangles[owner[n], k] for k, n in agents)
         assert work.unique[f] == sum(triangles[owner[n], k] for k, n in set(agents))
-    assert (work.stored, work.images, work.points) == (77.0, 5.0, shown.sum() if known else 0)
+    assert (work.stored, work.points) == (77.0, shown.sum() if known else 0)
 
 
 def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
@@ -56,6 +56,15 @@ def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
     assert Price(2.0, 0.0, 3.0).share(Price(4.0, 0.0, 1.5)) == Price(0.5, 1.0, 2.0)
     with pytest.raises(CrowdError, match="no costs of the engine WORKBENCH: choose one of CYCLES, EEVEE"):
         price(work, "WORKBENCH")
+
+
+def test_a_ray_costs_more_the_more_unique_triangles_there_are():
+    few = Work(unique=np.array([0.0, 2.0**9]), rays=np.array([1e7, 1e7]))
+    many = replace(few, unique=np.array([0.0, 2.0**15]))
+    assert few.traced.tolist() == [0, 9e7] and many.traced.tolist() == [0, 15e7] and Work(rays=5.0).traced == 0
+    more = price(many, "CYCLES").seconds - price(few, "CYCLES").seconds
+    unique, traced = (SECONDS["CYCLES"][name] for name in ("unique", "traced"))
+    assert more == pytest.approx(((2**15 - 2**9) * unique + 6e7 * traced) / 2)
 
 
 def counted(group, lods, tolerance, shot):
