@@ -19,9 +19,9 @@ import zlib
 from importlib.util import find_spec
 from pathlib import Path
 
-from crowd_lod_extension.crowd_lod import interrupt
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.outputs import staged
+from crowd_lod_extension.crowd_lod.reporting import interrupt
+from crowd_lod_extension.crowd_lod.reporting.files import staged
 
 ROOT = Path(__file__).resolve().parent
 WHEELS = ROOT / "wheels"

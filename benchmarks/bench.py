@@ -24,18 +24,18 @@ import loop
 import numpy as np
 import peers
 import walkers
-from crowd_lod_extension.crowd_lod import outputs, report
-from crowd_lod_extension.crowd_lod.agents import Group, populate
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
-from crowd_lod_extension.crowd_lod.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.index_cache import blocks_at
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy, limits
-from crowd_lod_extension.crowd_lod.machine import load_preset
-from crowd_lod_extension.crowd_lod.maps import Area, edge_map
-from crowd_lod_extension.operators.compute import Planner
-from crowd_lod_extension.operators.report import machine_name
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, limits
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.index_cache import blocks_at
+from crowd_lod_extension.crowd_lod.reporting import files, tables
+from crowd_lod_extension.operators.batch.error_report import machine_name
+from crowd_lod_extension.operators.overlay.gpu_culling import Planner
 from crowd_lod_extension.sample_scenes import plaza_map
 from matplotlib.image import imsave
 
@@ -274,7 +274,7 @@ def main(arguments: list[str] | None = None) -> None:
     )
     parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: an hour")
     parser.add_argument(
-        "--costs", action="store_true", help="instead, fit what things cost engines (crowd_lod/cost.py): about an hour"
+        "--costs", action="store_true", help="instead, fit what things cost engines (crowd_lod/levels/cost_model.py): about an hour"
     )
     parser.add_argument(
         "--out", type=Path, default=Path("bench"), metavar="DIR", help="the folder for tables and figures (default: bench)"
@@ -284,12 +284,12 @@ def main(arguments: list[str] | None = None) -> None:
     if args.worth:
         import worth
 
-        return worth.main(outputs.absolute(args.out), args.quick)
+        return worth.main(files.absolute(args.out), args.quick)
     if args.costs:
         import costs
 
         return costs.main()
-    with outputs.staged(outputs.absolute(args.out)) as stage:
+    with files.staged(files.absolute(args.out)) as stage:
         measure(stage, args)
     print(f"\n{args.out.absolute()}")
 
@@ -339,10 +339,10 @@ def measure(stage: Path, args: argparse.Namespace) -> None:
             print(table([row for row in results["drawn"] if row["perspective"] == which], DRAWN), flush=True)
     else:
         print("\nTest 2 is not drawn: this Blender has no GPU without a window.")
-    (stage / "bench.json").write_text(report.to_json(results), encoding="utf-8")
+    (stage / "bench.json").write_text(tables.to_json(results), encoding="utf-8")
     for name, rows in results.items():
         if name != "machine":
-            (stage / f"{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+            (stage / f"{name}.csv").write_text(f"# {machine}\n{tables.to_csv(rows)}", encoding="utf-8")
     draw(stage / "figure_1_6.png", one, machine)
 
 

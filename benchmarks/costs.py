@@ -1,4 +1,4 @@
-"""What each thing that a build holds costs an engine: the coefficients of crowd_lod/cost.py, fitted to renders.
+"""What each thing that a build holds costs an engine: the coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
 
 ./crowd-lod bench --costs
 
@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.cost import Work
+from crowd_lod_extension.crowd_lod.levels.cost_model import Work
 from worth import LIMIT, PICTURE, job, show
 
 # Of each engine the characters, how often their faces are divided, and whether crowds of them have LODs, too

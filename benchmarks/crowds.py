@@ -6,7 +6,7 @@ from math import sqrt
 import bmesh
 import bpy
 import numpy as np
-from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.sample_scenes.characters import BUILDS, make_characters
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, child, film, material, tile
 
@@ -55,7 +55,7 @@ def spread(scene: bpy.types.Scene, agents: int) -> None:
 def _paint(group: bpy.types.Collection, seed: int) -> None:
     """Give both materials of a character one image of its own, spots in shades of grey."""
     spots = np.random.default_rng(seed).integers(120, 255, (PIXELS // 32, PIXELS // 32, 1), np.uint8)
-    image = io.write_image(f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2))
+    image = image_data.write_image(f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2))
     for one in [each for item in group.objects if item.type == "MESH" for each in item.data.materials]:
         shader = next(node for node in one.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
         node = one.node_tree.nodes.new("ShaderNodeTexImage")

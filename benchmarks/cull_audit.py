@@ -6,8 +6,8 @@ python benchmarks/cull_audit.py [PAIRS]    PAIRS of camera and agent over all le
 import sys
 import time
 
-from crowd_lod_extension.crowd_lod.audit import LENSES, audit
-from crowd_lod_extension.crowd_lod.extremes import table, to_text
+from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit
+from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, to_text
 
 
 def main(pairs: int) -> None:

@@ -11,10 +11,10 @@ from pathlib import Path
 import bpy
 import fast_simplification
 import numpy as np
-from crowd_lod_extension.crowd_lod.meshes import decimate
-from crowd_lod_extension.operators.plots import COLOURS, MARKERS
-from crowd_lod_extension.operators.scene import new_mesh, read_triangles
-from crowd_lod_extension.operators.surface import Surface, deviation
+from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
+from crowd_lod_extension.operators.batch.plots import COLOURS, MARKERS
+from crowd_lod_extension.operators.blender.mesh_data import new_mesh, read_triangles
+from crowd_lod_extension.operators.lod_meshes.surface import Surface, deviation
 from crowd_lod_extension.sample_scenes.characters import make_characters
 from matplotlib.figure import Figure
 

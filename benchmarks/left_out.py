@@ -6,13 +6,13 @@ python benchmarks/left_out.py [AGENTS]    1,000,000 if not given
 import sys
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.agents import Group, populate
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
-from crowd_lod_extension.crowd_lod.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.crowd_lod.machine import load_preset, parse
-from crowd_lod_extension.crowd_lod.maps import Area, edge_map
-from crowd_lod_extension.crowd_lod.savings import savings
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.validation.leave_out_timing import savings
 
 STAND = '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"stand": {"color": "#ff0000", "on": {"*": {}}}}}'
 WALK = STAND.replace('{"*": {}}', '{"*": {"move": [1.25, 0.5]}}').replace('"labels"', '"edge": "wrap", "labels"')

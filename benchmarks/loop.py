@@ -9,10 +9,10 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.camera import Camera, planes
-from crowd_lod_extension.crowd_lod.machine import StateMachine
-from crowd_lod_extension.crowd_lod.maps import LabelMap
+from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
+from crowd_lod_extension.crowd_lod.crowd.state_machine import StateMachine
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, planes
 
 FLAGS = ("-O3", "-march=native", "-shared", "-fPIC")
 

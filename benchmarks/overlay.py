@@ -89,7 +89,7 @@ def session():
 
 
 def overlay():
-    return next(module for name, module in sys.modules.items() if name.endswith(".operators.overlay"))
+    return next(module for name, module in sys.modules.items() if name.endswith(".operators.overlay.viewport_overlay"))
 
 
 def ready(scene):

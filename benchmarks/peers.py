@@ -4,8 +4,8 @@ from functools import cache
 
 import bpy
 import numpy as np
-from crowd_lod_extension.crowd_lod.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.camera import Camera, planes
+from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, planes
 
 
 def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> list[np.ndarray]:

@@ -3,15 +3,15 @@ by geometry nodes that do the same."""
 
 import bpy
 import numpy as np
-from crowd_lod_extension.crowd_lod import chance
-from crowd_lod_extension.crowd_lod.agents import Group
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
-from crowd_lod_extension.crowd_lod.camera import Camera
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.gaits import Library
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.operators import follow
-from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd import random_streams
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
+from crowd_lod_extension.crowd_lod.culling.camera import Camera
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.operators.blender import mesh_data
+from crowd_lod_extension.operators.build import frame_update
 from peers import Nodes, Tree
 
 POSES = 8  # of each LOD's action, as the build makes them
@@ -30,11 +30,11 @@ class Points:
     def __call__(self, camera: Camera, frame: int) -> None:
         """The frame, from behaviour to points that the dependency graph holds."""
         found = plan(self.trajectory, camera, self.policy, frame)
-        held, buckets = follow.Held(found.crowd, frame), [found.buckets[level] for level in range(len(self.objects))]
+        held, buckets = frame_update.Held(found.crowd, frame), [found.buckets[level] for level in range(len(self.objects))]
         library = Library(np.full(len(self.trajectory.groups), POSES))
-        made = follow.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library, False)
+        made = frame_update.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library, False)
         for each, columns in zip(self.objects, made, strict=True):
-            io.write_points(each.data, columns)
+            mesh_data.write_points(each.data, columns)
         self.scene.view_layers[0].update()
 
     def counts(self) -> np.ndarray:
@@ -66,7 +66,7 @@ class Walkers(Nodes):
         }
         columns |= {
             "id": np.arange(len(crowd), dtype=np.int32),
-            "looks": chance.uniform(crowd.key, chance.LOOKS).astype(np.float32),
+            "looks": random_streams.uniform(crowd.key, random_streams.LOOKS).astype(np.float32),
         }
         for name, values in columns.items():
             kind = "INT" if values.dtype == np.int32 else "FLOAT"

@@ -24,14 +24,14 @@ import crowd_lod_extension
 import crowds
 import numpy as np
 import peers
-from crowd_lod_extension.crowd_lod.agents import Group
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import bake, build, estimate, follow
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.hidden_characters import hide_characters
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.ownership import remove_owned
-from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import console, mesh_data, scene_data
+from crowd_lod_extension.operators.blender.ownership import remove_owned
+from crowd_lod_extension.operators.build import bake, cost_estimate, frame_update, render_setup
+from crowd_lod_extension.operators.build.hidden_characters import hide_characters
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 NOBODY, EVERYONE, CAMERA_CULL, NODES, BAKED = "nobody", "everyone", "camera cull", "geometry nodes", "1 px, baked"
 CROWD_LOD = ("by ratio", "1 px")
@@ -64,13 +64,13 @@ def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int,
             scene = bpy.context.scene
             crowds.spread(scene, agents)
             if way == BAKED:
-                predicted[agents] = finished(estimate.estimate(scene, FRAMES, known=True)).as_json
+                predicted[agents] = finished(cost_estimate.estimate(scene, FRAMES, known=True)).as_json
                 finished(bake.bake(scene, FRAMES))
             elif way not in (NOBODY, *CROWD_LOD):
                 _dress(scene, way)
             path = Path(folder) / f"{way}_{agents}.blend"
             if way == NOBODY:
-                build.remove_build(scene.crowd_lod)
+                render_setup.remove_build(scene.crowd_lod)
                 files[f"{way}, with characters_{agents}"] = _save(path)
                 remove_owned(scene.crowd_lod.levels)
                 bpy.data.batch_remove(scene.crowd_lod.characters.all_objects)
@@ -92,7 +92,7 @@ def _save(path: Path) -> float:
 
 def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, samples: int) -> dict:
     """Write files of the crowd, of nobody and of each of `sizes` agents: everyone at full detail, and, with `lods`, a bake with LODs
-    by ratio; a row of counts for each (see crowd_lod/cost.py)."""
+    by ratio; a row of counts for each (see crowd_lod/levels/cost_model.py)."""
     crowd_lod_extension.register()
     scene, rows = _scene(crowd, "CYCLES", width, samples), []
     settings = scene.crowd_lod
@@ -115,21 +115,21 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     """Show so many agents in that way; the row of what the build then holds, and shows at the first of FRAMES."""
     crowds.spread(scene, agents or 1)
     if not agents:
-        build.remove_build(scene.crowd_lod)
+        render_setup.remove_build(scene.crowd_lod)
         return {}
-    works = finished(estimate.estimate(scene, FRAMES[:1], known=True)).works
+    works = finished(cost_estimate.estimate(scene, FRAMES[:1], known=True)).works
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
         return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
     top = scene.crowd_lod.build
     _dress(scene, EVERYONE)
-    return counted(top) | {"rays": float(works[estimate.FULL].rays[0]), "stored": 0.0, "points": 3.0 * agents}
+    return counted(top) | {"rays": float(works[cost_estimate.FULL].rays[0]), "stored": 0.0, "points": 3.0 * agents}
 
 
 def counted(top: bpy.types.Collection) -> dict[str, int]:
-    """What the build `top`, of one LOD, holds and shows: see crowd_lod/cost.py."""
-    (points,) = build.points_of(top).values()
-    shelf = next(child for child in top.children_recursive if child.get(build.LIBRARY, -1) == 0)
+    """What the build `top`, of one LOD, holds and shows: see crowd_lod/levels/cost_model.py."""
+    (points,) = render_setup.points_of(top).values()
+    shelf = next(child for child in top.children_recursive if child.get(render_setup.LIBRARY, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
     triangles = np.array([sum(len(item.data.loops) - 2 * len(item.data.polygons) for item in home.objects) for home in homes])
     numbers = np.zeros(len(points.data.vertices), np.int32)
@@ -137,7 +137,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
     at = np.zeros(len(numbers), np.int32)
     points.data.attributes["frame"].data.foreach_get("value", at)
     shown = np.bincount(numbers[at == FRAMES[0]], minlength=len(homes))
-    rigs = next(child for child in top.children_recursive if build.RIGS in child)
+    rigs = next(child for child in top.children_recursive if render_setup.RIGS in child)
     return {
         "posed": int(triangles.sum()),
         "unique": int(triangles[shown > 0].sum()),
@@ -150,7 +150,7 @@ def counted(top: bpy.types.Collection) -> dict[str, int]:
 def _scene(crowd: dict, engine: str, width: int, samples: int) -> bpy.types.Scene:
     """The scene of a crowd of crowds.make, for such pictures."""
     scene = crowds.make(**crowd)
-    scene.render.engine = io.EEVEE if engine == "EEVEE" else engine
+    scene.render.engine = scene_data.EEVEE if engine == "EEVEE" else engine
     scene.render.resolution_x, scene.render.resolution_y = width, round(width * 9 / 16)
     scene.cycles.samples = scene.eevee.taa_render_samples = samples
     return scene
@@ -161,7 +161,7 @@ def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
     begun = time.process_time()
     finished(make_levels(scene))
     made = time.process_time()
-    finished(build.build(scene))
+    finished(render_setup.build(scene))
     took = time.process_time()
     bpy.ops.wm.save_as_mainfile(filepath=str(path))
     return {
@@ -176,26 +176,26 @@ def _dress(scene: bpy.types.Scene, way: str) -> None:
     """Show the crowd as it stands in FRAMES in that way, with nothing left for Crowd LOD to do."""
     settings = scene.crowd_lod
     trajectory, top = trajectory_of(scene), settings.build
-    points = build.points_of(top)
+    points = render_setup.points_of(top)
     rows = {name: [] for name in points}
     for number in FRAMES:
         scene.frame_set(number)
         frame = frame_of(scene, scene.view_layers[0].depsgraph, trajectory=trajectory)
-        agents, held = np.arange(len(frame.crowd)), follow.Held(frame.crowd, frame.time)
+        agents, held = np.arange(len(frame.crowd)), frame_update.Held(frame.crowd, frame.time)
         for name, item in points.items():
             shown = name == "LOD 0" if way in (EVERYONE, CAMERA_CULL) else way == NODES and name.startswith("LOD")
             if shown:
-                library = build.library_of(top, item, trajectory.gaits)
+                library = render_setup.library_of(top, item, trajectory.gaits)
                 rows[name].append(bake.columns_in_time(trajectory, held, number, agents, library, settings.tilt))
     bake.mark(scene, FRAMES)
-    build.dress_all(scene)
+    render_setup.dress_all(scene)
     settings.build = None
     for name, item in points.items():
         if not rows[name]:
             bpy.data.objects.remove(item)  # what it instances would be evaluated, picked or not
             continue
         columns = rows[name][0].keys()
-        io.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
+        mesh_data.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
         if way == NODES:
             _cull(item, trajectory.groups, frame)
     if way == CAMERA_CULL:
@@ -227,7 +227,7 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     lod.data_type, equal.data_type, equal.operation = "INT", "INT", "EQUAL"
     lod.inputs["Name"].default_value = "lod"
     one, other = (socket for socket in equal.inputs if socket.enabled)
-    other.default_value = points[build.LEVEL]
+    other.default_value = points[render_setup.LEVEL]
     for output, socket in (
         (next(s for s in lod.outputs if s.enabled), one),
         (equal.outputs[0], keep.inputs["Selection"]),
@@ -250,7 +250,7 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
     bpy.ops.wm.open_mainfile(filepath=file)
     scene = bpy.context.scene
     settings, cycles = scene.render, scene.cycles
-    settings.engine = io.EEVEE if engine == "EEVEE" else engine
+    settings.engine = scene_data.EEVEE if engine == "EEVEE" else engine
     height = round(width * settings.resolution_y / settings.resolution_x)
     settings.resolution_x, settings.resolution_y, settings.resolution_percentage = width, height, 100
     settings.image_settings.file_format, settings.image_settings.color_depth = "OPEN_EXR", "32"
@@ -280,6 +280,6 @@ def render(file: str, picture: str, engine: str, frame: int, width: int, samples
 
 if __name__ == "__main__":
     job = json.loads(sys.argv[1])
-    with io.quiet():
+    with console.quiet():
         row = {"prepare": prepare, "counts": counts, "render": render}[job.pop("job")](**job)
     print(json.dumps(row), flush=True)

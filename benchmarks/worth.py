@@ -18,9 +18,10 @@ from pathlib import Path
 import bpy
 import numpy as np
 from bench import table
-from crowd_lod_extension.crowd_lod import outputs, report
-from crowd_lod_extension.operators.plots import COLOURS, MARKERS
-from crowd_lod_extension.operators.report import machine_name
+from crowd_lod_extension.crowd_lod.reporting import files as outputs
+from crowd_lod_extension.crowd_lod.reporting import tables
+from crowd_lod_extension.operators.batch.error_report import machine_name
+from crowd_lod_extension.operators.batch.plots import COLOURS, MARKERS
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 
 NEAR, FAR = ({"groups": 4, "metres": metres, "finer": 1} for metres in (2, 20))
@@ -173,9 +174,9 @@ def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int) -> dic
 
 def write(stage: Path, results: dict, machine: str) -> None:
     """worth.json, a CSV a table, and the picture."""
-    (stage / "worth.json").write_text(report.to_json({"machine": machine, **results}), encoding="utf-8")
+    (stage / "worth.json").write_text(tables.to_json({"machine": machine, **results}), encoding="utf-8")
     for name, rows in results.items():
-        (stage / f"worth_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+        (stage / f"worth_{name}.csv").write_text(f"# {machine}\n{tables.to_csv(rows)}", encoding="utf-8")
     draw(stage / "worth.png", results["ways"], machine)
 
 

@@ -2,58 +2,44 @@
 
 import bpy
 
-from . import (
-    build,
-    cli,
-    collection_caches,
-    deviation,
-    estimate,
-    follow,
-    inspector,
-    levels,
-    machines,
-    overlay,
-    panels,
-    populate,
-    preview,
-    properties,
-    render_setup,
-    samples,
-    scenery,
-    threads,
-    versions,
-    viewport_render,
-)
+from .batch import preview
+from .blender import collection_caches, main_thread
+from .build import buttons, cost_estimate, frame_update, render_setup
+from .cli import commands
+from .crowd import sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
+from .lod_meshes import deviation, make_lods
+from .overlay import agent_picker, viewport_image, viewport_overlay
+from .ui import panels, properties
 
 MODULES = (
     properties,
-    samples,
-    machines,
-    populate,
-    levels,
+    sample_menu,
+    state_machine_menu,
+    scene_crowd,
+    make_lods,
     deviation,
-    estimate,
+    cost_estimate,
     preview,
-    viewport_render,
-    render_setup,
-    inspector,
+    viewport_image,
+    buttons,
+    agent_picker,
     panels,
 )
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
-    "frame_change_post": [scenery.noticed, follow.follow],
+    "frame_change_post": [scenery.noticed, frame_update.follow],
     "depsgraph_update_post": [scenery.edited],
-    "load_pre": [scenery.forget, populate.forget, follow.forget],
+    "load_pre": [scenery.forget, scene_crowd.forget, frame_update.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
     "undo_post": [collection_caches.renew],
     "redo_post": [collection_caches.renew],
-    "load_post": [versions.upgrade, build.upgrade],
-    "save_pre": [versions.note],
-    "render_pre": [follow.rendering],
-    "render_post": [follow.rendered],
-    "render_complete": [follow.ended],
-    "render_cancel": [follow.rendered, follow.ended],
+    "load_post": [settings_versions.upgrade, render_setup.upgrade],
+    "save_pre": [settings_versions.note],
+    "render_pre": [frame_update.rendering],
+    "render_post": [frame_update.rendered],
+    "render_complete": [frame_update.ended],
+    "render_cancel": [frame_update.rendered, frame_update.ended],
 }
 _commands = []
 
@@ -65,22 +51,22 @@ def register():
     for name, functions in HANDLERS.items():
         for function in functions:
             getattr(bpy.app.handlers, name).append(function)
-    threads.register()
-    overlay.register()
-    _commands.append(bpy.utils.register_cli_command("crowd_lod", cli.from_blender))
+    main_thread.register()
+    viewport_overlay.register()
+    _commands.append(bpy.utils.register_cli_command("crowd_lod", commands.from_blender))
 
 
 def unregister():
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
-    overlay.unregister()
-    threads.unregister()
+    viewport_overlay.unregister()
+    main_thread.unregister()
     for name, functions in HANDLERS.items():
         handlers = getattr(bpy.app.handlers, name)
         for function in functions:
             if function in handlers:  # a script may have cleared them
                 handlers.remove(function)
-    populate.forget()
+    scene_crowd.forget()
     scenery.forget()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):

@@ -3,8 +3,8 @@
 import bpy
 import numpy as np
 
-from ..crowd_lod.machine import parse, preset_text
-from ..operators import scene as io
+from ..crowd_lod.crowd.state_machine import parse, preset_text
+from ..operators.blender import image_data
 from .characters import make_characters
 from .scenery import add, aim, camera, child, film, material, tile
 
@@ -34,7 +34,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.seed = 4096, 1
     settings.centre, settings.size = (0, 0, 0), (SIZE, SIZE)
-    settings.map_image = io.write_image("Chapter map", table.label_colours[labels])
+    settings.map_image = image_data.write_image("Chapter map", table.label_colours[labels])
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
     settings.choice, settings.level_count = "BY_RATIO", 3

@@ -5,8 +5,8 @@ from math import atan2, hypot, pi
 import bpy
 import numpy as np
 
-from ..crowd_lod.machine import parse, preset_text
-from ..operators import scene as io
+from ..crowd_lod.crowd.state_machine import parse, preset_text
+from ..operators.blender import image_data
 from . import plaza_map as site
 from .characters import make_characters
 from .scenery import add, animate, box, camera, child, film, lathe, material, tile, windows
@@ -44,7 +44,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.seed = 10_000, 7
     settings.centre, settings.size = (0, 0, 0), (site.SIZE, site.SIZE)
-    settings.map_image = io.write_image("Plaza map", table.label_colours[world.labels])
+    settings.map_image = image_data.write_image("Plaza map", table.label_colours[world.labels])
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
     settings.level_count = 3

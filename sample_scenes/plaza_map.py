@@ -6,8 +6,8 @@ those whose middle lies within.
 
 import numpy as np
 
-from ..crowd_lod.machine import StateMachine
-from ..crowd_lod.maps import Area, LabelMap
+from ..crowd_lod.crowd.maps import Area, LabelMap
+from ..crowd_lod.crowd.state_machine import StateMachine
 
 SIZE = 144.0
 CELL = 0.5

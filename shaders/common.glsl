@@ -1,4 +1,4 @@
-/* Shared by all shaders of meshes: data in textures, the skinning of crowd_lod/animation.py. */
+/* Shared by all shaders of meshes: data in textures, the skinning of crowd_lod/animation/skinning.py. */
 
 /* An affine matrix as three rows. */
 struct Rows {

@@ -8,12 +8,12 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import cli
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.bake import bake, keep_what_renders
-from crowd_lod_extension.operators.hidden_characters import HIDDEN
-from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build.bake import bake, keep_what_renders
+from crowd_lod_extension.operators.build.hidden_characters import HIDDEN
+from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 FRAMES = (27, 12, 20)
 FARM = """
@@ -35,7 +35,7 @@ def farm(file, folder):
 
 
 def pictures(folder, name):
-    return [io.load_pixels(folder / f"{name}_{number}.png").astype(int) for number in FRAMES]
+    return [image_data.load_pixels(folder / f"{name}_{number}.png").astype(int) for number in FRAMES]
 
 
 @pytest.mark.parametrize(
@@ -108,7 +108,7 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     out = tmp_path / "out.blend"
     words = ["build", str(tmp_path / "crowd.blend"), "--out", str(out), "--json", "--quiet"]
     capfd.readouterr()
-    assert cli._run([*words, "--bake", "--frames", "9:11"], "crowd-lod") == 0
+    assert commands._run([*words, "--bake", "--frames", "9:11"], "crowd-lod") == 0
     result = json.loads(capfd.readouterr().out)
     assert result["predicted"]["Full Detail"]["time_share"] == 1 and result["predicted"]["By Ratio"]["memory_mb"] > 0
     assert result["frames"] == [9, 10, 11] and result["bytes"] == out.stat().st_size and result["load_seconds"] > 0
@@ -116,12 +116,12 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     top = bpy.context.scene.crowd_lod.build
     assert list(top[builder.BAKED])[2:] == [9, 11]
     assert result["points"] == {name: len(item.data.vertices) for name, item in builder.points_of(top).items()}
-    assert cli._run(words, "crowd-lod") == 0
+    assert commands._run(words, "crowd-lod") == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["frames"] is None
     bpy.ops.wm.open_mainfile(filepath=str(out))
     assert builder.BAKED not in bpy.context.scene.crowd_lod.build
     assert (tmp_path / "crowd.blend").read_bytes() == untouched
-    assert cli._run([*words, "--frames", "9:11"], "crowd-lod") == 1
+    assert commands._run([*words, "--frames", "9:11"], "crowd-lod") == 1
     assert "add --bake" in capfd.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["crowd.blend", "out.blend"]
 
@@ -137,7 +137,7 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(bui
     for name, more in (("whole", ()), ("slim", ("--render-only",))):
         out = tmp_path / f"{name}.blend"
         capfd.readouterr()
-        assert cli._run([*words, "--out", str(out), *more], "crowd-lod") == 0
+        assert commands._run([*words, "--out", str(out), *more], "crowd-lod") == 0
         result = json.loads(capfd.readouterr().out)
         assert ("take the one that it was baked from" in result["summary"]) == bool(more)
         farm(out, tmp_path)
@@ -154,7 +154,7 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(bui
     assert scene.crowd_lod.characters is None and scene.crowd_lod.levels is None and "People" not in bpy.data.collections
     with pytest.raises(CrowdError, match="no LOD meshes"):
         list(builder.build(scene))
-    assert cli._run(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod") == 1
+    assert commands._run(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod") == 1
     assert "add --bake" in capfd.readouterr().err
 
 
@@ -198,7 +198,7 @@ def test_names_and_paths_of_any_script_and_scenes_with_more_than_the_crowd(scene
     shown = []
     for more in ((), ("--bake", "--frames", "12")):
         capfd.readouterr()
-        assert cli._run([*words, *more], "crowd-lod") == 0, capfd.readouterr().err
+        assert commands._run([*words, *more], "crowd-lod") == 0, capfd.readouterr().err
         bpy.ops.wm.open_mainfile(filepath=str(folder / "bâti 1.blend"))
         bpy.context.scene.frame_set(12)
         found = [

@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.populate import frame_of, trajectory_of
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Vector
 
 
@@ -110,7 +110,7 @@ def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path
     bpy.ops.render.render(animation=True)
     found = 0
     for number in (5, 15, 25):
-        alpha = io.load_pixels(tmp_path / f"f_{number:04d}.png")[..., 3]
+        alpha = image_data.load_pixels(tmp_path / f"f_{number:04d}.png")[..., 3]
         built.frame_set(number)
         frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
         c = frame.crowd

@@ -6,15 +6,15 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.nodes import trees
-from crowd_lod_extension.operators.nodes.instances import NAME, VERSION
-from crowd_lod_extension.operators.populate import groups_of, measure_groups, store_groups
-from crowd_lod_extension.operators.render_setup import prepared
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import scene_data
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.buttons import prepared
+from crowd_lod_extension.operators.build.nodes import trees
+from crowd_lod_extension.operators.build.nodes.instances import NAME, VERSION
+from crowd_lod_extension.operators.crowd.scene_crowd import groups_of, measure_groups, store_groups
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 
 def visible():
@@ -242,7 +242,7 @@ def test_two_scenes_have_builds_of_their_own(built):
     assert sum(len(item.data.vertices) for item in builder.points_of(tops[1]).values())
     builder.remove_build(other.crowd_lod)
     built.frame_set(5)
-    assert len(visible()) and io.time_of(built) == 5
+    assert len(visible()) and scene_data.time_of(built) == 5
 
 
 def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(built):

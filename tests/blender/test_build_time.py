@@ -6,13 +6,14 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import cameras, follow, populate, threads
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.populate import trajectory_of
-from crowd_lod_extension.operators.preview import Preview, preview
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.batch.preview import Preview, preview
+from crowd_lod_extension.operators.blender import cameras, image_data, main_thread, scene_data
+from crowd_lod_extension.operators.build import frame_update
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 
 
 def columns(scene, *names):
@@ -46,7 +47,7 @@ def test_the_camera_of_a_time_is_the_one_that_blender_switches_to(cut, stretch):
     seen = set()
     for time in (1, 20, 4, 10.75, 11, 5, 10.25, 12, 22.5, 21, 7, -3, 0):
         cut.frame_set(int(time // 1), subframe=time % 1)
-        assert cameras.bound_camera(cut, io.time_of(cut)) == cut.camera, time
+        assert cameras.bound_camera(cut, scene_data.time_of(cut)) == cut.camera, time
         seen.add(cut.camera)
     assert len(seen) == 2
 
@@ -94,7 +95,8 @@ def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(c
         seen.append(sum(len(item.data.vertices) for item in builder.points_of(cut.crowd_lod.build).values()))
     assert [row["visible"] for row in plan["frames"]] == seen and seen[0] != seen[1]
     main, above = (
-        [io.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)] for view in ("main", "above")
+        [image_data.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)]
+        for view in ("main", "above")
     )
     assert (np.abs(above[0] - main[0]).max(axis=2) > 30).mean() > 0.3
     assert np.median(np.abs(above[0] - above[1])) <= 2  # the ground stays where it is, seen from above
@@ -116,10 +118,10 @@ def test_a_stretched_shutter_opens_for_as_long_as_cycles_has_it_open(built, stre
     built.render.use_motion_blur, built.render.frame_map_new = True, stretch
     built.render.motion_blur_shutter = 0.5
     built.frame_set(20)
-    times = [time for time, _ in cameras.read_shutter(built, io.time_of(built))]
+    times = [time for time, _ in cameras.read_shutter(built, scene_data.time_of(built))]
     for part, time in zip((-0.25, 0, 0.25), times, strict=True):
         built.frame_set(int((20 + part) // 1), subframe=part % 1)
-        assert time == pytest.approx(io.time_of(built), abs=1e-6)
+        assert time == pytest.approx(scene_data.time_of(built), abs=1e-6)
 
 
 def test_an_open_shutter_is_read_once_a_rendered_frame_and_not_for_a_viewport(built, rendered, tmp_path):
@@ -197,7 +199,7 @@ def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
         built.frame_set(20)
         built.render.filepath = str(tmp_path / f"{blur}.png")
         bpy.ops.render.render(write_still=True)
-        columns_seen = np.nonzero((io.load_pixels(tmp_path / f"{blur}.png")[..., 3] > 8).any(axis=0))[0]
+        columns_seen = np.nonzero((image_data.load_pixels(tmp_path / f"{blur}.png")[..., 3] > 8).any(axis=0))[0]
         wide[blur] = columns_seen.min(), columns_seen.max()
     pixels = 4 / 24 * 1.25 * 320 / 8
     before = {"START": 0, "CENTER": 0.5, "END": 1}[position] * pixels
@@ -214,13 +216,13 @@ def test_frames_asked_for_from_another_thread_are_done_in_the_main_one(built, mo
     built.frame_set(12)
     wanted = columns(built)
     where = []
-    real = follow.update
-    monkeypatch.setattr(follow, "update", lambda *inputs: (where.append(threading.current_thread()), real(*inputs)))
-    follow.empty(built.crowd_lod.build)
-    render = threading.Thread(target=follow.follow, args=(built, depsgraph))
+    real = frame_update.update
+    monkeypatch.setattr(frame_update, "update", lambda *inputs: (where.append(threading.current_thread()), real(*inputs)))
+    frame_update.empty(built.crowd_lod.build)
+    render = threading.Thread(target=frame_update.follow, args=(built, depsgraph))
     render.start()
     while render.is_alive():
-        threads._work()
+        main_thread._work()
     assert where == [threading.main_thread()] and columns(built) == wanted
 
 
@@ -229,7 +231,7 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
 
     def ask(work):
         try:
-            threads.on_main_thread(work)
+            main_thread.on_main_thread(work)
         except CrowdError as error:
             said.append(str(error))
 
@@ -239,19 +241,19 @@ def test_errors_come_back_to_the_thread_that_asked_and_a_busy_main_thread_ends_i
     asking = threading.Thread(target=ask, args=(fails,))
     asking.start()
     while asking.is_alive():
-        threads._work()
-    monkeypatch.setattr(threads, "PATIENCE", 0.01)
+        main_thread._work()
+    monkeypatch.setattr(main_thread, "PATIENCE", 0.01)
     late = threading.Thread(target=ask, args=(lambda: said.append("done too late"),))
     late.start()
     late.join()
-    threads._work()
+    main_thread._work()
     assert said[0] == "no crowd here" and "too busy" in said[1] and len(said) == 2
 
 
 def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept_of_another_file(built):
     settings = built.crowd_lod
     pixels = np.full((8, 8, 3), 128, np.uint8)
-    settings.map_image = io.write_image("ground", pixels)
+    settings.map_image = image_data.write_image("ground", pixels)
     settings.machine = bpy.data.texts.new("east")
     table = '{"version": 1, "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": false}}, '
     table += '"states": {"go": {"on": {"*": {"move": [1.5, 0]}}}}}'
@@ -268,9 +270,9 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept
     assert trajectory_of(built).machine.velocity.max() == 2.5
     settings.seed += 1
     assert not np.array_equal(trajectory_of(built).start.x, walled.start.x)
-    settings.height_image = io.write_image("hills", pixels)
+    settings.height_image = image_data.write_image("hills", pixels)
     assert trajectory_of(built).at(1).z.max() > 0.4
-    kept = populate._trajectories, populate._latest, io._values
+    kept = scene_crowd._trajectories, scene_crowd._latest, image_data._values
     assert all(kept)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert not any(kept)

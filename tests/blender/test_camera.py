@@ -6,13 +6,12 @@ import bpy
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
-from crowd_lod_extension.crowd_lod.audit import standing
-from crowd_lod_extension.crowd_lod.camera import frustum_corners
-from crowd_lod_extension.crowd_lod.culling import radar
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import cameras
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.extent import bounds, frames_of, posing
+from crowd_lod_extension.crowd_lod.culling.camera import frustum_corners
+from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
+from crowd_lod_extension.operators.blender import cameras, image_data, mesh_data
+from crowd_lod_extension.operators.crowd.character_extent import bounds, frames_of, posing
 from mathutils import Euler, Matrix, Vector
 
 FULL = bool(os.environ.get("CROWD_LOD_FULL"))
@@ -219,7 +218,7 @@ def lit(scene, point, folder, engine, size=(96, 64)):
     if engine == "CYCLES":
         scene.cycles.samples, scene.cycles.device, scene.cycles.use_denoising = 4, "CPU", False
     bpy.ops.render.render(scene=scene.name, write_still=True)
-    red, _, _, alpha = np.moveaxis(io.load_pixels(render.filepath), 2, 0)
+    red, _, _, alpha = np.moveaxis(image_data.load_pixels(render.filepath), 2, 0)
     scene.collection.objects.unlink(ball)
     rows, columns = np.nonzero((red > 50) & (alpha > 100))  # beyond a fisheye's circle Cycles is black and opaque
     if not len(rows):
@@ -360,6 +359,6 @@ def test_the_bounding_sphere_holds_the_action_between_frames_too(scene):
     centre, radius = bounds("swinging", (0, 0, 0), finished(posing([item], frames_of(1, 13))))
     for time in np.arange(1, 13, 0.1):
         scene.frame_set(int(time), subframe=float(time % 1))
-        points = io.world_points(item.evaluated_get(scene.view_layers[0].depsgraph))
+        points = mesh_data.world_points(item.evaluated_get(scene.view_layers[0].depsgraph))
         assert np.linalg.norm(points - (0, 0, centre), axis=1).max() <= radius
     assert radius < 3 * 2.1

@@ -7,10 +7,9 @@ import addon_utils
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.audit import standing
-from crowd_lod_extension.crowd_lod.culling import radar
-from crowd_lod_extension.operators import cameras
-from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
+from crowd_lod_extension.operators.blender import cameras, image_data
 from mathutils import Matrix
 
 SPHERES = 80
@@ -63,7 +62,7 @@ def lit(scene, tmp_path):
         bpy.data.meshes.remove(mesh)
         pictures = list(tmp_path.glob("*.png"))
         assert len(pictures) == (2 if scene.render.use_multiview else 1)
-        return sum(int((io.load_pixels(path)[..., :3] > 0).any(axis=2).sum()) for path in pictures)
+        return sum(int((image_data.load_pixels(path)[..., :3] > 0).any(axis=2).sum()) for path in pictures)
 
     return count
 

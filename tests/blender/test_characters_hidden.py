@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.preview import Preview, preview
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.batch.preview import Preview, preview
+from crowd_lod_extension.operators.blender import image_data
 from mathutils import Euler
 
 from .characters import character, new, tube
@@ -35,7 +35,7 @@ def pixels(scene, tmp_path, x):
     scene.frame_set(1)
     with bpy.context.temp_override(scene=scene):
         bpy.ops.render.render(write_still=True)
-    return int((io.load_pixels(tmp_path / "picture.png")[..., 3] > 0).sum())
+    return int((image_data.load_pixels(tmp_path / "picture.png")[..., 3] > 0).sum())
 
 
 def test_a_build_hides_the_characters_until_it_is_removed(far, tmp_path, capfd):
@@ -103,7 +103,7 @@ def test_a_preview_leaves_them_out_and_the_file_alone(far, tmp_path):
         people.hide_render, far.crowd_lod.keep_characters = hides, keeps
         plan = finished(preview(far, Preview([1], tmp_path / name, 64), []))
         assert people.hide_render == hides and not far.view_layers[0].layer_collection.children["People"].exclude
-        pictures[name] = io.load_pixels(tmp_path / name / "main_0001.png")
+        pictures[name] = image_data.load_pixels(tmp_path / name / "main_0001.png")
         assert bool(plan["preview"]["notes"]) == (name == "left out")
     assert np.array_equal(pictures["left out"], pictures["hidden"])
     assert (pictures["left out"] != pictures["kept"]).any(axis=2).sum() > 50

@@ -13,20 +13,20 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators import cli
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 SHORT = ("--frames", "1,60", "--width", "160", "--quiet")
 
 
 def run(*words):
-    return cli._run([str(word) for word in words], "crowd-lod")
+    return commands._run([str(word) for word in words], "crowd-lod")
 
 
 def shares(path, low=1 / 255, ratio=1.6):
     """Parts of the picture that are red, green, blue: one channel stands out over both others."""
-    pixels = io.load_pixels(path)[..., :3].astype(float)
+    pixels = image_data.load_pixels(path)[..., :3].astype(float)
     return [
         np.mean(
             (pixels[..., k] > 60)
@@ -111,8 +111,8 @@ def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path, capfd):
 
 
 def test_preview_leaves_the_open_scene_as_it_was(levelled, tmp_path):
-    from crowd_lod_extension.operators.build import build
-    from crowd_lod_extension.operators.preview import Preview, preview
+    from crowd_lod_extension.operators.batch.preview import Preview, preview
+    from crowd_lod_extension.operators.build.render_setup import build
 
     list(build(levelled))
     levelled.frame_set(7)
@@ -198,7 +198,7 @@ def map_from_a_sequence(scene):
 
 
 def strange_labels(scene):
-    scene.crowd_lod.map_image = io.write_image("painted", np.full((4, 4, 3), 77, np.uint8))
+    scene.crowd_lod.map_image = image_data.write_image("painted", np.full((4, 4, 3), 77, np.uint8))
 
 
 def malformed_machine(scene):
@@ -321,7 +321,7 @@ def test_sample_is_written_and_opens_with_its_crowd(tmp_path, capfd):
 
 
 posix = pytest.mark.skipif(os.name == "nt", reason="a POSIX shell closes and fills the streams")
-COMMAND = f"'{sys.executable}' -m crowd_lod_extension.operators.cli"
+COMMAND = f"'{sys.executable}' -m crowd_lod_extension.operators.cli.commands"
 
 
 def shell(line, folder, **variables):
@@ -396,7 +396,17 @@ def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
     file, folder = tmp_path / "crowd.blend", tmp_path / "there"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
     folder.mkdir()
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli", "preview", file, "--frames", "1:500", "--step", "1"]
+    command = [
+        sys.executable,
+        "-m",
+        "crowd_lod_extension.operators.cli.commands",
+        "preview",
+        file,
+        "--frames",
+        "1:500",
+        "--step",
+        "1",
+    ]
     heed = partial(signal.signal, signal.SIGINT, signal.default_int_handler)  # it is ignored in a shell's background
     command += ["--width", "64", "--out", folder / "out"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, preexec_fn=heed) as run:

@@ -5,10 +5,11 @@ from dataclasses import replace
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import Group
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import deviation, populate, surface
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.lod_meshes import deviation, surface
 
 pytestmark = pytest.mark.usefixtures("exact_levels")
 GROUP = Group("one", 0, 1, 0, 1)
@@ -211,10 +212,10 @@ def test_a_file_of_before_bounds_reads_its_deviations_as_bounds(scene):
     entry.name, entry.diagonal = "old", 2.0
     entry.triangles[:2], entry.deviations[:2] = (100, 50), (0.0, 0.25)
     scene.crowd_lod.level_count = 2
-    (group,) = populate.groups_of(scene.crowd_lod)
+    (group,) = scene_crowd.groups_of(scene.crowd_lod)
     assert group.bounds == group.deviations == (0.0, 0.25)
-    populate.store_groups(scene.crowd_lod, (replace(group, bounds=(0.0, 0.5)),))
-    (group,) = populate.groups_of(scene.crowd_lod)
+    scene_crowd.store_groups(scene.crowd_lod, (replace(group, bounds=(0.0, 0.5)),))
+    (group,) = scene_crowd.groups_of(scene.crowd_lod)
     assert group.bounds == (0.0, 0.5) and group.deviations == (0.0, 0.25)
 
 

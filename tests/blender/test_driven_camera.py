@@ -4,13 +4,13 @@ camera Blender hands it."""
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import cameras, stepping
-from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.populate import frame_of
-from crowd_lod_extension.operators.preview import Preview, preview
-from crowd_lod_extension.operators.verify import Verify, verify
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.batch.preview import Preview, preview
+from crowd_lod_extension.operators.batch.verify import Verify, verify
+from crowd_lod_extension.operators.blender import cameras, frame_stepping
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
 
 
 class Film(bpy.types.RenderEngine):
@@ -147,7 +147,7 @@ def test_the_camera_of_another_time_is_that_of_a_render_there(scene, filmed, way
     scene.frame_set(2)
     was = scene.camera.matrix_world.copy(), scene.camera.data.lens
     planned = [of(eyes) for eyes in cameras.cameras_at(scene, times)]
-    assert (scene.frame_current, scene.frame_subframe) == (2, 0) and not stepping.is_stepped(scene)
+    assert (scene.frame_current, scene.frame_subframe) == (2, 0) and not frame_stepping.is_stepped(scene)
     assert (scene.camera.matrix_world, scene.camera.data.lens) == was
     rendered = filmed(scene, times)
     np.testing.assert_allclose(planned, rendered, atol=1e-4)
@@ -197,9 +197,9 @@ def played(built, way, frames):
 
 
 def test_rigid_bodies_that_are_not_baked_are_told_of(scene):
-    assert stepping.unbaked(scene) == ""
+    assert frame_stepping.unbaked(scene) == ""
     by_rigid_body(scene)
-    assert "are as played from frame 1 on: bake their cache" in stepping.unbaked(scene)
+    assert "are as played from frame 1 on: bake their cache" in frame_stepping.unbaked(scene)
 
 
 @pytest.mark.parametrize("way", [None, by_property, by_frame])
@@ -265,7 +265,7 @@ def test_a_still_camera_is_the_one_it_was_made_of_in_any_scene(scene):
     for frame, x in ((1, 0.0), (21, 40.0)):
         target.location.x = x
         target.keyframe_insert("location", frame=frame)
-    with stepping.stepped(scene) as at:
+    with frame_stepping.stepped(scene) as at:
         depsgraph = at((), 9)
         wanted = cameras.cameras_from(scene, scene.camera, depsgraph)[0]
         found = cameras.still(scene.camera, depsgraph)

@@ -3,9 +3,9 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import Group
-from crowd_lod_extension.operators import populate
-from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.crowd import scene_crowd
 
 
 def test_agents_stand_on_the_height_image():
@@ -16,10 +16,10 @@ def test_agents_stand_on_the_height_image():
     values[..., 0] = np.random.default_rng(0).uniform(-0.3, 1.7, (6, 9))  # beyond 0 to 1, as a float image may be
     image = bpy.data.images.new("relief", 9, 6, float_buffer=True, is_data=True)
     image.pixels.foreach_set(values.ravel())
-    assert (io.read_values(image) == values).all()
-    flat = populate.trajectory_of(bpy.context.scene, groups).at(40)
+    assert (image_data.read_values(image) == values).all()
+    flat = scene_crowd.trajectory_of(bpy.context.scene, groups).at(40)
     settings.height_image, settings.height_scale = image, 2.5
-    hilly = populate.trajectory_of(bpy.context.scene, groups).at(40)
+    hilly = scene_crowd.trajectory_of(bpy.context.scene, groups).at(40)
     assert (flat.x == hilly.x).all() and (flat.z == 5).all()
     columns, rows = -17 + 40 / 9 * (np.arange(9) + 0.5), -6 + 20 / 6 * (np.arange(6) + 0.5)
     for x, y, z in zip(hilly.x[::25], hilly.y[::25], hilly.z[::25], strict=True):

@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from .characters import character, new, rig, skin, tube
 

@@ -3,10 +3,10 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators.build import build
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.populate import characters_of
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.build.render_setup import build
+from crowd_lod_extension.operators.crowd.scene_crowd import characters_of
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from .characters import character, new, rig, skin, tube
 

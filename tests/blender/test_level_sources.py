@@ -4,8 +4,8 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.blender import mesh_data
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from .characters import character, new, rig, skin, tube
 
@@ -23,7 +23,7 @@ def world(item):
     scene = bpy.context.scene
     if item.name not in scene.collection.objects:
         scene.collection.objects.link(item)
-    return io.world_points(item.evaluated_get(bpy.context.evaluated_depsgraph_get()))
+    return mesh_data.world_points(item.evaluated_get(bpy.context.evaluated_depsgraph_get()))
 
 
 def triangles(item):
@@ -256,7 +256,7 @@ def test_one_triangle_and_two_hundred_loose_parts(way):
     bpy.context.scene.crowd_lod.way = way
     lods = made(1)
     assert triangles(lods["one LOD 1"]) == 1
-    found = io.read_triangles(lods["parts LOD 1"].data)[1]
+    found = mesh_data.read_triangles(lods["parts LOD 1"].data)[1]
     assert len(np.unique(np.sort(found, axis=1), axis=0)) == len(found) >= 200  # none twice
 
 
@@ -319,7 +319,7 @@ def test_modifiers_count_as_they_are_rendered():
         array.show_viewport, array.show_render = seen, rendered
         character(item, name=name)
     bpy.context.scene.crowd_lod.way = "PRECISE"
-    wide = {name: np.ptp(io.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()}
+    wide = {name: np.ptp(mesh_data.read_triangles(item.data)[0][:, 0]) for name, item in made(1).items()}
     assert wide["rendered LOD 1"] == pytest.approx(wide["both LOD 1"]) == pytest.approx(2 * wide["drawn LOD 1"], rel=0.05)
     assert all(group.deviations[1] < 0.05 for group in bpy.context.scene.crowd_lod.groups)
 
@@ -334,7 +334,7 @@ def test_a_stray_face_without_area_costs_no_lod_its_likeness():
     character(new("stray", stray))
     bpy.context.scene.crowd_lod.way = "FAST"
     lod = made(1)["stray LOD 1"]
-    assert np.abs(io.read_triangles(lod.data)[0][:, :2]).max() < 0.25
+    assert np.abs(mesh_data.read_triangles(lod.data)[0][:, :2]).max() < 0.25
     assert bpy.context.scene.crowd_lod.groups[0].deviations[1] < 0.05
 
 
@@ -349,7 +349,7 @@ def test_what_is_shrunk_onto_a_body_is_so_at_rest():
     wrap.target, wrap.offset = body, 0.02
     character(armature, body, shirt)
     bpy.context.scene.crowd_lod.way = "PRECISE"
-    low, high = (getattr(io.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0) for end in ("min", "max"))
+    low, high = (getattr(mesh_data.read_triangles(made(1)["shirt LOD 1"].data)[0], end)(axis=0) for end in ("min", "max"))
     assert np.allclose(low, (-0.22, -0.22, 0), atol=0.03) and np.allclose(high, (0.22, 0.22, 2), atol=0.03)
     assert armature.data.pose_position == "POSE"
 

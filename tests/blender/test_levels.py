@@ -2,9 +2,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators import populate
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.operators.blender import mesh_data
+from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Matrix
 from mathutils.bvhtree import BVHTree
 
@@ -23,7 +23,7 @@ def digest(collection):
             [(m.name, m.type) for m in item.modifiers],
             [g.name for g in item.vertex_groups],
             np.array(item.matrix_world).tobytes(),
-            io.read_triangles(item.data)[0].tobytes() if item.type == "MESH" else None,
+            mesh_data.read_triangles(item.data)[0].tobytes() if item.type == "MESH" else None,
             [c.name for c in item.users_collection],
         )
         for item in collection.all_objects
@@ -68,8 +68,8 @@ def test_levels_carry_materials_uvs_and_weights_and_follow_the_armature(scene):
             assert np.allclose(weights, 1, atol=1e-4)
             assert [g.name for g in item.vertex_groups] == [g.name for g in finest.vertex_groups]
             # in the pose of frame 8 the LOD lies on the full mesh in the same pose, within 4 cm
-            fine, coarse = (io.world_points(o.evaluated_get(depsgraph)) for o in (finest, item))
-            triangles = io.read_triangles(finest.evaluated_get(depsgraph).to_mesh())[1]
+            fine, coarse = (mesh_data.world_points(o.evaluated_get(depsgraph)) for o in (finest, item))
+            triangles = mesh_data.read_triangles(finest.evaluated_get(depsgraph).to_mesh())[1]
             tree = BVHTree.FromPolygons(fine.tolist(), triangles.tolist())
             assert max(tree.find_nearest(p)[3] for p in coarse.tolist()) < 0.04
 
@@ -109,17 +109,17 @@ def test_making_levels_measures_them_and_the_user_s_edits_are_measured_again(sce
     list(make_levels(scene))
     kinds = {type(b).__name__ for b in set(bpy.data.user_map()) - blocks}
     assert kinds == {"Collection", "Object", "Mesh"}
-    for group in populate.groups_of(scene.crowd_lod):
+    for group in scene_crowd.groups_of(scene.crowd_lod):
         assert group.deviations[0] == 0 < group.deviations[1] < group.deviations[2] < 0.1
         assert 0 < group.rms[2] < group.deviations[2] and 1 < group.diagonal < 3
-    before = [g.deviations for g in populate.groups_of(scene.crowd_lod)]
+    before = [g.deviations for g in scene_crowd.groups_of(scene.crowd_lod)]
     mesh = next(o for o in scene.crowd_lod.levels.children[2].children[0].objects if o.type == "MESH").data
     mesh.transform(Matrix.Translation((0, 0, 0.5)))
     assert bpy.ops.crowd_lod.measure_levels() == {"FINISHED"}
-    after = [g.deviations for g in populate.groups_of(scene.crowd_lod)]
+    after = [g.deviations for g in scene_crowd.groups_of(scene.crowd_lod)]
     assert after[1] == before[1] and after[0][:2] == before[0][:2] and after[0][2] > 0.4
     bpy.ops.crowd_lod.populate()  # keeps what is known of the LODs
-    assert [g.deviations for g in populate.groups_of(scene.crowd_lod)] == after
+    assert [g.deviations for g in scene_crowd.groups_of(scene.crowd_lod)] == after
     for item in list(scene.crowd_lod.levels.children[1].children[0].objects):
         bpy.data.objects.remove(item)
     with pytest.raises(RuntimeError, match="adult has no LOD meshes in Crowd LOD 1: press Make LOD Meshes again"):

@@ -3,12 +3,12 @@ from math import pi
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import lean
+from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.lights import read_surroundings
-from crowd_lod_extension.operators.populate import frame_of, measure_groups, store_groups
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.crowd.lights import read_surroundings
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, measure_groups, store_groups
 from crowd_lod_extension.sample_scenes.scenery import add, box, material, tile
 from mathutils import Matrix
 
@@ -67,12 +67,12 @@ def test_what_casts_no_shadow_is_no_light(lit):
     lit.collection.objects.unlink(inside)
     home.objects.link(inside)
     home.hide_render = True
-    assert read(lit).lights == () and lean.NO_SHADOWS in read(lit).left_out
+    assert read(lit).lights == () and leave_outs.NO_SHADOWS in read(lit).left_out
     home.hide_render, lit.view_layers[0].layer_collection.children["Home"].exclude = False, True
     assert read(lit).lights == ()
     lit.view_layers[0].layer_collection.children["Home"].exclude = False
     dark.data.energy, unshadowed.data.use_shadow, hidden.hide_render, black.data.color = 1, True, False, (1, 0, 0)
-    assert len(read(lit).lights) == 5 and lean.NO_SHADOWS not in read(lit).left_out
+    assert len(read(lit).lights) == 5 and leave_outs.NO_SHADOWS not in read(lit).left_out
     inside.data.use_nodes = True
     next(node for node in inside.data.node_tree.nodes if node.type == "EMISSION").inputs["Strength"].default_value = 0
     assert len(read(lit).lights) == 4
@@ -101,11 +101,11 @@ def test_objects_that_glow_and_lamps_in_instanced_collections_are_lights(lit):
 
 def test_what_is_not_looked_at_is_named_with_its_reason(lit):
     lamp(lit, "SUN")
-    assert read(lit).left_out == (lean.NO_MIRRORS,)
+    assert read(lit).left_out == (leave_outs.NO_MIRRORS,)
     lit.crowd_lod.shadows = False
-    assert (read(lit).left_out, read(lit).lights) == ((lean.NOT_WANTED,), ())
+    assert (read(lit).left_out, read(lit).lights) == ((leave_outs.NOT_WANTED,), ())
     lit.crowd_lod.shadows, lit.render.engine = True, "BLENDER_WORKBENCH"
-    assert (read(lit).left_out, read(lit).lights) == ((lean.WORKBENCH,), ())
+    assert (read(lit).left_out, read(lit).lights) == ((leave_outs.WORKBENCH,), ())
 
 
 def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the_build(lit):
@@ -134,7 +134,7 @@ def test_mirrors_are_the_flat_sides_of_the_marked_objects(lit):
     np.testing.assert_allclose(np.abs(mirror.normal), (1, 0, 0), atol=1e-6)
     np.testing.assert_allclose([mirror.corners.min(axis=0), mirror.corners.max(axis=0)], [(10, 0, 1), (10, 5, 4)], atol=1e-5)
     add(home, "Block", [(box(0, 0, 1, 2, 0, 3), material("Steel", (1, 1, 1)))])
-    assert len(read(lit).mirrors) == 7 and lean.NO_MIRRORS not in read(lit).left_out
+    assert len(read(lit).mirrors) == 7 and leave_outs.NO_MIRRORS not in read(lit).left_out
     bpy.ops.mesh.primitive_uv_sphere_add()
     ball = lit.objects[bpy.context.object.name]
     ball.name = "Ball"

@@ -7,10 +7,10 @@ PROGRAM = """
 import sys
 sys.modules["fast_simplification"] = None  # what an import of a package that is not installed meets
 import bpy, crowd_lod_extension
-from crowd_lod_extension.operators import cli, panels
+from crowd_lod_extension.operators.cli import commands
 crowd_lod_extension.register()
 assert hasattr(bpy.types.Scene, "crowd_lod")
-code = cli._run(["preview", "chapter", "--frames", "1", "--width", "64", "--quiet", "--out", sys.argv[1]], "crowd-lod")
+code = commands._run(["preview", "chapter", "--frames", "1", "--width", "64", "--quiet", "--out", sys.argv[1]], "crowd-lod")
 crowd_lod_extension.unregister()
 sys.exit(code)
 """

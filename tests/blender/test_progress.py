@@ -5,14 +5,14 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
-from crowd_lod_extension.operators import populate
-from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.operator import left_words
-from crowd_lod_extension.operators.populate import CROWDLOD_OT_populate
-from crowd_lod_extension.operators.preview import Preview, preview
-from crowd_lod_extension.operators.render_setup import prepared
-from crowd_lod_extension.operators.report import error
-from crowd_lod_extension.operators.verify import Verify, verify
+from crowd_lod_extension.operators.batch.error_report import error
+from crowd_lod_extension.operators.batch.preview import Preview, preview
+from crowd_lod_extension.operators.batch.verify import Verify, verify
+from crowd_lod_extension.operators.blender.operator import left_words
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.build.buttons import prepared
+from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.crowd.scene_crowd import CROWDLOD_OT_populate
 
 FAR = 10**6
 PATIENCE = 30.0  # seconds on a machine with much else to do; the way to FAR takes ten minutes
@@ -51,8 +51,8 @@ WORKS = previewed, verified, baked, reported, built
 def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_path, work):
     steps = work(levelled, tmp_path)
     before = set(bpy.data.user_map())
-    populate.forget()
-    while not any(1000 < crowds._recent[0][0] < FAR for crowds in populate._trajectories.values()):
+    scene_crowd.forget()
+    while not any(1000 < crowds._recent[0][0] < FAR for crowds in scene_crowd._trajectories.values()):
         next(steps)  # it is not on its way yet
     longest = 0.0
     for _ in range(10):

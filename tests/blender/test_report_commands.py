@@ -5,11 +5,11 @@ import json
 import os
 
 import pytest
-from crowd_lod_extension.operators import cli
+from crowd_lod_extension.operators.cli.commands import commands
 
 
 def run(*words):
-    return cli._run([str(word) for word in words], "crowd-lod")
+    return commands._run([str(word) for word in words], "crowd-lod")
 
 
 @pytest.mark.once

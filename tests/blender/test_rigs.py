@@ -3,13 +3,13 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.movers import action_range
-from crowd_lod_extension.operators.populate import characters_of, frame_of, measure_groups, store_groups, trajectory_of
-from crowd_lod_extension.operators.poses import POSES, make_cast
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import image_data, mesh_data, scene_data
+from crowd_lod_extension.operators.blender.rig_dependencies import action_range
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build.phase_characters import POSES, make_cast
+from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, frame_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 
 def instances(scene):
@@ -37,7 +37,7 @@ def itself(scene, group, phase):
     frame = first + phase * (last - first)
     stage.frame_set(int(frame // 1), subframe=frame % 1)
     depsgraph = stage.view_layers[0].depsgraph
-    points = [io.world_points(item.evaluated_get(depsgraph)) for item in objects if item.type == "MESH"]
+    points = [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects if item.type == "MESH"]
     bpy.data.scenes.remove(stage)
     return np.concatenate(points) - origin
 
@@ -53,7 +53,7 @@ def worst(scene, frame, agents=4):
         rate = trajectory.gaits.rates[crowd.group[agent], crowd.pace[agent]]
         seconds = frame * scene.render.fps_base / scene.render.fps
         phase = (crowd.phase_class[agent] / trajectory.gaits.classes + rate * seconds) % 1.0
-        angle = crowd.heading[agent] + io.rotation(scene.crowd_lod.forward)
+        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
         c, s = np.cos(angle), np.sin(angle)
         points = itself(scene, crowd.group[agent], phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
@@ -146,7 +146,7 @@ def test_what_no_rig_can_show_is_posed_and_keeps_what_materials_need(scene):
     low = scene.crowd_lod.groups[0].lowest
     for j in (0, 7, 20):
         scene.frame_set(1 + int(24 * j / POSES), subframe=24 * j / POSES % 1)
-        wanted = io.world_points(ball.evaluated_get(bpy.context.evaluated_depsgraph_get())) - (0, 0, low)
+        wanted = mesh_data.world_points(ball.evaluated_get(bpy.context.evaluated_depsgraph_get())) - (0, 0, low)
         points = np.array([vertex.co for vertex in balls[j].data.vertices])
         matrix = np.array(balls[j].matrix_basis)
         np.testing.assert_allclose(points @ matrix[:3, :3].T + matrix[:3, 3], wanted, atol=1e-5)
@@ -252,7 +252,7 @@ def test_rigs_share_the_meshes_of_the_lods(built):
 
 
 def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
-    from crowd_lod_extension.operators.bake import bake
+    from crowd_lod_extension.operators.build.bake import bake
 
     whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(builder.LIBRARY, -1) >= 0)
     list(bake(built, [3, 4]))
@@ -273,7 +273,7 @@ def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
 
 
 def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
-    from crowd_lod_extension.operators.bake import bake
+    from crowd_lod_extension.operators.build.bake import bake
 
     built.camera.animation_data_clear()
     built.camera.rotation_euler = (3.14, 0, 0)  # up
@@ -327,7 +327,7 @@ def test_neighbours_are_drawn_in_different_poses(built, tmp_path, engine):
         settings.build = None  # else the render would write the points anew
         built.render.filepath = str(tmp_path / f"{name}.png")
         bpy.ops.render.render(write_still=True)
-        alpha = io.load_pixels(tmp_path / f"{name}.png")[..., 3] > 127
+        alpha = image_data.load_pixels(tmp_path / f"{name}.png")[..., 3] > 127
         return alpha[:, :150], alpha[:, 150:]
 
     same = np.logical_xor(*silhouettes((5, 5), "same")).sum()

@@ -6,9 +6,9 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.operators import cameras, populate
-from crowd_lod_extension.operators import scene as io
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.operators.blender import cameras, image_data
+from crowd_lod_extension.operators.crowd import scene_crowd
 from mathutils.bvhtree import BVHTree
 
 FRAMES = (1, *range(10, 121, 10))
@@ -48,7 +48,7 @@ def digest(scene):
             out.update(repr([(tuple(p.vertices), p.material_index) for p in item.data.polygons]).encode())
             out.update(repr([(tuple(m.diffuse_color), m.roughness) for m in item.data.materials]).encode())
     settings = scene.crowd_lod
-    out.update(io.read_pixels(settings.map_image).tobytes())
+    out.update(image_data.read_pixels(settings.map_image).tobytes())
     out.update(settings.machine.as_string().encode())
     for setting in settings.bl_rna.properties:
         if setting.type not in ("POINTER", "COLLECTION"):
@@ -59,8 +59,8 @@ def digest(scene):
 
 def frames_of(scene):
     """The plan at each of FRAMES."""
-    trajectory = populate.trajectory_of(scene, populate.measure_groups(scene))
-    policy = populate.policy_of(scene.crowd_lod)
+    trajectory = scene_crowd.trajectory_of(scene, scene_crowd.measure_groups(scene))
+    policy = scene_crowd.policy_of(scene.crowd_lod)
     for frame in FRAMES:
         scene.frame_set(frame)
         depsgraph = scene.view_layers[0].depsgraph
@@ -84,10 +84,10 @@ def test_everything_is_set(name):
     assert settings.map_image.packed_file and scene.world and scene.camera
     assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 1, 120)
     assert (scene.render.resolution_x, scene.render.resolution_y) == (960, 540)
-    machine = populate.machine_of(settings)
-    world = populate.world_of(settings, machine)  # fails on a colour that is no label
+    machine = scene_crowd.machine_of(settings)
+    world = scene_crowd.world_of(settings, machine)  # fails on a colour that is no label
     assert set(np.unique(world.labels)) == set(range(len(machine.labels)))
-    groups = populate.measure_groups(scene)
+    groups = scene_crowd.measure_groups(scene)
     assert [group.stride > 0 for group in groups] == [True] * 3
     # the characters themselves do not stand in the picture
     shown = {item.name for item in scene.view_layers[0].objects}
@@ -124,8 +124,8 @@ def test_the_plaza_map_agrees_with_its_geometry():
         item.data.transform(item.matrix_basis)
         faces = [tuple(polygon.vertices) for polygon in item.data.polygons]
         trees.append(BVHTree.FromPolygons([vertex.co for vertex in item.data.vertices], faces))
-    machine = populate.machine_of(scene.crowd_lod)
-    world = populate.world_of(scene.crowd_lod, machine)
+    machine = scene_crowd.machine_of(scene.crowd_lod)
+    world = scene_crowd.world_of(scene.crowd_lod, machine)
     solid = np.isin(world.labels, [machine.labels.index("wall"), machine.labels.index("water")])
     # every other cell of the plaza itself, and every ninth of the ring of houses about it
     rows, columns = np.indices(solid.shape)

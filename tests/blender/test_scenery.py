@@ -4,7 +4,7 @@ import bpy
 import crowd_lod_extension
 import numpy as np
 import pytest
-from crowd_lod_extension.operators import scenery
+from crowd_lod_extension.operators.crowd import scenery
 
 
 @pytest.fixture

@@ -3,10 +3,11 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import machine as machines
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import populate, registration, trouble
-from crowd_lod_extension.operators.levels import make_levels
+from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
+from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.crowd import scene_crowd, stuck_agents
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
  "states": {"go": {"on": {"*": {"move": [%s, 0]}}}}}"""
@@ -35,12 +36,12 @@ def turns(scene):
 def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, forward):
     relief(scene)
     scene.crowd_lod.tilt, scene.crowd_lod.forward = True, forward
-    populate.store_groups(scene.crowd_lod, populate.measure_groups(scene))
+    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
     list(make_levels(scene))
     list(builder.build(scene))
     scene.frame_set(7)
-    frame = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
-    heights, found, checked = populate.trajectory_of(scene).heights, turns(scene), 0
+    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    heights, found, checked = scene_crowd.trajectory_of(scene).heights, turns(scene), 0
     own_forward = np.array({"X": (1, 0, 0), "-Y": (0, -1, 0)}[forward])
     steepest = 0.0
     for agent in frame.buckets.order:
@@ -63,10 +64,10 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
 
 def test_spheres_hold_characters_that_lean(scene):
     relief(scene)
-    groups = populate.measure_groups(scene)
-    heights = populate.heights_of(scene.crowd_lod, populate.trajectory_of(scene, groups).world.area)
+    groups = scene_crowd.measure_groups(scene)
+    heights = scene_crowd.heights_of(scene.crowd_lod, scene_crowd.trajectory_of(scene, groups).world.area)
     scene.crowd_lod.tilt = True
-    wide = populate.trajectory_of(scene, groups).groups
+    wide = scene_crowd.trajectory_of(scene, groups).groups
     assert all(w.radius > g.radius * 1.1 and w.centre == g.centre for w, g in zip(wide, groups, strict=True))
     x, y = np.random.default_rng(0).uniform(-20, 20, (2, 5000))
     slope = np.stack(heights.slope(x, y))
@@ -75,7 +76,7 @@ def test_spheres_hold_characters_that_lean(scene):
         away = np.linalg.norm(g.centre * normal - [[0], [0], [g.centre]], axis=0)
         assert (away + g.radius <= w.radius).all() and away.max() > 0.3 * (w.radius - g.radius)
     scene.crowd_lod.height_image = None
-    assert populate.trajectory_of(scene, groups).groups == groups
+    assert scene_crowd.trajectory_of(scene, groups).groups == groups
 
 
 def machine(scene, text):
@@ -87,7 +88,7 @@ def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
     machine(scene, STUCK % "1.5")
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
     assert "stand for good" in scene.crowd_lod.trouble and f"{scene.crowd_lod.count} agents" in scene.crowd_lod.trouble
-    found = trouble.find(populate.trajectory_of(scene))
+    found = stuck_agents.find(scene_crowd.trajectory_of(scene))
     (row,) = found.rows
     assert row["kind"] == "stuck" and row["agents"] == 300 and row["count"] == 300
     assert row["column"] == 63 and 19 < row["place"][0] < 20 and found.agents == 300
@@ -98,39 +99,39 @@ def test_populate_tells_who_is_stuck_and_forgets_it_when_all_is_well(scene):
 
 def test_the_search_for_trouble_is_bounded_and_says_so(scene, monkeypatch):
     machine(scene, STUCK % "1.5")
-    populate.store_groups(scene.crowd_lod, populate.measure_groups(scene))
-    monkeypatch.setattr(trouble, "MOST_AGENTS", 40)
-    few = trouble.find(populate.trajectory_of(scene))
+    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+    monkeypatch.setattr(stuck_agents, "MOST_AGENTS", 40)
+    few = stuck_agents.find(scene_crowd.trajectory_of(scene))
     assert few.agents == 40 and few.rows[0]["agents"] == 40
     assert "Only the first 40 of 300 agents" in few.sentence
     machine(scene, STUCK % "15000")
-    fast = trouble.find(populate.trajectory_of(scene))
+    fast = stuck_agents.find(scene_crowd.trajectory_of(scene))
     assert fast.seconds < 1 and "s ahead" in fast.sentence
 
 
 def test_thresholds_of_a_group_s_own_reach_the_frame_and_outlive_populate(scene):
     bpy.ops.crowd_lod.populate()
     settings = scene.crowd_lod
-    before = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    before = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     settings.groups[1].own_thresholds = True
     settings.groups[1].thresholds[:2] = (0.01, 0.02)
     settings.groups[1].sizes[:2] = (150, 90)
     assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    policy = populate.policy_of(settings)
+    policy = scene_crowd.policy_of(settings)
     assert policy.thresholds == (0.2, 0.5) and policy.group_thresholds == ((), (0.01, 0.02))
-    after = populate.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    after = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     own = after.crowd.group == 1
     assert (after.levels[~own] == before.levels[~own]).all()
     assert (before.levels[own & after.visible] < 2).any() and (after.levels[own & after.visible] == 2).all()
     settings.metric = "PIXELS"
-    assert populate.policy_of(settings).group_thresholds == ((), (150, 90))
+    assert scene_crowd.policy_of(settings).group_thresholds == ((), (150, 90))
 
 
 @pytest.mark.parametrize("name", machines.preset_names())
 def test_presets_come_as_text_that_the_artist_can_edit(scene, name):
     bpy.data.texts.new(f"{name}.json").from_string("mine")
     assert bpy.ops.crowd_lod.machine_preset(name=name) == {"FINISHED"}
-    assert populate.machine_of(scene.crowd_lod).text == machines.preset_text(name)
+    assert scene_crowd.machine_of(scene.crowd_lod).text == machines.preset_text(name)
     assert bpy.data.texts[f"{name}.json"].as_string().strip() == "mine"
 
 

@@ -1,12 +1,12 @@
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import chain
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.steps import finished
-from crowd_lod_extension.operators.deviation import measure_levels
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.populate import frame_of, groups_of, measure_groups, store_groups
+from crowd_lod_extension.crowd_lod.levels import selection
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of, measure_groups, store_groups
+from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from .characters import character, new, painted, tube
 
@@ -14,7 +14,7 @@ from .characters import character, new, painted, tube
 @pytest.fixture
 def striped(monkeypatch):
     """A tube with four broad stripes, and all its LODs by tolerance that save anything."""
-    monkeypatch.setattr(chain, "WORTH", 0)
+    monkeypatch.setattr(selection, "WORTH", 0)
     scene = bpy.context.scene
     item = new("body", tube("body"))
     image = bpy.data.images.new("stripes", 64, 64)

@@ -4,11 +4,11 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators import build as builder
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.bake import bake
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.populate import action_range, characters_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.blender import mesh_data
+from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build.bake import bake
+from crowd_lod_extension.operators.crowd.scene_crowd import action_range, characters_of, measure_groups, store_groups, trajectory_of
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 from .characters import character, new, rig, skin, tube
 
@@ -96,11 +96,13 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
         lone.frame_set(int(time), subframe=time % 1)
         for item in poses[j].objects:
             character_item = next(each for each in objects if item.name.startswith(f"{each.name} LOD"))
-            reals[item] = io.world_points(character_item.evaluated_get(lone.view_layers[0].depsgraph)) - origin
+            reals[item] = mesh_data.world_points(character_item.evaluated_get(lone.view_layers[0].depsgraph)) - origin
         lone.frame_set(7)
         for item, real in reals.items():
             size = np.linalg.norm(np.ptp(real, axis=0))
-            np.testing.assert_allclose(io.world_points(item.evaluated_get(lone.view_layers[0].depsgraph)), real, atol=2e-4 * size)
+            np.testing.assert_allclose(
+                mesh_data.world_points(item.evaluated_get(lone.view_layers[0].depsgraph)), real, atol=2e-4 * size
+            )
     bpy.data.scenes.remove(lone)
 
     list(bake(bare, frames))

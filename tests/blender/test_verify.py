@@ -8,10 +8,10 @@ from math import pi
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.proof import to_text
-from crowd_lod_extension.operators import cli
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.verify import PAIRS, Verify, verify
+from crowd_lod_extension.crowd_lod.validation.render_proof import to_text
+from crowd_lod_extension.operators.batch.verify import PAIRS, Verify, verify
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.cli.commands import commands
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
@@ -19,7 +19,7 @@ FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
 
 
 def run(*words):
-    return cli._run([str(word) for word in words], "crowd-lod")
+    return commands._run([str(word) for word in words], "crowd-lod")
 
 
 @pytest.fixture
@@ -73,8 +73,8 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
     names = ("a", "b", "bare", "c", "a_b", "a_bare", "a_c")
     pictures = {f"frame_{n:04d}_{name}.png" for n in (1, 30) for name in names}
     assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png"}
-    assert not io.load_pixels(out / "frame_0001_a_b.png")[..., :3].any()
-    assert io.load_pixels(out / "frame_0001_a_bare.png")[..., :3].any()
+    assert not image_data.load_pixels(out / "frame_0001_a_b.png")[..., :3].any()
+    assert image_data.load_pixels(out / "frame_0001_a_bare.png")[..., :3].any()
 
 
 def test_without_the_option_pixels_differ_and_with_a_margin_that_drops_agents_the_exit_code_is_1(lit, tmp_path, capfd):
@@ -175,7 +175,7 @@ def test_every_way_to_film_is_proven_as_it_is_rendered(lit, plain, tmp_path, fil
         return
     assert result["ok"] and row["b_pixels"] == 0 and row["bare_pixels"] > 0 and not result["left_out"]
     assert 0 < row["visible"] < row["agents"] and row["visible"] != without["visible"]
-    before, after = (io.load_pixels(folder / "frame_0007_a.png") for folder in (plain, tmp_path / "out"))
+    before, after = (image_data.load_pixels(folder / "frame_0007_a.png") for folder in (plain, tmp_path / "out"))
     assert after.shape[1] == before.shape[1] * (2 if filmed is stereo else 1)
     assert not np.array_equal(before, after[:, -before.shape[1] :])  # of the eyes the right one: the left one is the camera
     assert not [name for name in os.listdir(tmp_path / "out") if "_L" in name or "_R" in name]
@@ -192,7 +192,7 @@ def test_fast_agents_are_blurred_and_more_of_them_are_kept(lit, tmp_path):
         lit.render.use_motion_blur = blur
         rows[blur] = rendered(lit, tmp_path / str(blur))
     assert rows[True]["ok"] and rows[True]["frames"][0]["visible"] > rows[False]["frames"][0]["visible"]
-    sharp, soft = (io.load_pixels(tmp_path / str(blur) / "frame_0007_a.png").astype(int) for blur in (False, True))
+    sharp, soft = (image_data.load_pixels(tmp_path / str(blur) / "frame_0007_a.png").astype(int) for blur in (False, True))
     assert (np.abs(sharp - soft).max(axis=2) > 8).mean() > 0.02
 
 

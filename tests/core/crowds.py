@@ -1,7 +1,7 @@
 """Small crowds for the tests."""
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 
 
 def crowd_at(points, group=None):

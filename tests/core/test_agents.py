@@ -2,10 +2,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import bounding_sphere, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import bounding_sphere, populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.machine import load_preset
-from crowd_lod_extension.crowd_lod.maps import Area, edge_map
 
 MACHINE = load_preset("chapter")
 WORLD = edge_map(Area(-10, 5, 30, 25, 2.0), MACHINE.labels)

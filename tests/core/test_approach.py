@@ -5,12 +5,12 @@ import time
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import Group, populate
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.machine import load_preset, parse
-from crowd_lod_extension.crowd_lod.maps import Area, LabelMap, edge_map
-from crowd_lod_extension.crowd_lod.steps import aside, finished
+from crowd_lod_extension.crowd_lod.progress import aside, finished
 
 AREA = Area(-50, -50, 50, 50)
 FAR = 10**6  # frames, minutes away

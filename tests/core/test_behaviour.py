@@ -4,12 +4,13 @@ import weakref
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.behaviour import HOLD, Trajectory, advance, step
+from crowd_lod_extension.crowd_lod.behaviour.courant_number import courant
+from crowd_lod_extension.crowd_lod.behaviour.step import HOLD, advance, step
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.machine import load_preset, parse
-from crowd_lod_extension.crowd_lod.maps import Area, HeightMap, LabelMap, edge_map
-from crowd_lod_extension.crowd_lod.speeds import courant
 
 from .crowds import crowd_at, walker
 from .way import Agent

@@ -4,29 +4,31 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import blocks, curve, index_cache, lean
-from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
-from crowd_lod_extension.crowd_lod.camera import lens_blur, opened
-from crowd_lod_extension.crowd_lod.culling import radar
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
+from crowd_lod_extension.crowd_lod.culling import blocks
+from crowd_lod_extension.crowd_lod.culling.camera import lens_blur, opened
+from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.exact import scatter
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.levels import Bias, LevelPolicy, assign, limits
-from crowd_lod_extension.crowd_lod.maps import HeightMap
-from crowd_lod_extension.crowd_lod.shadows import Light, Mirror, Surroundings, surround
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.planning import index_cache
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.shadows import Light, Mirror, Surroundings, surround
+from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 
 from .crowds import crowd_at, walker
 from .test_culling import straight
-from .test_lean import AREA, IDLER, POLICY, ground, machine, random_table, raw, shot, walking
+from .test_leave_outs import AREA, IDLER, POLICY, ground, machine, random_table, raw, shot, walking
 
 pytestmark = pytest.mark.once
 
 
 @pytest.fixture(autouse=True)
 def small_crowds_stand_in_blocks(monkeypatch):
-    monkeypatch.setattr(curve, "FEWEST", 1)
+    monkeypatch.setattr(morton_order, "FEWEST", 1)
     monkeypatch.setattr(blocks, "FIRST", 4)  # so that some hundred agents have three tiers
 
 
@@ -48,7 +50,7 @@ def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
 def compare(trajectory, camera, policy=POLICY, time=9, *more):
     """The plan by blocks, after it was compared with that of testing every agent."""
     frame, full = plan(trajectory, camera, policy, time, *more), plan(trajectory, camera, policy, time, *more, lean=False)
-    assert lean.BLOCKS in frame.left_out or lean.STATIC in frame.left_out
+    assert leave_outs.BLOCKS in frame.left_out or leave_outs.STATIC in frame.left_out
     assert raw(frame) == raw(full)
     visible, levels = one_by_one(trajectory, camera, policy, time, *more)
     assert (frame.visible == visible).all() and (frame.levels == levels).all()
@@ -154,7 +156,7 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         group = replace(walker(), centre=0.0, radius=float(radius[0]))
         margin, radial = random.choice([None, 0.25]), bool(random.integers(2))
         begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
-        order = blocks.filled(curve.order_of(crowd.x, crowd.y, crowd.group, AREA))
+        order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
         found = blocks.blocks_of(crowd, order, (group,), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
         levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], begin, margin, radial))
@@ -187,7 +189,7 @@ def test_the_order_is_of_groups_along_a_curve_and_holds_every_agent_once():
     crowd = populate(3000, 1, 3, machine(), ground())
     mixed = replace(crowd, group=np.random.default_rng(0).permutation(crowd.group))
     for each in (crowd, mixed):
-        order = curve.order_of(each.x, each.y, each.group, AREA)
+        order = morton_order.order_of(each.x, each.y, each.group, AREA)
         assert sorted(order) == list(range(3000)) and (np.diff(each.group[order].astype(int)) >= 0).all()
         step = np.hypot(np.diff(each.x[order]), np.diff(each.y[order]))
         assert np.median(step) < np.hypot(80, 100) / 30
@@ -272,8 +274,8 @@ def test_who_comes_back_at_the_other_side_of_the_map_stands_on_other_ground():
 
 
 def test_blocks_are_kept_of_large_crowds_alone(monkeypatch):
-    monkeypatch.setattr(curve, "FEWEST", 401)
+    monkeypatch.setattr(morton_order, "FEWEST", 401)
     assert index_cache.blocks_at(shot(count=400), 1) is None
     big = Trajectory(*[getattr(shot(count=401), name) for name in ("start", "machine", "world", "groups", "seconds_per_frame")])
     big.at(1)
-    assert index_cache.blocks_at(big, 1)[0] == 1 and lean.BLOCKS in big.left_out
+    assert index_cache.blocks_at(big, 1)[0] == 1 and leave_outs.BLOCKS in big.left_out

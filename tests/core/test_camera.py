@@ -2,19 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
-from crowd_lod_extension.crowd_lod.camera import (
-    crop,
-    frustum_corners,
-    lens_blur,
-    opened,
-    planes,
-    referential,
-    window,
-)
-from crowd_lod_extension.crowd_lod.culling import radar
+from crowd_lod_extension.crowd_lod.culling.camera import crop, frustum_corners, lens_blur, opened, planes, referential, window
+from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.culling.stereo import Stereo, eye, spherical
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.stereo import Stereo, eye, spherical
+from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 
 from .crowds import crowd_at
 from .test_culling import ONE, straight, turned

@@ -3,12 +3,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.audit import LENSES, audit, random_camera
-from crowd_lod_extension.crowd_lod.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.culling import BLOCK, lost, radar, refuse_lost
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.culling.radar import BLOCK, lost, radar, refuse_lost
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.exact import gap, scatter, seen, sees
-from crowd_lod_extension.crowd_lod.extremes import table, to_text
+from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter, seen, sees
+from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, to_text
 
 from .crowds import crowd_at
 

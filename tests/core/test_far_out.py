@@ -5,19 +5,20 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import blocks, curve
-from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
-from crowd_lod_extension.crowd_lod.camera import planes
-from crowd_lod_extension.crowd_lod.culling import radar
-from crowd_lod_extension.crowd_lod.exact import sees
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.maps import Area, LabelMap
-from crowd_lod_extension.crowd_lod.shadows import Light, Surroundings, shaded, surround, view
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd import morton_order
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.culling import blocks
+from crowd_lod_extension.crowd_lod.culling.camera import planes
+from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.shadows import Light, Surroundings, shaded, surround, view
+from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
 from .crowds import crowd_at, walker
 from .test_behaviour import machine_of
-from .test_lean import POLICY
+from .test_leave_outs import POLICY
 
 pytestmark = pytest.mark.once
 
@@ -73,7 +74,7 @@ def shot(feet):
 @pytest.mark.parametrize("away", [0.0, 1e3, 1e5, 1e6, 1e7])
 @pytest.mark.parametrize("lens", LENSES)
 def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
-    monkeypatch.setattr(curve, "FEWEST", 1)
+    monkeypatch.setattr(morton_order, "FEWEST", 1)
     monkeypatch.setattr(blocks, "FIRST", 4)
     random, missed, beside = np.random.default_rng([list(LENSES).index(lens), int(away)]), 0, 0
     for _ in range(8):

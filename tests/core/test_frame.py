@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.levels import Bias, LevelPolicy
-from crowd_lod_extension.crowd_lod.machine import load_preset
-from crowd_lod_extension.crowd_lod.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.frame import plan
 
 from .crowds import walker
 from .test_culling import straight

@@ -4,15 +4,16 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import behaviour, curve, lean
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.index_cache import blocks_at
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.crowd_lod.maps import HeightMap
+from crowd_lod_extension.crowd_lod.behaviour import trajectory as trajectory_file
+from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
+from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.index_cache import blocks_at
 
 from .crowds import walker
 from .test_culling import straight
-from .test_lean import AREA, raw, shot, walking
+from .test_leave_outs import AREA, raw, shot, walking
 
 COUNT = 500_000
 
@@ -42,18 +43,18 @@ def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights)
     frames = []
     assert peak(lambda: frames.append(plan(trajectory, camera, policy, 81))) <= 16
     frame = frames[0]
-    assert lean.BLOCKS in frame.left_out and len(frame.buckets.order) > 0.3 * COUNT
+    assert leave_outs.BLOCKS in frame.left_out and len(frame.buckets.order) > 0.3 * COUNT
     assert peak(lambda: (frame.visible, frame.levels)) <= 16
     assert np.count_nonzero(frame.visible) == len(frame.buckets.order)
 
 
 def test_a_long_shot_keeps_few_crowds_and_stays_a_function_of_the_frame(monkeypatch):
-    monkeypatch.setattr(curve, "FEWEST", 1)
+    monkeypatch.setattr(morton_order, "FEWEST", 1)
     camera, policy = straight(offset=(0, -30, 0)), LevelPolicy((0.3, 0.6))
     times = 700, 130, 500, 65, 64.5, 300, 129, 1, 499.25, 700
     free = shot(walking("wrap"), count=300)
     right = [raw(plan(free, camera, policy, time)) for time in times]
-    monkeypatch.setattr(behaviour, "MOST_KEPT", 300 * 26 * 10)
+    monkeypatch.setattr(trajectory_file, "MOST_KEPT", 300 * 26 * 10)
     tight = shot(walking("wrap"), count=300)
     for time, expected in zip(times, right, strict=True):
         assert raw(plan(tight, camera, policy, time)) == expected

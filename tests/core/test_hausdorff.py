@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import hausdorff
+from crowd_lod_extension.crowd_lod.simplification import hausdorff
 
 
 def away(points, corners):

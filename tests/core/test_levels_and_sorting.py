@@ -3,13 +3,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.audit import random_camera
-from crowd_lod_extension.crowd_lod.camera import Window
-from crowd_lod_extension.crowd_lod.culling import ROUNDING, radar
+from crowd_lod_extension.crowd_lod.crowd.maps import Area
+from crowd_lod_extension.crowd_lod.culling.camera import Window
+from crowd_lod_extension.crowd_lod.culling.radar import ROUNDING, radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels import Bias, LevelPolicy, assign, hold, limits
-from crowd_lod_extension.crowd_lod.maps import Area
-from crowd_lod_extension.crowd_lod.sorting import sort
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, hold, limits
+from crowd_lod_extension.crowd_lod.sorting.buckets import sort
+from crowd_lod_extension.crowd_lod.validation.culling_audit import random_camera
 
 from .crowds import crowd_at
 from .test_culling import straight

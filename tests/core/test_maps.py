@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.crowd.maps import MOST_SQUARE, Area, HeightMap, LabelMap, edge_map, labels_from_colours
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.maps import MOST_SQUARE, Area, HeightMap, LabelMap, edge_map, labels_from_colours
 
 COLOURS = np.array([[128, 128, 128], [255, 0, 0]], np.uint8)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import Group, populate
-from crowd_lod_extension.crowd_lod.behaviour import step
+from crowd_lod_extension.crowd_lod.behaviour.step import step
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.machine import load_preset
 from crowd_lod_extension.sample_scenes import NAMES, make, plaza_map
 
 WALK = Group("walker", centre=0.9, radius=1.0, stride=1.35, period=1.0)

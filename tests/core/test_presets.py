@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.agents import populate
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
-from crowd_lod_extension.crowd_lod.machine import load_preset
-from crowd_lod_extension.crowd_lod.maps import Area, LabelMap
-from crowd_lod_extension.crowd_lod.walk import trouble
+from crowd_lod_extension.crowd_lod.behaviour.exact_walk import trouble
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 
 from .crowds import walker
 

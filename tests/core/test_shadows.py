@@ -2,13 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.audit import LENSES, random_camera
-from crowd_lod_extension.crowd_lod.camera import Camera, Window
-from crowd_lod_extension.crowd_lod.culling import radar
-from crowd_lod_extension.crowd_lod.exact import gap, scatter
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.crowd_lod.shadows import (
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.shadows import (
     Light,
     Mirror,
     Surroundings,
@@ -19,6 +17,8 @@ from crowd_lod_extension.crowd_lod.shadows import (
     view,
     within,
 )
+from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter
 
 from .crowds import crowd_at
 from .test_culling import ONE, straight

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod import raster, silhouette
+from crowd_lod_extension.crowd_lod.simplification import rasterizer
+from crowd_lod_extension.crowd_lod.validation import silhouette
 
 from .test_culling import straight
 
@@ -20,9 +21,9 @@ def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
     for a, b, c in corners:
         sides = [(q[0] - p[0]) * (row - p[1]) - (q[1] - p[1]) * (column - p[0]) for p, q in ((a, b), (b, c), (c, a))]
         alone = np.all([s >= 0 for s in sides], axis=0) | np.all([s <= 0 for s in sides], axis=0)
-        assert (raster.mask(np.array([[a, b, c]]), shape) == alone).all()
+        assert (rasterizer.mask(np.array([[a, b, c]]), shape) == alone).all()
         expected |= alone
-    assert (raster.mask(corners, shape) == expected).all() and 0.2 < expected.mean() < 1
+    assert (rasterizer.mask(corners, shape) == expected).all() and 0.2 < expected.mean() < 1
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -32,32 +33,32 @@ def test_a_mask_has_no_holes_where_centres_lie_on_edges(seed):
     corners = random.integers(-20, 100, (40, 3, 2)) / 2
     corners[::4, 2] = corners[::4, 1] + 0.3 * (corners[::4, 0] - corners[::4, 1])
     one_by_one = np.zeros((30, 40), bool)
-    for pixel, _, _ in raster.cover(corners, one_by_one.shape):
+    for pixel, _, _ in rasterizer.cover(corners, one_by_one.shape):
         one_by_one.ravel()[pixel] = True
-    assert (raster.mask(corners, one_by_one.shape) == one_by_one).all() and one_by_one.any()
+    assert (rasterizer.mask(corners, one_by_one.shape) == one_by_one).all() and one_by_one.any()
 
 
 def test_what_is_seen_is_the_nearest_triangle_with_its_weights(monkeypatch):
     random = np.random.default_rng(2)
     corners, depth = random.uniform(0, 40, (50, 3, 2)), random.uniform(1, 9, (50, 3))
-    pixel, triangle, weights = raster.nearest(corners, depth, (40, 40))
-    assert len(np.unique(pixel)) == len(pixel) == raster.mask(corners, (40, 40)).sum()
+    pixel, triangle, weights = rasterizer.nearest(corners, depth, (40, 40))
+    assert len(np.unique(pixel)) == len(pixel) == rasterizer.mask(corners, (40, 40)).sum()
     at = np.einsum("kc,kcd->kd", weights, corners[triangle])
     np.testing.assert_allclose(at, np.stack([pixel % 40, pixel // 40], 1) + 0.5, atol=1e-9)
     seen = (weights * depth[triangle]).sum(axis=1)
     for other in range(50):  # each triangle's own plane lies behind, wherever it covers
-        own_pixel, _, own_weights = raster.nearest(corners[[other]], depth[[other]], (40, 40))
+        own_pixel, _, own_weights = rasterizer.nearest(corners[[other]], depth[[other]], (40, 40))
         place = np.searchsorted(pixel, own_pixel)
         assert (own_weights @ depth[other] >= seen[place] - 1e-9).all()
-    monkeypatch.setattr(raster, "MOST_PAIRS", 500)  # in many parts
-    again = raster.nearest(corners, depth, (40, 40))
+    monkeypatch.setattr(rasterizer, "MOST_PAIRS", 500)  # in many parts
+    again = rasterizer.nearest(corners, depth, (40, 40))
     assert all((a == b).all() for a, b in zip(again, (pixel, triangle, weights), strict=True))
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_shift_is_the_hausdorff_distance_of_the_areas_by_brute_force(seed):
     random = np.random.default_rng(seed)
-    one, other = (raster.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
+    one, other = (rasterizer.mask(random.uniform(0, 40, (3, 3, 2)), (40, 50)) for _ in range(2))
     a, b = np.argwhere(one), np.argwhere(other)
     apart = np.linalg.norm(a[:, None] - b[None], axis=2)
     assert silhouette.shift(one, other) == pytest.approx(max(apart.min(axis=0).max(), apart.min(axis=1).max()))

@@ -2,8 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy, grain, limits
-from crowd_lod_extension.crowd_lod.textures import halvings, scaled, texel
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, grain, limits
+from crowd_lod_extension.crowd_lod.levels.texture_scale import halvings, scaled, texel
 
 from .test_culling import straight
 

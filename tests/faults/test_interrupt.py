@@ -28,8 +28,8 @@ sys.path.append({str(ROOT / "tests")!r})
 import rough
 rough.use("crowd_lod_extension")
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.populate import measure_groups, store_groups
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, store_groups
 bpy.ops.wm.read_homefile(use_empty=True)
 scene = bpy.context.scene
 sample_scenes.make("chapter", scene)
@@ -55,9 +55,9 @@ FILES = 300
 RENAMES = f"""
 import sys, time
 from pathlib import Path
-from crowd_lod_extension.crowd_lod import interrupt
+from crowd_lod_extension.crowd_lod.reporting import interrupt
 interrupt.heed()
-from crowd_lod_extension.crowd_lod.outputs import staged
+from crowd_lod_extension.crowd_lod.reporting.files import staged
 with interrupt.work(), staged(Path(sys.argv[1])) as stage:
     for k in range({FILES}):
         if k == {FILES} - 10:

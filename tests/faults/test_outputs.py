@@ -59,7 +59,7 @@ def trials(tmp_path_factory):
 def start(trials, name, out):
     """The command as a process of its own."""
     words = [trials.scene if word == "SCENE" else word for word in COMMANDS[name][0]] + ["--out", out]
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli", *words]
+    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *words]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
@@ -225,7 +225,7 @@ def test_names_too_long_and_a_working_folder_that_is_gone_are_one_sentence(trial
     gone = tmp_path / "gone"
     gone.mkdir()
     words = [trials.scene if word == "SCENE" else word for word in COMMANDS[name][0]] + ["--out", "out" + suffix]
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli", *map(str, words)]
+    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *map(str, words)]
     leave = lambda: os.rmdir(gone)  # noqa: E731
     run = subprocess.run(command, cwd=gone, preexec_fn=leave, capture_output=True, text=True)
     said = run.stderr.removeprefix("sh: 0: getcwd() failed: No such file or directory\n")  # of a shell that Blender starts

@@ -9,8 +9,9 @@ from pathlib import Path
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.picking import account
-from crowd_lod_extension.operators import cameras, populate
+from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account
+from crowd_lod_extension.operators.blender import cameras
+from crowd_lod_extension.operators.crowd import scene_crowd
 
 from ..blender import conftest
 
@@ -26,10 +27,10 @@ VALUES = (
 )
 LITTLE = """
 import resource, sys
-from crowd_lod_extension.operators import cli
+from crowd_lod_extension.operators.cli import commands
 taken = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (taken + (400 << 20),) * 2)
-sys.exit(cli.main(sys.argv[1:]))
+sys.exit(commands.main(sys.argv[1:]))
 """
 TRIALS = 20 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 STEPS = ("build", "bake", "populate", "remove_build", "measure_levels", "make_levels", "frame", "look")
@@ -102,8 +103,8 @@ def step(scene, name):
         scene.frame_set(2)
     elif name == "look":
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        frame, trajectory = populate.frame_of(scene, depsgraph), populate.trajectory_of(scene)
-        eyes, policy = cameras.read_cameras(scene, depsgraph), populate.policy_of(scene.crowd_lod)
+        frame, trajectory = scene_crowd.frame_of(scene, depsgraph), scene_crowd.trajectory_of(scene)
+        eyes, policy = cameras.read_cameras(scene, depsgraph), scene_crowd.policy_of(scene.crowd_lod)
         account(frame, 0, trajectory.groups, trajectory.machine, eyes, policy, None)
     else:
         getattr(bpy.ops.crowd_lod, name)()

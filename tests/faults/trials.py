@@ -12,7 +12,7 @@ from pathlib import Path
 
 import bpy
 import crowd_lod_extension
-from crowd_lod_extension.operators import cli
+from crowd_lod_extension.operators.cli.commands import commands
 
 sys.path.append(str(Path(__file__).parents[1]))
 import rough  # noqa: E402
@@ -39,7 +39,7 @@ def trial(words: list[str], limit: int | None) -> dict:
     hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     resource.setrlimit(resource.RLIMIT_FSIZE, (hard if limit is None else limit, hard))
     try:
-        status = operator(*words[1:]) if words[0] == "operator" else cli._run(words, "crowd-lod")
+        status = operator(*words[1:]) if words[0] == "operator" else commands._run(words, "crowd-lod")
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (hard, hard))
         sys.stderr.flush()
@@ -54,8 +54,8 @@ def trial(words: list[str], limit: int | None) -> dict:
 def small(file: Path) -> None:
     """A crowd of 60 with its LODs, and little to render."""
     from crowd_lod_extension import sample_scenes
-    from crowd_lod_extension.operators.levels import make_levels
-    from crowd_lod_extension.operators.populate import measure_groups, store_groups
+    from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, store_groups
+    from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
     scene = bpy.context.scene

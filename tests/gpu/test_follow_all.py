@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.operators import overlay
-from crowd_lod_extension.operators.populate import frame_of
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+from crowd_lod_extension.operators.overlay import viewport_overlay
 
 
 @pytest.fixture
@@ -39,7 +39,7 @@ def scene():
 def shown(scene):
     layer = scene.view_layers[0]
     layer.update()
-    return overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
+    return viewport_overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
 
 
 def image(name, value):
@@ -78,21 +78,21 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     scene.render.use_motion_blur, scene.render.motion_blur_shutter = True, 1.0
     names = {s.name for s in bpy.data.scenes}
     shown(scene)
-    assert bpy.app.timers.is_registered(overlay._read_shutters)
+    assert bpy.app.timers.is_registered(viewport_overlay._read_shutters)
     assert {s.name for s in bpy.data.scenes} == names
-    assert 0 < overlay._read_shutters() <= overlay.REST  # other frames may come
-    monkeypatch.setattr(overlay, "REST", 0.0)
-    assert overlay._read_shutters() is None
+    assert 0 < viewport_overlay._read_shutters() <= viewport_overlay.REST  # other frames may come
+    monkeypatch.setattr(viewport_overlay, "REST", 0.0)
+    assert viewport_overlay._read_shutters() is None
     blurred = assert_as_planned(scene)
     assert (blurred.visible >= still.frame.visible).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
-    monkeypatch.setattr(overlay._faster, "plan", None)
+    monkeypatch.setattr(viewport_overlay._faster, "plan", None)
     assert shown(scene).frame is blurred
 
 
 def test_a_painted_detail_map_is_seen_and_one_that_stays_is_kept(scene, monkeypatch):
     scene.crowd_lod.bias_image = image("bias", 128 / 255)
     first = shown(scene)
-    monkeypatch.setattr(overlay, "LOOK_AGAIN", 0.0)
+    monkeypatch.setattr(viewport_overlay, "LOOK_AGAIN", 0.0)
     assert shown(scene) is first
     scene.crowd_lod.bias_image.pixels.foreach_set(np.zeros(64, np.float32))
     assert (shown(scene).frame.levels >= first.frame.levels).all() and shown(scene).frame.levels.sum() > first.frame.levels.sum()
@@ -104,7 +104,7 @@ def test_hysteresis_holds_back_changes_of_lod_in_the_overlay_alone(scene):
     for width in (0.0, 0.3):
         scene.crowd_lod.hysteresis = width
         scene.frame_set(1)
-        overlay._shown.clear()
+        viewport_overlay._shown.clear()
         before, count = shown(scene).frame, 0
         assert (before.levels == frame_of(scene, scene.view_layers[0].depsgraph).levels).all()
         for step in (3, -3, 3, -3):

@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import bpy
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.lean import NO_HEIGHTS, STATIC
-from crowd_lod_extension.crowd_lod.maps import Area
-from crowd_lod_extension.crowd_lod.picking import Account
-from crowd_lod_extension.operators import hud, inset
-from crowd_lod_extension.operators.cameras import camera_from
-from crowd_lod_extension.operators.drawing import Batches
-from crowd_lod_extension.operators.levels import TINTS
-from crowd_lod_extension.operators.srgb import encoded
-from crowd_lod_extension.operators.viewpoint import camera_of, viewpoint
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_HEIGHTS, STATIC
+from crowd_lod_extension.crowd_lod.crowd.maps import Area
+from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import Account
+from crowd_lod_extension.operators.blender.cameras import camera_from
+from crowd_lod_extension.operators.blender.color_space import encoded
+from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
+from crowd_lod_extension.operators.overlay import hud, inset
+from crowd_lod_extension.operators.overlay.gpu_draw import Batches
+from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
 
 from .test_overlay import AGENTS, GROUPS, planned
 

@@ -4,9 +4,10 @@ import gc
 import weakref
 
 import bpy
-from crowd_lod_extension.operators import overlay, programs, registration
+from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.overlay import shader_programs, viewport_overlay
 
-from .test_follow import scene, shown  # noqa: F401  a fixture
+from .test_frame_update import scene, shown  # noqa: F401  a fixture
 from .test_hud import hud, inset
 
 
@@ -18,7 +19,10 @@ def left():
         "classes": [name for name in dir(bpy.types) if name.startswith("CROWDLOD_")],
         "operators": dir(bpy.ops.crowd_lod),
         "properties": hasattr(bpy.types.Scene, "crowd_lod"),
-        "timers": [bpy.app.timers.is_registered(f) for f in (overlay._redraw_sidebars, overlay._read_shutters, overlay._stop)],
+        "timers": [
+            bpy.app.timers.is_registered(f)
+            for f in (viewport_overlay._redraw_sidebars, viewport_overlay._read_shutters, viewport_overlay._stop)
+        ],
     }
 
 
@@ -37,28 +41,31 @@ def test_a_hundred_times_registered_leaves_nothing():
 
 def test_unregistering_lets_go_of_what_is_on_the_gpu(scene):  # noqa: F811
     now = shown(scene)
-    overlay._picture_from_above(now, 1.0)
-    assert overlay._picture_from_above(now, 1.0) is now.above  # painted once
+    viewport_overlay._picture_from_above(now, 1.0)
+    assert viewport_overlay._picture_from_above(now, 1.0) is now.above  # painted once
     assert (now.above.width, now.above.height) == inset.SIZE and inset.nbytes(now.above) == 4 * inset.SIZE[0] * inset.SIZE[1]
-    assert overlay._picture_from_above(now, 2.0).width == 2 * inset.SIZE[0]
+    assert viewport_overlay._picture_from_above(now, 2.0).width == 2 * inset.SIZE[0]
     kept = weakref.ref(now.batches)
-    programs.points()
+    shader_programs.points()
     registration.unregister()
     try:
         del now
         gc.collect()
-        assert kept() is None and not overlay._shown
-        assert all(program.cache_info().currsize == 0 for program in (programs.points, programs.lines, programs.meshes))
+        assert kept() is None and not viewport_overlay._shown
+        assert all(
+            program.cache_info().currsize == 0
+            for program in (shader_programs.points, shader_programs.lines, shader_programs.meshes)
+        )
     finally:
         registration.register()
 
 
 def test_the_account_is_of_the_agent_that_the_settings_name(scene):  # noqa: F811
     now = shown(scene)
-    assert overlay.account_of(scene) is None
+    assert viewport_overlay.account_of(scene) is None
     scene.crowd_lod.agent = 5
-    found = overlay.account_of(scene)
+    found = viewport_overlay.account_of(scene)
     assert (found.agent, found.level, found.visible) == (5, now.frame.levels[5], now.frame.visible[5])
     assert any(line.text.startswith("Agent 5,") for line in hud.lines(now.frame, 0.0, 0, found))
     scene.crowd_lod.agent = 200  # of 200
-    assert overlay.account_of(scene) is None
+    assert viewport_overlay.account_of(scene) is None

@@ -7,14 +7,14 @@ import gpu
 import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.crowd_lod.agents import Group
-from crowd_lod_extension.crowd_lod.animation import SkinnedMesh, pose, skin, stance
-from crowd_lod_extension.operators import drawing as gpu_side
-from crowd_lod_extension.operators import joints, programs
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.drawing import Batches, Cast, paint
-from crowd_lod_extension.operators.joints import Character, bake
-from crowd_lod_extension.operators.points import Drawing
+from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, pose, skin, stance
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
+from crowd_lod_extension.operators.blender import cleanup, mesh_data
+from crowd_lod_extension.operators.overlay import gpu_draw as gpu_side
+from crowd_lod_extension.operators.overlay import shader_programs, skinned_characters
+from crowd_lod_extension.operators.overlay.draw_data import Drawing
+from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
+from crowd_lod_extension.operators.overlay.skinned_characters import Character, bake
 from mathutils import Matrix, kdtree
 
 WIDTH, HEIGHT = 640, 480
@@ -91,7 +91,7 @@ def placed(what, cast, group, level) -> np.ndarray:
     """Where the shader puts each vertex of the mesh, (agents, vertices, 3): the pixels of a float32 target."""
     mesh = cast.characters[group].meshes[level]
     kind = cast.kind(level, group)
-    info, between = programs.mesh_interface(kind), gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
+    info, between = shader_programs.mesh_interface(kind), gpu.types.GPUStageInterfaceInfo("crowd_lod_read_back")
     between.flat("VEC3", "world")
     info.vertex_out(between)
     info.fragment_out(0, "VEC4", "result")
@@ -105,7 +105,7 @@ def placed(what, cast, group, level) -> np.ndarray:
       gl_Position = vec4(2.0 * pixel - 1.0, 0.0, 1.0) + 0.0 * vec4(texelFetch(palette, ivec2(0), 0).x);
       gl_PointSize = 1.0;
     }}"""
-    info.vertex_source(programs.source("common.glsl") + main)
+    info.vertex_source(shader_programs.source("common.glsl") + main)
     info.fragment_source("void main() { result = vec4(world, 1.0); }")
     shader = gpu.shader.create_from_info(info)
     batches = Batches(what, cast)
@@ -166,7 +166,7 @@ def test_the_shader_skins_as_blender_does(scene, cast, group, level):
     home = homes(scene, group)[level]
     items = [item for item in home.all_objects if item.type == "MESH"]
     assert len(items) == (3 if group == 0 else 1)
-    with io.scratch():
+    with cleanup.scratch():
         stage = bpy.data.scenes.new("oracle")
         for item in items:
             stage.collection.objects.link(item)
@@ -176,7 +176,7 @@ def test_the_shader_skins_as_blender_does(scene, cast, group, level):
             mine = placed(what, cast, group, level)[0].astype(float)
             stage.frame_set(1 + frame)
             depsgraph = stage.view_layers[0].depsgraph
-            blenders = np.concatenate([io.world_points(item.evaluated_get(depsgraph)) for item in items])
+            blenders = np.concatenate([mesh_data.world_points(item.evaluated_get(depsgraph)) for item in items])
             blenders = blenders - home.instance_offset  # the cone swings below the ground, and the adult stands on it
             diagonal = np.linalg.norm(np.ptp(blenders, axis=0))
             assert max(apart(mine, blenders), apart(blenders, mine)) < 1e-4 * diagonal
@@ -200,9 +200,9 @@ def test_baking_leaves_the_file_as_it_was(scene):
 
 
 def test_baking_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, characters, monkeypatch):
-    monkeypatch.setattr(joints, "TICK", 0.0)  # a frame at a time
+    monkeypatch.setattr(skinned_characters, "TICK", 0.0)  # a frame at a time
     before = {block.name_full for block in bpy.data.user_map()}
-    steps, progress = joints.baking("0", lambda: homes(scene, 0)), []
+    steps, progress = skinned_characters.baking("0", lambda: homes(scene, 0)), []
     while True:
         try:
             progress.append(next(steps))

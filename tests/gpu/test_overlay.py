@@ -7,18 +7,18 @@ import gpu
 import numpy as np
 import pytest
 from bpy_extras.object_utils import world_to_camera_view
-from crowd_lod_extension.crowd_lod.agents import Crowd, Group
-from crowd_lod_extension.crowd_lod.behaviour import Trajectory
-from crowd_lod_extension.crowd_lod.camera import Camera, Window, frustum_corners
-from crowd_lod_extension.crowd_lod.frame import plan
-from crowd_lod_extension.crowd_lod.levels import LevelPolicy
-from crowd_lod_extension.crowd_lod.machine import load_preset
-from crowd_lod_extension.crowd_lod.maps import Area, edge_map
-from crowd_lod_extension.operators import points
-from crowd_lod_extension.operators.drawing import POINT_PIXELS, Batches, paint
-from crowd_lod_extension.operators.levels import TINTS
-from crowd_lod_extension.operators.points import CULLED, FRUSTUM, Style, drawing
-from crowd_lod_extension.operators.srgb import encoded
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window, frustum_corners
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.operators.blender.color_space import encoded
+from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
+from crowd_lod_extension.operators.overlay import draw_data
+from crowd_lod_extension.operators.overlay.draw_data import CULLED, FRUSTUM, Style, drawing
+from crowd_lod_extension.operators.overlay.gpu_draw import POINT_PIXELS, Batches, paint
 from mathutils import Matrix, Vector
 
 WIDTH, HEIGHT = 320, 240
@@ -181,7 +181,7 @@ def test_points_are_in_order_of_lod_and_those_culled_last():
 
 def test_of_many_culled_agents_a_part_shows_and_all_those_seen(monkeypatch):
     frame, every = planned()
-    monkeypatch.setattr(points, "MOST_CULLED", 3)  # of six agents every second may show where it is culled, the fifth is
+    monkeypatch.setattr(draw_data, "MOST_CULLED", 3)  # of six agents every second may show where it is culled, the fifth is
     some = drawing(frame, GROUPS)
     assert len(every.positions) == 6 and (some.positions == every.positions[:5]).all()
     assert (some.colours == every.colours[:5]).all() and (some.sizes == every.sizes[:5]).all()

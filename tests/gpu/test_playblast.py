@@ -7,13 +7,14 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.operators import cli, playblast
-from crowd_lod_extension.operators import scene as io
-from crowd_lod_extension.operators.drawing import Batches, Cast, paint
-from crowd_lod_extension.operators.levels import make_levels
-from crowd_lod_extension.operators.points import Style, drawing
-from crowd_lod_extension.operators.populate import frame_of, groups_of
-from crowd_lod_extension.operators.srgb import linear
+from crowd_lod_extension.operators.blender import image_data, mesh_data
+from crowd_lod_extension.operators.blender.color_space import linear
+from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.overlay import playblast
+from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
+from crowd_lod_extension.operators.overlay.gpu_draw import Batches, Cast, paint
 
 WIDTH, HEIGHT = SIZE = 320, 180
 
@@ -63,7 +64,9 @@ def test_agents_and_scenery_hide_each_other(scene, canvas):
     both = pictured(canvas, scene, crowd)
     agents = (both != alone).any(axis=-1)
     assert 0.05 < agents.mean() < 0.9  # ground and sky are not hidden
-    wall = io.new_mesh("wall", np.array([(0.0, -9, -2), (9, -9, -2), (9, 9, -2), (0, 9, -2)]), np.array([(0, 1, 2), (0, 2, 3)]))
+    wall = mesh_data.new_mesh(
+        "wall", np.array([(0.0, -9, -2), (9, -9, -2), (9, 9, -2), (0, 9, -2)]), np.array([(0, 1, 2), (0, 2, 3)])
+    )
     item = bpy.data.objects.new("wall", wall)  # over the right half of the picture, 2 m before the camera
     item.matrix_world = scene.camera.matrix_world
     scene.collection.objects.link(item)
@@ -132,13 +135,15 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     command = ["preview", str(tmp_path / "chapter.blend"), "--frames", "1,60", "--width", "160", "--quiet"]
 
     def run(*words):
-        return cli._run([*command, *map(str, words)], "crowd-lod")
+        return commands._run([*command, *map(str, words)], "crowd-lod")
 
     assert run("--engine", "overlay", "--out", tmp_path / "lod") == 0
     plan = json.loads((tmp_path / "lod" / "plan.json").read_text())
     assert plan["preview"]["engine"] == "OVERLAY" and plan["preview"]["notes"] == []
     assert (tmp_path / "lod" / "contact_sheet.png").is_file() and (tmp_path / "lod" / "report.html").is_file()
-    first, later, above = (io.load_pixels(tmp_path / "lod" / f"{name}.png") for name in ("main_0001", "main_0060", "above_0060"))
+    first, later, above = (
+        image_data.load_pixels(tmp_path / "lod" / f"{name}.png") for name in ("main_0001", "main_0060", "above_0060")
+    )
     assert first.shape == later.shape == above.shape == (90, 160, 4)
     rgb = first[..., :3].astype(float)
     for channel in range(3):  # red, green and blue agents are seen
@@ -146,7 +151,7 @@ def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
         assert (rgb[..., channel] > 1.6 * others).mean() > 0.005
     assert (first != later).any() and not [s for s in bpy.data.scenes if s.name.startswith("Crowd LOD")]
     assert run("--engine", "overlay", "--color", "group", "--frames", "1", "--out", tmp_path / "group") == 0
-    assert (io.load_pixels(tmp_path / "group" / "main_0001.png") != first).any()
+    assert (image_data.load_pixels(tmp_path / "group" / "main_0001.png") != first).any()
     assert run("--engine", "workbench", "--color", "state", "--out", tmp_path / "state") == 1
     assert "has no color state" in capfd.readouterr().err and not (tmp_path / "state").exists()
 
@@ -155,6 +160,6 @@ def test_without_a_driver_it_is_said_in_a_sentence(tmp_path, capfd, monkeypatch)
     for name in ("__EGL_VENDOR_LIBRARY_DIRS", "LIBGL_DRIVERS_PATH"):
         monkeypatch.setenv(name, str(tmp_path))  # where there is none; this process has its own already
     words = ["preview", "chapter", "--engine", "overlay", "--frames", "1", "--out", str(tmp_path / "out")]
-    assert cli._run(words, "crowd-lod") == 1
+    assert commands._run(words, "crowd-lod") == 1
     said = capfd.readouterr().err
     assert "no driver of them starts here" in said and not (tmp_path / "out").exists()

@@ -82,7 +82,7 @@ def settings():
 
 def overlay():
     """The extension's module."""
-    return sys.modules[f"{MODULE}.operators.overlay"]
+    return sys.modules[f"{MODULE}.operators.overlay.viewport_overlay"]
 
 
 def window_of(image) -> bpy.types.Window:

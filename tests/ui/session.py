@@ -40,7 +40,7 @@ def session():
 
 def listen():
     """Note the frame of the figures whenever the sidebar draws them."""
-    panels = sys.modules[f"{robot.MODULE}.operators.panels"]
+    panels = sys.modules[f"{robot.MODULE}.operators.ui.panels"]
     draw = panels._figures
 
     def figures(layout, frame):

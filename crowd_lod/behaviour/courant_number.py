@@ -1,0 +1,28 @@
+"""How many cells of the map a state machine moves in one step, and that these are not too many."""
+
+import numpy as np
+
+from ..crowd.maps import LabelMap
+from ..crowd.state_machine import StateMachine
+from ..errors import CrowdError
+
+# A step may cross this many cells; one that would cross more is refused, it would seem to hang.
+MOST_CELLS = 65_536
+
+
+def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
+    """(S, L) float64: the cell borders that each state on each label crosses in `seconds`, along x and y together."""
+    with np.errstate(over="ignore"):
+        return np.abs(machine.velocity / np.array(world.cell)).sum(axis=2) * seconds
+
+
+def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None:
+    """CrowdError names the state and the label if the table moves more than MOST_CELLS cells in `seconds`."""
+    cells = courant(machine, world, seconds)
+    s, label = np.unravel_index(cells.argmax(), cells.shape)
+    if not cells[s, label] <= MOST_CELLS:
+        raise CrowdError(
+            f"The state machine {machine.name} moves {cells[s, label]:.3g} cells of the map in one step of {seconds:.3g} s "
+            f"in the state {machine.states[s]!r} on {machine.labels[label]!r}; {MOST_CELLS} are allowed: give it a lower "
+            "speed, or the map fewer pixels."
+        )

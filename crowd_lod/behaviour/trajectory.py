@@ -1,0 +1,197 @@
+"""The crowd at any time: steps of behaviour, cached forward from the first frame."""
+
+import operator
+import threading
+import time as clock
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
+
+import numpy as np
+
+from ..animation.phase_classes import gaits_of
+from ..crowd import random_streams
+from ..crowd.agents import CLASSES, Crowd, Group
+from ..crowd.leave_outs import ALL, NOTHING, STILL, LeftOut, needless
+from ..crowd.maps import HeightMap, LabelMap
+from ..crowd.state_machine import StateMachine
+from ..progress import aside
+from .courant_number import check_speeds
+from .lookahead import look, onward, opened
+from .step import advance, pace_of, step
+from .tabulated_step import Tables
+
+# Crowds that are kept, or let go, together.
+PART = 4
+# Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
+MOST_KEPT = 2**30
+# Seconds of a long way to a frame after which others, the drawing of a viewport among them, have their turn, and how many of it.
+TURN, REST = 0.1, 0.001
+
+
+def _tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
+    check_speeds(machine, world, seconds)
+    return Tables(machine, seconds)
+
+
+@dataclass(eq=False)
+class Trajectory:
+    """The crowd at any time: a pure function of the frame, cached forward from the first.
+
+    Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
+    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one
+    crowd is kept, so that going back is cheap (of a long shot of a large crowd fewer, see MOST_KEPT); Blender may ask from
+    several threads. leave: what may be left out where the scene does not need it (crowd/leave_outs.py). classes: of phases, see animation/phase_classes.py.
+    """
+
+    start: Crowd
+    machine: StateMachine
+    world: LabelMap
+    groups: tuple[Group, ...]
+    seconds_per_frame: float
+    first_frame: int = 1
+    every: int = 16
+    heights: HeightMap | None = None
+    leave: frozenset[LeftOut] = ALL
+    classes: int = CLASSES
+    _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
+
+    def __post_init__(self):
+        for axis in "xy":
+            place = getattr(self.start, axis)
+            if np.isinf(place).any():  # who stands beyond the map is taken onto it, but from infinity nobody comes back
+                self.start = replace(self.start, **{axis: np.where(np.isinf(place), np.nan, place)})
+        self.gaits = gaits_of(self.groups, self.machine.paces, self.classes)
+        pace = pace_of(self.start.x, self.start.y, self.start.state, self.machine, self.world)
+        self.start = replace(self.start, pace=pace)
+        self._kept[0] = self.start
+        # the latest, and the one before it once that has been asked for, as open shutters do
+        self._recent, self._looks_back = ((0, self.start),), False
+        self._ground = None, None
+        self.left_out = self.leave and self.leave & needless(
+            self.start, self.machine, self.world, len(self.groups), self.heights is not None
+        )
+        self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
+        self._ahead = None, None  # a crowd, and what is known of its next steps
+
+    def at(self, time: float) -> Crowd:
+        """The crowd at `time`, in frames."""
+        whole, part = divmod(max(time - self.first_frame, 0.0), 1.0)
+        crowd = self._at_whole(int(whole))
+        crowd = self._step(crowd, part, int(whole)) if part else crowd
+        if self.heights is None:
+            return crowd
+        x, z = self._ground
+        if crowd.x is not x:  # who stands still, stands on the ground found before
+            z = self.heights.at(crowd.x, crowd.y)
+            self._ground = (crowd.x, z) if STILL in self.left_out else (None, None)
+        return replace(crowd, z=z)
+
+    def phase(self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """(m,) float32 in [0, 1): the place in their action's cycle of `agents` (m,), who stand in `crowd`, at `time`, in frames:
+        before the first frame, too, for which the characters are posed as for any other."""
+        return self.gaits.phase(crowd, self.seconds(time), agents)
+
+    def seconds(self, time: float) -> float:
+        """Seconds from frame 0 to `time`, in frames: actions play on whichever frame is the crowd's first."""
+        return time * self.seconds_per_frame
+
+    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Iterator[float]:
+        """Make what `at` says of `time`, in frames, so that it is known, and do `then`. Yields the progress, 0 to 1, where that
+        takes long, and may be closed at any time."""
+        target = int(max(time - self.first_frame, 0.0))
+        with self._lock:
+            begun = self._nearest(target)[0]
+
+        def go() -> None:
+            self.at(time)
+            then()
+
+        yield from aside(go, lambda: min(max(self._recent[0][0] - begun, 0) / max(target - begun, 1), 1.0))
+
+    @cached_property
+    def full(self) -> "Trajectory":
+        """The same with nothing left out."""
+        return replace(self, leave=NOTHING, _kept={}, _lock=threading.Lock())
+
+    @cached_property
+    def looks(self) -> np.ndarray:
+        """(n,) float32 in [0, 1), a number of each agent's own."""
+        return random_streams.uniform(self.start.key, random_streams.LOOKS).astype(np.float32)
+
+    def kept_at(self, frame: int) -> Crowd:
+        """The crowd at a whole `frame`, counted from 0, as it walks on flat ground."""
+        crowd = self._kept.get(frame)
+        return self._at_whole(frame) if crowd is None else crowd
+
+    def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
+        """The crowd, which is that of the frame `since`, counted from 0, so many `frames` later, 1 at most."""
+        if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
+            return crowd
+        seconds = frames * self.seconds_per_frame
+        tables, (known, ahead) = self._tables(seconds), self._ahead
+
+        about = self.machine, self.world
+
+        def long(some: Crowd, seconds: float) -> Crowd:
+            return advance(some, *about, seconds, leave=self.left_out)[0]
+
+        if known is not crowd:
+            ahead = look(crowd, self.machine, self.world, tables) if frames == 1 and self.leave else None
+        if ahead is not None and not ahead.turns:
+            whole = self._tables(self.seconds_per_frame)
+            ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(long, seconds=whole.seconds))
+            self._ahead = crowd, ahead
+        if ahead is None:
+            moved = step(crowd, *about, seconds, self.left_out, tables)
+        else:
+            moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
+        moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
+        if frames == 1:
+            self._ahead = moved, ahead
+        return moved
+
+    def _keep(self, frame: int, crowd: Crowd) -> None:
+        """Keep the crowd at `frame`. Of too many, those of one PART go together, every other part,
+        but the first and this one's: whoever asks for a frame of a part again then comes by all of it."""
+        self._kept[frame] = crowd
+        own = sum(column.nbytes for name, column in vars(crowd).items() if column is not getattr(self.start, name))
+        if len(self._kept) * own > MOST_KEPT:
+            part = PART * self.every
+            parts = sorted({kept // part for kept in self._kept} - {0, frame // part})
+            for gone in parts[::2]:
+                for kept in [kept for kept in self._kept if kept // part == gone]:
+                    del self._kept[kept]
+
+    def _at_whole(self, target: int) -> Crowd:
+        latest, own = self._recent[0], ()
+        while True:
+            with self._lock:
+                looked_back = latest[0] - target == 1
+                self._looks_back |= looked_back
+                frame, crowd = self._onward(target, own)
+                if frame == target:
+                    if looked_back:
+                        self._recent = latest, (frame, crowd)
+                    return crowd
+            own = ((frame, crowd),)  # what others ask for in between does not throw it back
+            clock.sleep(REST)
+
+    def _nearest(self, target: int, *own: tuple[int, Crowd]) -> tuple[int, Crowd]:
+        """(frame, crowd) of the last frame up to `target`, counted from 0, that is known, or `own`."""
+        nearest = max(kept for kept in self._kept if kept <= target)
+        known = (nearest, self._kept[nearest]), *self._recent, *own
+        return max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
+
+    def _onward(self, target: int, own: tuple[tuple[int, Crowd], ...]) -> tuple[int, Crowd]:
+        """(frame, crowd) at the frame `target`, or at the one that is reached by the end of a TURN."""
+        (frame, crowd), until = self._nearest(target, *own), clock.monotonic() + TURN
+        while frame < target and clock.monotonic() < until:
+            before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0, frame)
+            if frame % self.every == 0 or (frame == 1 and STILL in self.left_out):
+                self._keep(frame, crowd)
+                if self._ahead[1] is None:
+                    self._ahead = None, None  # to look again
+            self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
+        return frame, crowd

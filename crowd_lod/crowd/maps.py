@@ -1,0 +1,237 @@
+"""World maps: a label for each cell of the ground (chapter section 1.2)."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import CrowdError
+
+# Metres from the world's origin. Blender's positions are float32: from here on they lie 6 cm and more apart, further than
+# a walker's step from one frame to the next.
+FARTHEST = 1e6
+# Agents that are looked up at a time: their columns stay in the processor's cache.
+BLOCK = 8192
+
+
+@dataclass(frozen=True)
+class Area:
+    """The crowd's ground: an axis-aligned rectangle in world metres, at the height z."""
+
+    x_min: float
+    y_min: float
+    x_max: float
+    y_max: float
+    z: float = 0.0
+
+    def __post_init__(self):
+        values = (self.x_min, self.y_min, self.x_max, self.y_max, self.z)
+        if not np.isfinite(values).all() or not (self.x_min < self.x_max and self.y_min < self.y_max):
+            raise CrowdError(f"The crowd's area {values} is not a rectangle: give it a finite centre and a size above 0.")
+
+    @cached_property
+    def size(self) -> tuple[float, float]:
+        """Width (x) and depth (y) in metres."""
+        return self.x_max - self.x_min, self.y_max - self.y_min
+
+
+# Cells along a side of the squares of one label that a map knows about, at most.
+MOST_SQUARE = 8
+
+
+@dataclass(frozen=True)
+class LabelMap:
+    """Labels over an area.
+
+    labels: (rows, columns) uint8, indices into the state machine's labels; row 0 lies at y_min, column 0 at x_min.
+    """
+
+    labels: np.ndarray
+    area: Area
+
+    def __post_init__(self):
+        bounds = (self.area.x_min, self.area.y_min, self.area.x_max, self.area.y_max)
+        if min(self.cell) < 1e3 * np.spacing(np.abs(bounds).max()):
+            rows, columns = self.labels.shape
+            raise CrowdError(
+                f"The label map's cells, {columns} by {rows} over the area {bounds}, are too small to tell positions in them "
+                "apart: move the crowd nearer to the world's origin, enlarge its area, or use fewer pixels."
+            )
+
+    @cached_property
+    def cell(self) -> tuple[float, float]:
+        """Size of a cell in metres, along x and y."""
+        rows, columns = self.labels.shape
+        width, depth = self.area.size
+        return width / columns, depth / rows
+
+    @cached_property
+    def runs(self) -> np.ndarray:
+        """(2, 2, rows * columns) uint8: how many cells, 255 at most, of a cell's own label follow it without a gap,
+        along x and y, to lower and to higher places."""
+        ways = self.labels[:, ::-1], self.labels, self.labels[::-1], self.labels
+        left, right, down, up = (_run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True))
+        return np.array([(left.T[:, ::-1], right.T), (down[::-1], up)]).reshape(2, 2, -1)
+
+    @cached_property
+    def squares(self) -> np.ndarray:
+        """(2, 2, rows * columns) uint8: how many cells, MOST_SQUARE at most, lie along the sides of the largest square
+        of a cell's own label with that cell at one corner: at [up, right] the corner that is lowest or highest along y, and
+        along x."""
+        rows, columns = self.labels.shape
+        found = np.ones((2, 2, rows, columns), np.uint8)
+        alike, across = np.ones((rows, columns), bool), self.labels[:, 1:] == self.labels[:, :-1]
+        along = self.labels[1:] == self.labels[:-1]
+        two = across[1:] & across[:-1] & along[:, 1:]  # by their lowest corner, the squares of two
+        for size in range(2, min(MOST_SQUARE, rows, columns) + 1):
+            # alike: by its lowest corner, whether a square of that size is
+            four = alike[1:, 1:] & alike[1:, :-1] & alike[:-1, 1:] & alike[:-1, :-1]
+            alike = four & two[: len(four), : four.shape[1]]
+            for up, right in np.ndindex(2, 2):
+                row, column = (1 - up) * (size - 1), (1 - right) * (size - 1)
+                found[up, right, row : row + len(alike), column : column + alike.shape[1]][alike] = size
+        return found.reshape(2, 2, -1)
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Labels (n,) uint8 under the world positions x, y (n,); outside the area the nearest cell counts."""
+        column, row = self.cells(x, y)
+        return self.labels[row, column]
+
+    def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(column, row), each (n,) intp, of the cells at the world positions x, y (n,); outside the nearest, at NaN any."""
+        rows, columns = self.labels.shape
+        width, depth = self.cell
+        return _index(x, self.area.x_min, width, columns), _index(y, self.area.y_min, depth, rows)
+
+    def into(self, x, y, column, row) -> tuple[np.ndarray, np.ndarray]:
+        """The positions next to x, y (n,) that `cells` puts into the cells column, row (n,)."""
+        rows, columns = self.labels.shape
+        width, depth = self.cell
+        return _into(x, column, self.area.x_min, width, columns), _into(y, row, self.area.y_min, depth, rows)
+
+
+def _run(labels: np.ndarray) -> np.ndarray:
+    """(k, m) uint8: how many of the rows after each of labels (k, m) bear the same, 255 at most."""
+    run = np.zeros(labels.shape, np.uint8)
+    for row in range(len(labels) - 2, -1, -1):
+        run[row] = (np.minimum(run[row + 1], 254) + 1) * (labels[row] == labels[row + 1])
+    return run
+
+
+def _index(value, low, size, count):
+    return np.fmin(np.fmax((value - low) / size, 0), count - 1).astype(np.intp)  # of few, sooner than np.clip
+
+
+def _into(value, index, low, size, count):
+    value = np.clip(value, low + index * size, low + (index + 1) * size)
+    for _ in range(4):  # a cell's own borders may round into its neighbours: by a few units in the last place at most
+        off = index - _index(value, low, size, count)
+        if not off.any():
+            break
+        value = value + np.sign(off) * np.spacing(np.abs(value) + abs(low))  # near 0 of value - low, not its own
+    return value
+
+
+@dataclass(frozen=True)
+class HeightMap:
+    """Heights over an area, between which the ground is bilinear.
+
+    heights: (rows, columns) float32, metres above the area's z, at the middles of the pixels; row 0 lies at y_min,
+    column 0 at x_min, as in LabelMap. From the outermost middles to the area's border, and beyond, it goes on level.
+    """
+
+    heights: np.ndarray
+    area: Area
+
+    def __post_init__(self):
+        wrong = np.argwhere(~np.isfinite(self.heights))
+        if len(wrong):
+            row, column = wrong[0]
+            raise CrowdError(
+                f"The height map holds {len(wrong)} values at NaN or infinity, the first at column {column}, row {row} from "
+                "the bottom: paint a height there."
+            )
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """The least and the greatest world z of the ground."""
+        return self.area.z + float(self.heights.min()), self.area.z + float(self.heights.max())
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """World z (n,) float64 of the ground at the world positions x, y (n,)."""
+        z = np.empty(len(x))
+        for begin in range(0, len(x), BLOCK):
+            block = slice(begin, begin + BLOCK)
+            (a, b, c, d), u, v, _ = self._corners(x[block], y[block])
+            z[block] = self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+        return z
+
+    def slope(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); on a border between pixels that to its right."""
+        (a, b, c, d), u, v, inside = self._corners(x, y)
+        rows, columns = self.heights.shape
+        width, depth = self.area.size
+        along_x = ((b - a) * (1 - v) + (d - c) * v) * (columns / width)
+        along_y = ((c - a) * (1 - u) + (d - b) * u) * (rows / depth)
+        return along_x * inside[0], along_y * inside[1]
+
+    def tilt(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(pitch, roll), each (n,) float32, radians, of agents that stand square on the ground at x, y (n,) and face
+        `heading` (n,). pitch: how far the way ahead rises; roll: how far the ground rises to the agent's left.
+
+        Turn an agent about z by its heading, then about its own left axis by -pitch, then about its own way by roll.
+        """
+        along_x, along_y = self.slope(x, y)
+        cos, sin = np.cos(heading, dtype=np.float64), np.sin(heading, dtype=np.float64)
+        ahead, left = along_x * cos + along_y * sin, along_y * cos - along_x * sin
+        pitch = np.arctan(ahead)
+        return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
+
+    def _corners(self, x, y):
+        """Heights at the four middles about each position, its place between them, and whether it lies between any."""
+        rows, columns = self.heights.shape
+        width, depth = self.area.size
+        across, up = (x - self.area.x_min) * (columns / width) - 0.5, (y - self.area.y_min) * (rows / depth) - 0.5
+        inside = (across >= 0) & (across < columns - 1), (up >= 0) & (up < rows - 1)
+        across, up = np.fmin(np.fmax(across, 0), columns - 1), np.fmin(np.fmax(up, 0), rows - 1)  # at NaN anywhere
+        column, row = across.astype(np.intp), up.astype(np.intp)
+        right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
+        places = ((row, column), (row, right), (above, column), (above, right))
+        return [self.heights[place].astype(np.float64) for place in places], across - column, up - row, inside
+
+
+def labels_from_colours(pixels: np.ndarray, colours: np.ndarray, names: tuple[str, ...], where: str) -> np.ndarray:
+    """Labels (rows, columns) uint8 of a painted map.
+
+    pixels: (rows, columns, 3) uint8; colours: (L, 3) uint8, the table's colour of each label; names: its labels.
+    A pixel of any other colour is an error: a guess would put a wall where the artist painted none.
+    """
+    codes = pixels.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
+    known = colours.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
+    by_code = np.argsort(known)
+    slot = np.searchsorted(known[by_code], codes).clip(max=len(known) - 1)
+    labels = by_code[slot].astype(np.uint8)
+    strange = known[labels] != codes
+    if strange.any():
+        found, counts = np.unique(codes[strange], return_counts=True)
+        listed = ", ".join(f"#{code:06x} ({count} pixels)" for code, count in zip(found[:4], counts[:4], strict=True))
+        more = f" and {len(found) - 4} more" if len(found) > 4 else ""
+        row, column = np.argwhere(strange)[0]
+        table = ", ".join(f"{name} #{code:06x}" for name, code in zip(names, known, strict=True))
+        raise CrowdError(
+            f"The map {where} holds colours that are no label of the state machine: {listed}{more}, the first at column "
+            f"{column}, row {row} from the bottom; paint only its labels' colours ({table})."
+        )
+    return labels
+
+
+def edge_map(area: Area, names: tuple[str, ...], columns: int = 64) -> LabelMap:
+    """The map of a scene without a map image: the chapter's plane with a left and a right edge.
+
+    Everything bears the first label; the outermost columns bear "left edge" and "right edge" if `names` has them.
+    """
+    labels = np.zeros((1, columns), np.uint8)
+    for name, column in (("left edge", 0), ("right edge", -1)):
+        if name in names:
+            labels[:, column] = names.index(name)
+    return LabelMap(labels, area)

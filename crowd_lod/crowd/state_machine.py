@@ -1,0 +1,285 @@
+"""The finite state machine as a table (chapter section 1.2), read from JSON.
+
+    {"version": 1, "name": "...", "edge": "clamp",
+     "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": false}, ...},
+     "states": {"walk": {"color": "#ff8000", "start": 1, "animation": "walk",
+                         "after": [5, 20], "then": {"rest": 1, "walk": 3},
+                         "on": {"*": {"move": [1.25, 0]},
+                                "wall": {"next": "turn", "speed": 1.25, "heading": 180}}}, ...}}
+
+`move` is a velocity in metres per second along x and y; `speed` (m/s) and `heading` (degrees, 0 = +x, counter-clockwise)
+say the same. `next` is the state after the step, the same state if left out; an object of states and weights draws one,
+once each time the agent comes to the label or into the state. `*` stands for every label not named. `after` ends the
+state after so many seconds, or after a time drawn between two, and `then` says which follows, again a state or weights.
+`animation` names the action that agents in the state play. `start` weighs a state in the first frame's draw;
+`spawn: false` keeps the first positions off a label. presets/schema.json is the same as a JSON Schema, for editors.
+"""
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import CrowdError
+from . import random_streams
+from .json_reader import Reader
+
+EDGES = ("clamp", "wrap", "reflect", "stop")
+SHORTEST = 0.001  # seconds that a timer runs at least
+MOST_PACES = 6  # of a state machine: each has its own posed characters
+PRESETS = Path(__file__).parent / "presets"
+SCHEMA = PRESETS / "schema.json"
+
+
+@dataclass(frozen=True)
+class Paces:
+    """The speeds at which agents play a walk. speeds: (P,) float64, metres per second, rising; of: (S, L) uint8, which of them
+    an agent in each state walks at on each label; off: the largest share by which its own speed is another: its feet slide by it."""
+
+    speeds: np.ndarray
+    of: np.ndarray
+    off: float = 0.0
+
+
+@dataclass(frozen=True)
+class StateMachine:
+    """A complete table: every state × label has a next state and a velocity.
+
+    next_state: (S, L) uint8; velocity: (S, L, 2) float64, m/s along x and y; start: (S,) float64, sums to 1;
+    spawn: (L,) bool; label_colours: (L, 3) uint8; state_colours: (S, 3) uint8; edge: one of EDGES; text: its JSON.
+    after: (S, 2) float64, the least and greatest seconds in the state, inf without a timer; then: (S,) uint8, the state
+    that follows. animations: (S,) names, "" where none is given.
+    odds: (R, S) float64, the cumulative weights of R random choices, each ends in 1; next_choice (S, L) and
+    then_choice (S,) int32 say which of them takes the place of next_state and then, -1: none does.
+    """
+
+    name: str
+    states: tuple[str, ...]
+    labels: tuple[str, ...]
+    next_state: np.ndarray
+    velocity: np.ndarray
+    start: np.ndarray
+    spawn: np.ndarray
+    label_colours: np.ndarray
+    state_colours: np.ndarray
+    edge: str
+    text: str
+    animations: tuple[str, ...]
+    after: np.ndarray
+    then: np.ndarray
+    odds: np.ndarray
+    next_choice: np.ndarray
+    then_choice: np.ndarray
+
+    @property
+    def moves(self) -> bool:
+        """Whether any agent can ever move."""
+        return bool(self.velocity.any())
+
+    @cached_property
+    def paces(self) -> Paces:
+        """Its speeds; of more than MOST_PACES the nearest of so many, by their ratio, from the slowest to the fastest."""
+        speed = np.hypot(*np.moveaxis(self.velocity, 2, 0))
+        stands = [0.0] if self.edge == "stop" or not speed.all() else []
+        walks = np.unique(speed[speed > 0].round(9))
+        if len(stands) + len(walks) > MOST_PACES:
+            walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
+        found = np.array([*stands, *walks])
+        of = np.abs(np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))).argmin(axis=-1)
+        off = np.abs(np.divide(found[of], speed, out=np.ones_like(speed), where=speed > 0) - 1.0).max()
+        return Paces(found, of.astype(np.uint8), float(off) if off > 1e-6 else 0.0)
+
+    @cached_property
+    def timed(self) -> bool:
+        """Whether any state has a timer."""
+        return bool(np.isfinite(self.after).any())
+
+    @cached_property
+    def chancy(self) -> bool:
+        """Whether anything that agents do after the first frame is drawn at random."""
+        return bool(len(self.odds) or (self.after[:, 0] < self.after[:, 1]).any())
+
+    def following(self, state: np.ndarray, label: np.ndarray, key: np.ndarray) -> np.ndarray:
+        """The next states (n,) uint8 of agents in `state` on `label` with the keys `key`, (n,) each."""
+        return self._drawn(self.next_state[state, label], self.next_choice, (state, label), key, random_streams.STATE)
+
+    def timed_out(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
+        """The states (n,) uint8 that follow when the timers of `state` end, with the keys `key`, (n,) each."""
+        return self._drawn(self.then[state], self.then_choice, (state,), key, random_streams.THEN)
+
+    def waits(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
+        """Seconds (n,) float64 that agents with the keys `key` have in `state`, (n,) each, inf without a timer."""
+        least, most = self.after[state].T
+        if not self.timed:
+            return least.copy()
+        spread = np.subtract(most, least, where=least < most, out=np.zeros(len(least)))
+        return least + spread * random_streams.uniform(key, random_streams.TIME)
+
+    def _drawn(self, certain, choices, place, key, stream):
+        if len(self.odds):
+            choice = choices[place]
+            random = np.flatnonzero(choice >= 0)
+            draws = random_streams.uniform(key[random], stream)
+            certain[random] = (draws[:, None] >= self.odds[choice[random]]).sum(axis=1)
+        return certain
+
+
+def load_preset(name: str) -> StateMachine:
+    """The state machine that ships under this name."""
+    return parse(preset_text(name), f"preset {name}")
+
+
+def preset_text(name: str) -> str:
+    """The JSON of a state machine that ships with Crowd LOD."""
+    if name not in preset_names():
+        raise CrowdError(f"There is no state machine {name!r}; there are {', '.join(preset_names())}.")
+    return (PRESETS / f"{name}.json").read_text(encoding="utf-8")
+
+
+def preset_names() -> list[str]:
+    """Names of the state machines that ship with Crowd LOD."""
+    return sorted(path.stem for path in PRESETS.glob("*.json") if path != SCHEMA)
+
+
+def parse(text: str, where: str) -> StateMachine:
+    """The machine that the JSON `text` from `where` describes; CrowdError names the line and the field that is wrong."""
+    reader = Reader(text, f"The state machine {where}")
+    root = reader.table(reader.root, (), {"$schema", "version", "name", "edge", "labels", "states"})
+    if isinstance(root.get("version"), bool) or root.get("version") != 1:
+        reader.fail(("version",), f"is {json.dumps(root.get('version'))}, this Crowd LOD reads version 1")
+    edge = root.get("edge", "clamp")
+    if edge not in EDGES:
+        reader.fail(("edge",), f"is {edge!r}, it must be one of {', '.join(EDGES)}")
+    label_tables = reader.table(root.get("labels"), ("labels",), filled=True)
+    labels = tuple(label_tables)
+    label_colours, spawn = [], []
+    for label, entry in label_tables.items():
+        path = ("labels", label)
+        entry = reader.table(entry, path, {"color", "spawn"})
+        colour = reader.colour(entry.get("color"), (*path, "color"))
+        if colour in label_colours:
+            other = labels[label_colours.index(colour)]
+            reader.fail((*path, "color"), f"is the same color as that of {other!r}, a map could not tell them apart")
+        label_colours.append(colour)
+        spawn.append(reader.boolean(entry.get("spawn", True), (*path, "spawn")))
+    if not any(spawn):
+        reader.fail(("labels",), "leaves no label where agents may start: set spawn to true on one")
+    states = tuple(reader.table(root.get("states"), ("states",), filled=True))
+    table = _Table(reader, states, labels)
+    for s, (state, entry) in enumerate(root["states"].items()):
+        table.read_state(s, state, entry)
+    start = table.start if any(table.start) else [1.0] * len(states)
+    if sum(start) == math.inf:
+        reader.fail(("states",), "have start weights that sum to more than a number can hold; make them smaller")
+    return StateMachine(
+        name=reader.string(root.get("name", where), ("name",)),
+        states=states,
+        labels=labels,
+        next_state=table.next_state,
+        velocity=table.velocity,
+        start=np.array(start) / sum(start),
+        spawn=np.array(spawn),
+        label_colours=np.array(label_colours, np.uint8),
+        state_colours=np.array(table.colours, np.uint8),
+        edge=edge,
+        text=text,
+        animations=tuple(table.animations),
+        after=table.after,
+        then=table.then,
+        odds=np.array(list(table.odds), float).reshape(-1, len(states)),
+        next_choice=table.next_choice,
+        then_choice=table.then_choice,
+    )
+
+
+class _Table:
+    """The arrays of a state machine, filled state by state."""
+
+    def __init__(self, reader: Reader, states: tuple[str, ...], labels: tuple[str, ...]):
+        self.reader, self.states, self.labels = reader, states, labels
+        shape = len(states), len(labels)
+        self.next_state, self.velocity = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
+        self.next_choice, self.then_choice = np.full(shape, -1, np.int32), np.full(shape[0], -1, np.int32)
+        self.after, self.then = np.full((shape[0], 2), np.inf), np.arange(shape[0], dtype=np.uint8)
+        self.colours, self.start, self.animations = [], [], []
+        self.odds: dict[tuple, int] = {}  # cumulative weights -> their row
+
+    def read_state(self, s: int, state: str, entry) -> None:
+        reader, path = self.reader, ("states", state)
+        entry = reader.table(entry, path, {"color", "start", "animation", "after", "then", "on"})
+        self.colours.append(reader.colour(entry.get("color", "#808080"), (*path, "color")))
+        self.start.append(reader.number(entry.get("start", 0), (*path, "start"), least=0))
+        self.animations.append(reader.string(entry.get("animation", ""), (*path, "animation")))
+        for one, other in (("after", "then"), ("then", "after")):
+            if one in entry and other not in entry:
+                reader.fail((*path, other), f"is missing beside {one}; a timer needs both")
+        if "after" in entry:
+            self.after[s] = self._seconds(entry["after"], (*path, "after"))
+            self.then[s], self.then_choice[s] = self._target(entry["then"], (*path, "then"))
+        path = (*path, "on")
+        rules = reader.table(entry.get("on"), path, filled=True)
+        read = {name: self._rule(rule, (*path, name), state) for name, rule in rules.items()}
+        for label in rules:
+            if label != "*" and label not in self.labels:
+                reader.fail((*path, label), f"names no label; the labels are {', '.join(self.labels)}")
+        for i, label in enumerate(self.labels):
+            rule = read.get(label, read.get("*"))
+            if rule is None:
+                reader.fail(path, f"says nothing of the label {label!r}; add it, or '*' for every other label")
+            (self.next_state[s, i], self.next_choice[s, i]), self.velocity[s, i] = rule
+
+    def _rule(self, rule, path, state):
+        rule = self.reader.table(rule, path, {"next", "move", "speed", "heading"})
+        return self._target(rule.get("next", state), (*path, "next")), self._velocity(rule, path)
+
+    def _target(self, value, path) -> tuple[int, int]:
+        """(state, choice): the state itself and -1, or any and the row of the odds."""
+        reader, known = self.reader, f"the states are {', '.join(self.states)}"
+        if isinstance(value, str):
+            if value not in self.states:
+                reader.fail(path, f"is {value!r}; {known}")
+            return self.states.index(value), -1
+        if not isinstance(value, dict):
+            reader.fail(path, f"is {value!r}, it must be a state, or an object of states and weights; {known}")
+        weights = np.zeros(len(self.states))
+        for name, weight in reader.table(value, path, filled=True).items():
+            if name not in self.states:
+                reader.fail((*path, name), f"names no state; {known}")
+            weights[self.states.index(name)] = reader.number(weight, (*path, name), least=0)
+        if not 0 < weights.sum() < math.inf:
+            reader.fail(path, f"has weights that sum to {weights.sum():g}; give one state a weight above 0")
+        cumulative = np.cumsum(weights / weights.sum())
+        cumulative[np.flatnonzero(weights)[-1] :] = 1  # what rounding leaves must not fall to a state of weight 0
+        return int(weights.argmax()), self.odds.setdefault(tuple(cumulative), len(self.odds))
+
+    def _seconds(self, value, path) -> tuple[float, float]:
+        if not isinstance(value, list):
+            return (self.reader.number(value, path, least=SHORTEST),) * 2
+        if len(value) != 2:
+            self.reader.fail(path, f"is {value!r}, it must be seconds, or the least and the greatest of them, [5, 20]")
+        least, most = (self.reader.number(each, (*path, i), least=SHORTEST) for i, each in enumerate(value))
+        if least > most:
+            self.reader.fail(path, f"is {value!r}, the first must be the lesser")
+        return least, most
+
+    def _velocity(self, rule: dict, path) -> tuple[float, float]:
+        reader = self.reader
+        if "move" in rule and ("speed" in rule or "heading" in rule):
+            reader.fail(path, "gives both move and speed or heading; give one")
+        if "move" in rule:
+            move = rule["move"]
+            if not isinstance(move, list) or len(move) != 2:
+                reader.fail((*path, "move"), f"is {move!r}, it must be two numbers, metres per second along x and y")
+            return tuple(reader.number(value, (*path, "move", i)) for i, value in enumerate(move))
+        speed = reader.number(rule.get("speed", 0), (*path, "speed"), least=0)
+        if speed and "heading" not in rule:
+            reader.fail((*path, "heading"), "is missing beside speed; give degrees, 0 = +x, counter-clockwise")
+        heading = reader.number(rule.get("heading", 0), (*path, "heading"))
+        if heading % 90 == 0:  # without rounding: who walks along a wall does not drift into it
+            cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[int(heading % 360 // 90)]
+        else:
+            cos, sin = math.cos(math.radians(heading)), math.sin(math.radians(heading))
+        return speed * cos, speed * sin

@@ -1,0 +1,346 @@
+"""Blocks of agents that stand together: culling and LOD that need not test every agent.
+
+Agents are put in order along a space-filling curve (Morton 1966), group by group. Every LEAF of them, and every FAN
+blocks, make a block with a box about its spheres: a bounding volume hierarchy (Clark 1976) that is an array a tier. A
+block wholly outside the picture, or wholly inside it and within one LOD, is decided at once; only where that is open are
+its parts asked, and in the end its agents themselves, by `radar` and `assign`. A box counts as outside or inside only if
+it is by more than any rounding, so the plan is, bit for bit, that of testing every agent.
+
+Agents move on from where the boxes were taken; until the next boxes these are grown by what the table lets agents walk.
+The order is renewed less often than the boxes, which only grow as neighbours part (behaviour.Trajectory.blocks).
+"""
+
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..crowd import morton_order
+from ..crowd.agents import Crowd, Group
+from ..crowd.maps import Area, HeightMap
+from ..crowd.state_machine import StateMachine
+from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
+
+# Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked first, about.
+LEAF, FAN, FIRST = 16, 8, 1024
+# Agents tested alone together.
+PART = 8192
+# In place of a LOD: not seen; of a block, whose agents do not all have the same.
+CULLED, OPEN = 255, 254
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """The crowd's blocks at one time.
+
+    rows: (b, LEAF) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
+    order[groups[g]:groups[g + 1]], where order are the rows one after another. spheres: (2, G) float64, each group's centre
+    and radius, metres. tiers: of each, the largest blocks first, (agents a block, boxes (8, b) float64, first group and last
+    group (2, b) uint8); the boxes' rows are centre x, y, z, half width along x, y, z, and the least and the greatest radius of
+    their spheres, metres. The last blocks repeat the last agent, to be full. extent: the largest coordinate, metres. finite:
+    no agent stands at NaN or infinity. floor: the height of all agents' feet for as long as the blocks hold; None if they
+    differ.
+    """
+
+    rows: np.ndarray
+    groups: np.ndarray
+    spheres: np.ndarray
+    tiers: list[tuple[int, np.ndarray, np.ndarray]]
+    extent: float
+    finite: bool
+    floor: float | None
+
+    @property
+    def order(self) -> np.ndarray:
+        """(n,) int32."""
+        return self.rows.reshape(-1)[: self.groups[-1]]
+
+
+@dataclass(frozen=True)
+class Decided:
+    """What is known of the blocks. leaves: (b,) uint8, the LOD of each of the smallest blocks, or CULLED, or OPEN. opened: (k,)
+    intp, rising: which are OPEN. own: (k, LEAF) uint8, the LODs of their agents, CULLED of those not seen."""
+
+    leaves: np.ndarray
+    opened: np.ndarray
+    own: np.ndarray
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How far agents may get from where they stood, to both sides, metres a second. low, high: (3,) float64."""
+
+    low: np.ndarray
+    high: np.ndarray
+
+    def between(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """(least, most) displacement, each (3,) metres, at any of the times `seconds`, relative to that of the boxes."""
+        ways = np.multiply.outer((min(seconds), max(seconds)), (self.low, self.high))
+        return np.minimum(ways.min(axis=(0, 1)), 0.0), np.maximum(ways.max(axis=(0, 1)), 0.0)
+
+
+STANDING = Pace(np.zeros(3), np.zeros(3))
+
+
+def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
+    """What the table lets agents walk, and the height map climb."""
+    velocity = machine.velocity.reshape(-1, 2)
+    low, high = velocity.min(axis=0, initial=0), velocity.max(axis=0, initial=0)
+    if machine.edge == "reflect":
+        low, high = np.minimum(low, -high), np.maximum(high, -low)
+    climb = 0.0
+    if heights is not None:
+        rows, columns = heights.heights.shape
+        width, depth = heights.area.size
+        steepest = [np.abs(np.diff(heights.heights.astype(np.float64), axis=axis)).max(initial=0) for axis in (1, 0)]
+        climb = (np.array(steepest) * (columns / width, rows / depth) * np.maximum(-low, high)).sum()
+    return Pace(np.append(low, -climb), np.append(high, climb))
+
+
+def filled(order: np.ndarray) -> np.ndarray:
+    """The order (n,) of agents with the last of them repeated, so that all blocks are full."""
+    beyond = -len(order) % _largest(len(order))
+    return np.append(order, np.full(beyond, order[-1])) if beyond else order
+
+
+def _largest(count: int) -> int:
+    """How many of `count` agents are in one of the largest blocks."""
+    size = LEAF
+    while count > size * FIRST:
+        size *= FAN
+    return size
+
+
+def blocks_of(
+    crowd: Crowd,
+    order: np.ndarray,
+    groups: Sequence[Group],
+    area: Area,
+    wraps: tuple | None = None,
+    flat: bool = False,
+    heights: HeightMap | None = None,
+) -> Blocks:
+    """The blocks of `crowd`, its agents in the `order` that `filled` made. They hold as well for agents beyond `area` once these
+    are taken onto it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the
+    area come back at its other side. flat: no agent's height changes. heights: what agents stand on, not at their own z. Takes
+    some 9 bytes an agent at most, of which the result keeps 5."""
+    count, rows = len(crowd), order.reshape(-1, LEAF)
+    leaves, size = len(rows), _largest(count)
+    group = crowd.group[rows[:, (0, -1)].T]
+    centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "reach"))
+    boxes = np.empty((8, leaves))
+    low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
+    with np.errstate(invalid="ignore"):
+        floor = float(crowd.z[0]) if flat and crowd.z.min() == crowd.z.max() else None
+        low[2], high[2] = floor or 0.0, floor or 0.0
+        for at in range(0, leaves, COLUMNS // 4):
+            some = slice(at, at + COLUMNS // 4)
+            # a block a column: many blocks are compared at a time
+            agents = rows[some].T.astype(np.intp, order="C")
+            places = [column[agents] for column in (crowd.x, crowd.y)]
+            if heights is not None:
+                places.append(heights.at(*map(np.ravel, places)).reshape(agents.shape))
+            elif floor is None:
+                places.append(crowd.z[agents])
+            for axis, place in enumerate(places):
+                low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
+        _stay(low, high, area, wraps, heights)
+        low[2] += _over(centre, np.minimum)[*group]
+        high[2] += _over(centre, np.maximum)[*group]
+        radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
+        extent = float(max(np.abs(low).max(), np.abs(high).max()))
+        tiers = [(LEAF, boxes, group)]
+        while tiers[0][0] < size:
+            tiers.insert(0, _joined(*tiers[0]))
+        for _, boxes, _ in tiers:  # the two corners become centre and half width, in place
+            low, high = boxes[:3], boxes[3:6]
+            half = (high - low) / 2
+            low[:] = (low + high) / 2
+            high[:] = half
+    sizes = [count]
+    if len(groups) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
+        parts = (crowd.group[at : at + morton_order.BLOCK] for at in range(0, count, morton_order.BLOCK))
+        sizes = sum(np.bincount(part, minlength=len(groups)) for part in parts)
+    return Blocks(rows, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
+
+
+def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+    """The next larger tier: every FAN blocks in one. boxes: (8, b) with the least and the greatest corner for
+    centre and half width."""
+    parts = boxes.reshape(8, -1, FAN)
+    least, most = parts.min(axis=2), parts.max(axis=2)
+    return (
+        size * FAN,
+        np.concatenate([least[:3], most[3:6], least[6:7], most[7:]]),
+        np.array([group[0, ::FAN], group[1, FAN - 1 :: FAN]]),
+    )
+
+
+def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, heights: HeightMap | None) -> None:
+    """Let the boxes low, high (3, b) hold agents as they are taken onto the area, or as they come back on its other side,
+    where the ground is another."""
+    for axis, (least, most) in enumerate(((area.x_min, area.x_max), (area.y_min, area.y_max))):
+        if wraps is not None:
+            crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
+            low[axis, crosses], high[axis, crosses] = np.minimum(low[axis, crosses], least), np.maximum(high[axis, crosses], most)
+            if heights is not None:
+                low[2, crosses] = np.minimum(low[2, crosses], heights.span[0])
+                high[2, crosses] = np.maximum(high[2, crosses], heights.span[1])
+        low[axis], high[axis] = np.minimum(low[axis], most), np.maximum(high[axis], least)
+
+
+def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
+    """(G, G): the least or the greatest of values (G,) from group a to group b, at [a, b]."""
+    rows = np.broadcast_to(values, (len(values), len(values)))
+    worst = np.inf if which is np.minimum else -np.inf
+    return which.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
+
+
+@np.errstate(invalid="ignore", over="ignore", under="ignore")
+def decide(
+    blocks: Blocks,
+    crowd: Crowd,
+    looks: Sequence[Sequence[Look]],
+    limits: np.ndarray | None,
+    margin: float | None = None,
+    radial: bool = False,
+) -> tuple[Decided, np.ndarray]:
+    """(decided, places): what the blocks decide, and which agents they leave open.
+
+    crowd: as it stands at the first of the looks' times. looks: of each time at which agents may be seen, those of the eyes;
+    LODs follow from the first time's. limits: (G, n - 1) metres where LODs begin, None if they depend on more than distance.
+    margin, radial: as for `radar`. places: (m,) intp, rising: where in decided.own, taken flat, those agents stand; there they
+    are CULLED so far.
+    """
+    steps = [] if limits is None else [_steps(step) for step in limits.T]
+    leaves = np.full(len(blocks.rows), CULLED, np.uint8)
+    opened = np.arange(blocks.tiers[0][1].shape[1])
+    tests = [[Test(look, blocks.extent, margin, radial and not t) for look in eyes] for t, eyes in enumerate(looks)]
+    for tier, (size, boxes, group) in enumerate(blocks.tiers):
+        parts = FAN if tier else 1
+        undecided = [opened[:0]]
+        for at in range(0, len(opened), COLUMNS // parts):
+            whole = opened[at : at + COLUMNS // parts]
+            some = (whole[:, None] * parts + np.arange(parts)).ravel()
+            asked = np.ones((9, len(some)))
+            boxes.reshape(8, -1, parts).take(whole, axis=1, out=asked[:8].reshape(8, -1, parts), mode="clip")
+            outside, level = _asked(tests, steps, asked, group, some)
+            shown = (level < CULLED).nonzero()[0] if limits is not None else some[:0]
+            leaves.reshape(-1, size // LEAF)[some[shown]] = level[shown, None]
+            outside[shown] = True
+            undecided.append(some[~outside])
+        opened = np.concatenate(undecided)
+    # of the blocks that the last agent fills, one has others, too
+    last, own = divmod(int(blocks.groups[-1]), LEAF)
+    leaves[last + (own > 0) :] = CULLED
+    opened = opened[: np.searchsorted(opened, last + (own > 0))]
+    if own and leaves[last] < CULLED:
+        opened = np.append(opened, last)
+    leaves[opened] = OPEN
+    decided = Decided(leaves, opened, np.full((len(opened), LEAF), CULLED, np.uint8))
+    count = len(opened) * LEAF - (LEAF - own if own and leaves[last] == OPEN else 0)
+    if len(looks) == 1 and limits is not None and all(test.linear for test in tests[0]):
+        return decided, _alone(blocks, crowd, tests[0], limits, decided, count)
+    return decided, np.arange(count)
+
+
+def near(
+    blocks: Blocks,
+    leaves: np.ndarray,
+    moved: tuple[np.ndarray, np.ndarray],
+    grown: float,
+    about: float,
+    touches: Callable[[np.ndarray, np.ndarray], np.ndarray],
+) -> np.ndarray:
+    """(m,) intp: which of the smallest blocks, of those in `leaves` (b,) bool, may hold agents that `touches` keeps.
+
+    touches: which (b,) bool of spheres at points (b, 3) with the radius (b,) it keeps; whoever keeps a sphere keeps one that
+    holds it. It is asked of spheres about whole blocks. moved: (least, most) displacement (3,) from the boxes; grown: by how
+    much the agents' spheres are larger, metres; about: the largest coordinate that `touches` reckons with, whose roundings are
+    to decide nothing.
+    """
+    least, most = moved
+    about = about + np.abs(moved).max() + grown
+    if not about < HUGE:
+        return leaves.nonzero()[0]
+    shift, wider = (least + most)[:, None] / 2, (most - least)[:, None] / 2
+    some = np.arange(blocks.tiers[0][1].shape[1])
+    for tier, (size, boxes, _) in enumerate(blocks.tiers):
+        if tier:
+            some = (some[:, None] * FAN + np.arange(FAN)).ravel()
+        some = some[leaves.reshape(-1, size // LEAF).any(axis=1)[some]]
+        box = boxes.take(some, axis=1)
+        radius = np.sqrt(((box[3:6] + wider) ** 2).sum(axis=0)) + box[7] + (grown + SLACK * about)
+        some = some[touches((box[:3] + shift).T, radius)]
+    return some
+
+
+def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:
+    """Decide which of the first `count` agents of decided.own, taken flat, are clearly in or out; the places (m,) there of those
+    that only exact tests tell."""
+    left, slack = [np.arange(0)], max(test.slack for test in tests)
+    centre, radius = blocks.spheres
+    uniform = (limits == limits[0]).all()
+    begin = limits.T[:, :1] if uniform else np.ascontiguousarray(limits.T)
+    order, levels = blocks.rows.take(decided.opened, axis=0).ravel(), decided.own.reshape(-1)
+    groups = None
+    if len(centre) > 1:
+        sizes = np.diff(edges(crowd.group, order[:count], len(centre)))
+        groups = np.repeat(np.arange(len(centre), dtype=np.uint8), sizes)
+    for start in range(0, count, PART):
+        part = slice(start, min(start + PART, count))
+        agents = order[part].astype(np.intp)
+        group = 0 if groups is None else groups[part]
+        spheres = np.empty((5, len(agents)))
+        spheres[0], spheres[1] = crowd.x.take(agents, mode="clip"), crowd.y.take(agents, mode="clip")
+        spheres[2] = (crowd.z.take(agents, mode="clip") if blocks.floor is None else blocks.floor) + centre.take(group)
+        spheres[3], spheres[4] = radius.take(group), 1.0
+        outside, inside, distance = tests[0].alone(spheres)
+        for test in tests[1:]:
+            out, within, other = test.alone(spheres)
+            outside, inside, distance = outside & out, inside | within, np.minimum(distance, other)
+        beyond = distance - (begin if uniform else begin.take(group, axis=1))
+        level = np.add.reduce((beyond >= 0).view(np.uint8), axis=0, dtype=np.uint8)
+        sure = inside & ~np.logical_or.reduce(np.abs(beyond) <= slack, axis=0)
+        levels[part] = _or_culled(level, inside)
+        left.append((~(outside | sure)).nonzero()[0] + start)
+    return np.concatenate(left)
+
+
+def edges(group: np.ndarray, agents: np.ndarray, groups: int) -> np.ndarray:
+    """(groups + 1,) intp: where in `agents` (m,), which come group by group, each group begins, and their end. group: (n,), of all
+    agents; a few are asked."""
+    return np.array([*(bisect_left(agents, g, key=group.__getitem__) for g in range(groups)), len(agents)])
+
+
+def _steps(limits: np.ndarray) -> tuple:
+    """(latest, earliest) distance at which a LOD begins: one number, or (G, G) each, for the groups a to b at [a, b]."""
+    if (limits == limits[0]).all():
+        return limits[0], limits[0]
+    return _over(limits, np.maximum), _over(limits, np.minimum)
+
+
+def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(outside, level), each (b,): whether no camera sees the boxes (9, b), with the groups group[:, some]; the LOD of
+    those seen wholly, and in one LOD; CULLED stands for all others."""
+    outside = inside = nearest = None
+    for time, eyes in enumerate(tests):
+        for test in eyes:
+            out, within, near, far = test(boxes)
+            outside = out if outside is None else outside & out
+            inside = within if inside is None else inside | within
+            if nearest is None:
+                nearest, farthest = near, far
+            elif not time:
+                nearest, farthest = np.minimum(nearest, near), np.minimum(farthest, far)
+    finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
+    for latest, earliest in steps:
+        finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(np.uint8)
+        coarsest += (farthest >= (earliest[*group[:, some]] if np.ndim(earliest) else earliest)).view(np.uint8)
+    return outside, _or_culled(finest, inside & (finest == coarsest))
+
+
+def _or_culled(levels: np.ndarray, shown: np.ndarray) -> np.ndarray:
+    """`levels` (b,) uint8, CULLED, whose bits are all set, where not `shown` (b,) bool: several times as fast as where()."""
+    return levels | (shown.view(np.uint8) - np.uint8(1))

@@ -1,0 +1,231 @@
+"""View-frustum culling: the radar test (chapter eqs 1.4 to 1.6, listing 1.2)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..crowd.agents import Crowd, runs
+from ..crowd.leave_outs import FLAT, IN_ORDER, NOTHING, ONE_GROUP, LeftOut
+from ..errors import CrowdError
+from .camera import Camera, Planes, planes, stretch
+
+# Agents a block: its few float64 columns stay in the processor's cache.
+BLOCK = 16_384
+# Bound on the rounding of n . v - offset in float64, relative to |vx| + |vy| + |vz| + |offset| + |origin z| + reach, so
+# that rounding never drops an agent. In units of u = eps / 2: p - c errs by 1 (z + centre, then - c: 2), the normal by 8
+# (a difference, its norm, a division), the dot product by 3, offset and reach by 4 each, the bound's own sums by 4. That
+# is 21; 32 leaves room for singular values, square roots and sheared cameras' inverses.
+ROUNDING = 16 * np.finfo(np.float64).eps
+# Metres. Products and squares of smaller numbers may lose all their bits to underflow.
+TINY = 1e-150
+# Which corners of a box, (3, 8), lie at its lower side along x, y and z.
+CORNERS = np.indices((2, 2, 2), dtype=bool).reshape(3, 8)
+
+
+def radar(
+    crowd: Crowd,
+    cameras: Camera | Sequence[Camera],
+    centre: np.ndarray,
+    radius: np.ndarray,
+    margin: float | None = None,
+    radial: bool = False,
+    leave: frozenset[LeftOut] = NOTHING,
+    every: bool | None = None,
+    measure: bool = True,
+    agents: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """(visible, distance): which agents any of the cameras may see, and how far away they are.
+
+    cameras: one, or the eyes of one picture. centre, radius: (G,) float64, each group's bounding sphere: height of its
+    centre above the feet, radius, metres. margin: None derives the chapter's widening from the sphere, which is then
+    visible iff it lies in or touches all six planes (Delta = r / cos(fov / 2) at the sides, r at near and far); a number
+    is the chapter's fixed Delta in metres, at the sides alone. A panoramic camera keeps all within its clip range and
+    its cone; what its picture leaves out within the cone is kept as well.
+
+    visible: (n,) bool. distance: (n,) float64, metres from the camera to the sphere's centre: v.Z along the view, or
+    |v| with `radial` and for panoramic cameras; with several cameras the least, so that all show the finest LOD that
+    one needs. Agents exactly on a plane are visible; those at NaN or infinity are not. Positions relative to the camera
+    are formed in float64.
+
+    leave: what the crowd does not need, from lean.needless. every: the answer for all, from `bounds`, if it is known.
+    measure: whether distances are asked for; inf stands for those that are not. agents: (m,) indices, group by group if
+    the crowd is in order, if only these are asked; what is given is then theirs, (m,).
+    """
+    cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
+    count = len(crowd) if agents is None else len(agents)
+    visible, distance = np.full(count, bool(every)), np.full(count, np.inf)
+    if not count or (every is not None and not measure):
+        return visible, distance
+    frustums = [None if camera.kind == "PANO" else planes(camera) for camera in cameras]
+    height = crowd.z[0] + centre if FLAT in leave else None
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        groups = crowd.group if agents is None else crowd.group[agents]
+        for block in _blocks(groups, leave):
+            here = block if agents is None else agents[block]
+            group = groups[block.start if leave & {ONE_GROUP, IN_ORDER} else block]
+            z = crowd.z[here] + centre[group] if height is None else height[group]
+            r = radius[group] if margin is None else 0.0
+            x, y = crowd.x[here], crowd.y[here]
+            for camera, frustum in zip(cameras, frustums, strict=True):
+                v = x - camera.origin[0], y - camera.origin[1], z - camera.origin[2]
+                depth = _dot(v, camera.Z)
+                range_ = np.sqrt(_dot(v, v)) if radial or frustum is None or camera.turn else None
+                if every is None:
+                    reach, slack = _reach(camera, v, range_, r)
+                    if frustum is None:
+                        inside = _in_cone(camera, v, depth, range_, reach + slack)
+                    else:
+                        inside = _in_frustum(frustum, v, depth, reach + frustum.rounding * slack, margin)
+                    visible[block] |= inside & np.isfinite(slack)
+                if measure:
+                    np.fmin(distance[block], range_ if radial or frustum is None else depth, out=distance[block])
+    return visible, distance
+
+
+def _blocks(group: np.ndarray, leave: frozenset[LeftOut]) -> list[slice]:
+    """Agents, group (n,), in parts, of one group each where they are in order."""
+    parts = runs(group) if IN_ORDER in leave else [(0, len(group))]
+    return [slice(at, min(at + BLOCK, end)) for begin, end in parts for at in range(begin, end, BLOCK)]
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """What holds for all agents. every: whether the radar keeps all (True), none (False), or some, as far as is known
+    (None). finite: no agent stands at NaN or infinity. nearest, farthest: between these lie all its distances, metres."""
+
+    every: bool | None = None
+    finite: bool = False
+    nearest: float = -np.inf
+    farthest: float = np.inf
+
+
+def bounds(
+    crowd: Crowd,
+    cameras: Sequence[Camera],
+    centre: np.ndarray,
+    radius: np.ndarray,
+    margin: float | None = None,
+    radial: bool = False,
+    leave: frozenset[LeftOut] = NOTHING,
+) -> Bounds:
+    """What `radar`, with the same arguments, will find for all agents, from the box about them.
+
+    Rounding keeps the order of numbers: x <= y gives fl(x) <= fl(y). So of each of the radar's terms, formed with the
+    same operations in the same order, the box's corners (of |v|: its nearest point) bound the agents' own, roundings
+    included, and the answer is the radar's to the bit.
+    """
+    if not len(crowd):
+        return Bounds()
+    with np.errstate(invalid="ignore", over="ignore", under="ignore"):
+        z = crowd.z[:1] if FLAT in leave else crowd.z
+        low = np.array([crowd.x.min(), crowd.y.min(), z.min() + centre.min()])
+        high = np.array([crowd.x.max(), crowd.y.max(), z.max() + centre.max()])
+        if not np.isfinite([low, high]).all():
+            return Bounds()
+        r = (radius.min(), radius.max()) if margin is None else (0.0, 0.0)
+        each = [_bounds(camera, low, high, r, margin, radial) for camera in cameras]
+    answers = [one.every for one in each]
+    return Bounds(
+        every=True if True in answers else None if None in answers else False,
+        finite=True,
+        nearest=min(one.nearest for one in each),
+        farthest=min(one.farthest for one in each),
+    )
+
+
+def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin: float | None, radial: bool) -> Bounds:
+    """The bounds for one camera of the spheres with their centres in the box low, high (3,), of the radii r[0] to r[1]."""
+    low, high = low - camera.origin, high - camera.origin
+    corners = tuple(np.where(CORNERS, low[:, None], high[:, None]))
+    nearest = tuple(np.minimum(np.maximum(low, 0.0), high)[:, None])
+    close, away = np.sqrt(_dot(nearest, nearest)), np.sqrt(_dot(corners, corners))
+    (least, little), (most, much) = _reach(camera, nearest, close, r[0]), _reach(camera, corners, away, r[1])
+    depth = _dot(corners, camera.Z)
+    if camera.kind == "PANO":
+        least, most = (least + little).min(), (most + much).max()
+        begin, end = camera.near * (1 - ROUNDING), camera.far * (1 + ROUNDING)
+        inside = camera.cone >= np.pi and close.min() >= begin - least and away.max() <= end + least
+        outside = close.min() > end + most or away.max() < begin - most
+    else:
+        frustum = planes(camera)
+        least, most = (least + frustum.rounding * little).min(), (most + frustum.rounding * much).max()
+        near, far, sides = _limits(frustum, margin)
+        along = depth * frustum.fixed[5]
+        beyond = [(_dot(corners, normal), side) for normal, side in zip(frustum.normals, sides, strict=False)]
+        inside = along.max() <= far + least and along.min() >= -near - least
+        inside = inside and all(d.max() <= least + side for d, side in beyond)
+        outside = along.min() > far + most or along.max() < -near - most
+        outside = outside or any(d.min() > most + side for d, side in beyond)
+    every = None if not np.isfinite(much).all() else True if inside else False if outside else None
+    if radial or camera.kind == "PANO":
+        return Bounds(every, True, float(close.min()), float(away.max()))
+    return Bounds(every, True, float(depth.min()), float(depth.max()))
+
+
+def _reach(camera: Camera, v: tuple, range_: np.ndarray | None, r: np.ndarray | float) -> tuple:
+    """(how far spheres of the radius r with their centres at v, |v| = range_, reach, the rounding of it), metres."""
+    reach = r + camera.pad
+    away = np.abs(v[0]) + np.abs(v[1]) + np.abs(v[2])
+    if camera.grain:
+        reach = reach + camera.grain * (away + np.abs(camera.origin).sum())
+    if camera.turn:
+        reach = reach + camera.turn * (range_ + reach)
+    return reach, ROUNDING * (away + np.abs(camera.origin[2]) + reach) + TINY
+
+
+def _limits(frustum: Planes, margin: float | None) -> tuple:
+    """(near, far, the four sides): the planes' offsets with their rounding, the sides' with the fixed margin."""
+    near, far = frustum.offsets[4:] + ROUNDING * np.abs(frustum.offsets[4:])
+    sides = frustum.offsets[:4]
+    return near, far, sides + ROUNDING * np.abs(sides) + (margin or 0.0) * frustum.fixed[:4]
+
+
+def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray, margin: float | None) -> np.ndarray:
+    """(b,) bool: spheres with their centres at v that reach no further than `bound` (b,) beyond any of the six planes.
+    What lies before near or behind far, often the most, does not meet the sides."""
+    near, far, sides = _limits(frustum, margin)
+    along = depth * frustum.fixed[5]
+    inside = (along <= far + bound) & (along >= -near - bound)
+    rest = np.flatnonzero(inside)
+    v, bound = tuple(component[rest] if np.ndim(component) else component for component in v), bound[rest]
+    ok = np.ones(len(rest), bool)
+    for normal, side in zip(frustum.normals, sides, strict=False):
+        ok &= _dot(v, normal) <= bound + side
+    inside[rest] = ok
+    return inside
+
+
+def _in_cone(camera: Camera, v: tuple, depth: np.ndarray, range_: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """(b,) bool: spheres with their centres at v within the clip range and the cone of a panoramic camera.
+
+    In the plane through the axis and v, the cone's side is the line at the angle `cone`, from which v lies
+    |v| sin(angle - cone) = across cos(cone) - depth sin(cone) away.
+    """
+    inside = (range_ >= camera.near * (1 - ROUNDING) - reach) & (range_ <= camera.far * (1 + ROUNDING) + reach)
+    if camera.cone < np.pi:
+        across = np.sqrt(_dot(v, camera.X) ** 2 + _dot(v, camera.Y) ** 2)
+        inside &= across * np.cos(camera.cone) - depth * np.sin(camera.cone) <= reach * stretch(camera)[1]
+    return inside
+
+
+def _dot(v: tuple, axis) -> np.ndarray:
+    return v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2]
+
+
+def lost(crowd: Crowd) -> np.ndarray:
+    """Indices (m,) of the agents that stand at NaN or infinity."""
+    columns = (crowd.x, crowd.y, crowd.z)
+    with np.errstate(invalid="ignore", over="ignore"):
+        if np.isfinite(sum(column.sum() for column in columns)):  # the common case at the cost of three sums
+            return np.empty(0, np.intp)
+    return np.flatnonzero(~np.logical_and.reduce([np.isfinite(column) for column in columns]))
+
+
+def refuse_lost(agents: np.ndarray, count: int) -> None:
+    """CrowdError if `agents` (m,), of `count`, from `lost`, are any."""
+    if len(agents):
+        raise CrowdError(
+            f"{len(agents):,} of {count:,} agents stand at NaN or infinity, the first is agent {agents[0]}: mend the points "
+            "or the map they come from, or let Crowd LOD drop them."
+        )

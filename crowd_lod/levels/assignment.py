@@ -1,0 +1,209 @@
+"""Level of detail from distance: a sum of unit steps (chapter eq 1.7, listing 1.4)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..crowd.agents import Group
+from ..crowd.maps import Area
+from ..culling.camera import Camera
+from ..errors import CrowdError
+
+MOST_LEVELS = 8
+METRICS = ("AXIS", "RADIAL", "PIXELS")
+
+
+@dataclass(frozen=True)
+class LevelPolicy:
+    """How levels follow from distance.
+
+    metric: AXIS measures along the view (the chapter's v.Z), RADIAL from the camera (|v|), PIXELS by the size in the
+    image, so that a zoom changes the LOD. thresholds: n - 1, where LODs 1 ... n - 1 begin: parts of the far distance,
+    strictly increasing in (0, 1]; for PIXELS the bounding sphere's diameters in pixels, strictly decreasing.
+    group_thresholds: the same for groups that have their own, one entry a group, () for those that do not.
+
+    tolerance: pixels; with it PIXELS lets a LOD begin where its measured deviation shows that little, and the
+    thresholds only count the LODs. shading: with a tolerance, a LOD also begins no nearer than its shaded picture is within
+    shading.WITHIN of the character's. margin: None for the derived widening of the frustum, or the chapter's fixed Delta in
+    metres. finest: of each group the finest LOD that it has, () for all of them. hysteresis: for live use, the part of a
+    distance by which a threshold must be passed (see `hold`). drop_lost:
+    leave out agents at NaN or infinity, and count them, where they are an error otherwise.
+    """
+
+    thresholds: tuple[float, ...]
+    metric: str = "AXIS"
+    margin: float | None = None
+    tolerance: float | None = None
+    group_thresholds: tuple[tuple[float, ...], ...] = ()
+    finest: tuple[int, ...] = ()
+    hysteresis: float = 0.0
+    drop_lost: bool = False
+    shading: bool = False
+
+    def __post_init__(self):
+        if self.metric not in METRICS:
+            raise CrowdError(f"The LOD metric is {self.metric!r}; use one of {', '.join(METRICS)}.")
+        if self.margin is not None and not 0 <= self.margin < np.inf:
+            raise CrowdError(f"The fixed margin is {self.margin} m; it must be finite and at least 0.")
+        if self.tolerance is not None and not 0 < self.tolerance < np.inf:
+            raise CrowdError(f"The LOD tolerance is {self.tolerance} pixels; it must be finite and above 0.")
+        if self.tolerance is not None and self.metric != "PIXELS":
+            raise CrowdError(f"A LOD tolerance in pixels needs the metric PIXELS, not {self.metric}.")
+        if not 0 <= self.hysteresis < 1:
+            raise CrowdError(f"The LOD hysteresis is {self.hysteresis}; it is a part of the distance, in [0, 1).")
+        if len(self.thresholds) >= MOST_LEVELS:
+            raise CrowdError(f"There are {len(self.thresholds) + 1} levels of detail; use 1 to {MOST_LEVELS}.")
+        self._check(self.thresholds, "")
+        for number, own in enumerate(self.group_thresholds):
+            if own and len(own) != len(self.thresholds):
+                raise CrowdError(
+                    f"Character group {number} has {len(own)} LOD thresholds of its own; give it {len(self.thresholds)}, "
+                    "as many as the others have, or none."
+                )
+            self._check(own, f" of character group {number}")
+
+    def _check(self, thresholds: tuple[float, ...], whose: str):
+        if self.tolerance is not None:
+            return
+        size = self.metric == "PIXELS"
+        before = np.inf if size else 0.0
+        for number, threshold in enumerate(thresholds):
+            if not (0 < threshold < before if size else before < threshold <= 1):
+                rule = "decrease strictly, in pixels above 0" if size else "increase strictly within (0, 1]"
+                raise CrowdError(
+                    f"LOD threshold {number}{whose} is {threshold:g}; thresholds must {rule}, and the one before is {before:g}."
+                )
+            before = threshold
+
+    @property
+    def count(self) -> int:
+        """The number of LODs."""
+        return len(self.thresholds) + 1
+
+
+def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: np.ndarray | None = None) -> np.ndarray:
+    """Distances (G, n - 1) float64 in metres at which each group's LODs 1 ... n - 1 begin, not decreasing.
+
+    radius: (G,) metres, of the bounding spheres. deviation: (G, n) metres, of each LOD's surface from the full mesh,
+    which a tolerance needs. With p pixels per unit slope, a length e shows e p / d pixels at the distance d, in the middle of
+    the picture (sqrt(1 + s^2) of that at a slope s from it); the nearest part of an agent is up to its radius nearer than its
+    centre. An orthographic camera shows e p pixels at any distance: a LOD then begins at -infinity or never.
+    """
+    groups, steps = len(radius), len(policy.thresholds)
+    always = np.arange(steps) < np.array(policy.finest or (0,))[:, None]  # begin anywhere, for no finer LOD is there
+    own = dict(enumerate(policy.group_thresholds))
+    table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(groups, steps)
+    if policy.metric != "PIXELS" or not steps:
+        return np.where(always, -np.inf, camera.far * table)
+    if policy.tolerance is None:
+        length, pixels, nearest = 2 * radius[:, None], table, 0.0
+    elif deviation is None:
+        raise CrowdError("A LOD tolerance needs the measured LOD meshes: make them, or set thresholds in pixels.")
+    else:
+        length, pixels, nearest = deviation[:, 1:], policy.tolerance, radius[:, None]
+    seen = camera.pixels_per_unit * length
+    begin = np.where(seen <= pixels, -np.inf, np.inf) if camera.kind == "ORTHO" else seen / pixels + nearest
+    return np.maximum.accumulate(np.where(always, -np.inf, begin), axis=1)
+
+
+def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
+    """Metres (G, n - 1) that a pixel shows, in the middle of the picture, of the nearest part of an agent that is where a LOD begins,
+    or at the camera's far distance where that is nearer. begins: from `limits`; radius: (G,) metres, of the bounding spheres."""
+    if camera.kind == "ORTHO":
+        return np.full(begins.shape, 1 / camera.pixels_per_unit)
+    return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
+
+
+def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
+    """Pixels that a deviation in metres shows at most on an agent at the distance in metres, whose bounding sphere has
+    the radius in metres: the inverse of `limits` for a tolerance; infinite where the camera is inside the sphere."""
+    length = camera.pixels_per_unit * np.asarray(deviation, np.float64)
+    if camera.kind == "ORTHO":
+        return length
+    nearest = np.asarray(distance - radius, np.float64)
+    return np.where(nearest > 0, length / np.where(nearest > 0, nearest, 1.0), np.where(length > 0, np.inf, 0.0))
+
+
+def assign(
+    distance: np.ndarray, limits: np.ndarray, group: np.ndarray | None = None, factor: np.ndarray | None = None
+) -> np.ndarray:
+    """LOD ids (n,) uint8, 0 the finest: the sum of U(distance - limit_i) with U(0) = 1.
+
+    distance: (n,) float64 metres. limits: (n - 1,) metres for all, or (G, n - 1) with group: (n,) uint8. factor: (n,) or
+    None, multiplies each agent's distance (see `Bias`).
+
+    Rounding: `radar` errs in the distance by at most culling.ROUNDING (|vx| + |vy| + |vz| + |camera's z|) |Z|, with |Z|
+    = 1 unless the camera is sheared; factor and limit add eps each. So an id may differ from exact arithmetic only for
+    an agent whose factor x distance lies within that, times its factor, plus eps (factor x distance + limit), of a limit.
+    """
+    if factor is not None:
+        distance = distance * factor
+    ids = np.zeros(len(distance), np.uint8)
+    for step in np.asarray(limits).T:
+        if step.ndim and len(step) > 1 and (step != step[0]).any():
+            step = step[group]
+        elif step.ndim:
+            step = step[0]
+        ids += (distance >= step).view(np.uint8)  # bools would be cast one by one
+    return ids
+
+
+def hold(
+    previous: np.ndarray,
+    distance: np.ndarray,
+    limits: np.ndarray,
+    group: np.ndarray | None = None,
+    factor: np.ndarray | None = None,
+    width: float = 0.1,
+) -> np.ndarray:
+    """LOD ids (n,) uint8 with hysteresis: those of `previous` (n,), but where the distance has passed a limit by more
+    than the part `width` of it.
+
+    Causal, and a pure function of its arguments: for live use. A frame's plan knows no frame before it; a shot's plan
+    looks ahead instead.
+    """
+    finest = assign(distance, limits * (1 + width), group, factor)
+    coarsest = assign(distance, limits * (1 - width), group, factor)
+    return np.clip(previous, finest, coarsest)
+
+
+@dataclass(frozen=True)
+class Bias:
+    """A painted layer over an area that says where detail matters.
+
+    values: (rows, columns) float in [0, 1]; row 0 lies at y_min, column 0 at x_min. 0.5 changes nothing; at 1 an agent
+    has the LOD of one four times as near, at 0 of one four times as far.
+    """
+
+    values: np.ndarray
+    area: Area
+
+    def __post_init__(self):
+        if not ((self.values >= 0) & (self.values <= 1)).all():
+            raise CrowdError("The LOD bias map holds values outside 0 to 1: paint it between black and white.")
+
+    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Factors (n,) float64 on the distance of agents at x, y (n,); outside the area the nearest cell counts."""
+        rows, columns = self.values.shape
+        width, depth = self.area.size
+        with np.errstate(invalid="ignore"):  # agents at NaN, dropped elsewhere
+            column = np.nan_to_num((x - self.area.x_min) * (columns / width)).clip(0, columns - 1).astype(np.intp)
+            row = np.nan_to_num((y - self.area.y_min) * (rows / depth)).clip(0, rows - 1).astype(np.intp)
+        return 4.0 ** (1 - 2 * self.values[row, column].astype(np.float64))
+
+
+def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
+    """(G, n) float64 metres: what each group's LODs deviate at most; None while one is not measured. Where shading counts, what shows as
+    many pixels as the tolerance from where on the picture is within its bound, if that is more: CrowdError if pictures were not compared."""
+    count = policy.count
+    if not all(len(group.bounds) >= count for group in groups):
+        return None
+    table = np.array([group.bounds[:count] for group in groups], np.float64)
+    if not policy.shading:
+        return table
+    if not all(len(group.shaded) >= count for group in groups):
+        raise CrowdError(
+            "Shading Counts needs LODs whose pictures were compared with their characters': press Measure LOD Meshes, or Make LOD Meshes."
+        )
+    return np.maximum(table, policy.tolerance * np.array([group.shaded[:count] for group in groups]))

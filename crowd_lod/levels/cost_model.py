@@ -1,0 +1,120 @@
+"""What a render of a build costs: memory, file and time, from counts of what the build holds and a frame shows.
+
+Engines pay for different things. Blender poses every triangle that stands in the build's collections, shown or not. Cycles holds
+each triangle that a frame shows once, whoever shows it, with what traces rays to it. EEVEE draws each instance's triangles anew. So LODs spare Cycles *unique* triangles, and EEVEE *instanced* ones; a LOD that few agents show spares neither.
+
+The coefficients are fitted to renders by `./crowd-lod bench --costs`, which prints their residuals. Memory is absolute, and
+counts what the crowd adds to the scene without it. Seconds are those of one machine: only their ratios are told.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from ..errors import CrowdError
+
+NAMES = {"CYCLES": "Cycles", "EEVEE": "EEVEE"}  # of the engines whose costs are known
+
+
+@dataclass(frozen=True)
+class Work:
+    """What a build gives an engine to do in F frames: each a number, or (F,) float64, one a frame.
+
+    posed: triangles of the characters in the build's collections. unique: of those that the frame shows, each counted once.
+    instances: agents. instanced: their triangles. rigs: armatures of the characters. rays: samples of
+    pixels that agents cover. images: bytes of the images that the characters' materials use. stored: triangles of LOD
+    meshes in the file. points: of the file, one an agent and a frame that is baked.
+    """
+
+    posed: float = 0.0
+    unique: np.ndarray | float = 0.0
+    instances: np.ndarray | float = 0.0
+    instanced: np.ndarray | float = 0.0
+    rigs: float = 0.0
+    rays: np.ndarray | float = 0.0
+    images: float = 0.0
+    stored: float = 0.0
+    points: float = 0.0
+
+    @property
+    def traced(self) -> np.ndarray | float:
+        """Rays, each times the levels of a binary tree of the unique triangles: a ray costs more in a deeper one."""
+        return self.rays * np.log2(np.maximum(self.unique, 1.0))
+
+
+# Bytes of memory, and seconds of one processor, for one of each.
+# Cycles: residuals of 20 renders up to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU:
+# 3 % of seconds, but up to 60 % of memory in scenes of few agents, which is little there.
+MEMORY = {
+    "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
+    "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
+}
+SECONDS = {
+    "CYCLES": {"posed": 2e-7, "unique": 6.1e-7, "instances": 1.29e-5, "rigs": 3.7e-3, "traced": 1.1e-7},
+    "EEVEE": {"posed": 4.5e-7, "unique": 2e-6, "instances": 5.9e-3, "instanced": 6.8e-6, "rays": 1.55e-4},
+}
+FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
+
+
+@dataclass(frozen=True)
+class Price:
+    """memory: bytes at the frame that takes most. file: bytes. seconds: of a frame, in the mean, on the machine of the benchmark."""
+
+    memory: float
+    file: float
+    seconds: float
+
+    def share(self, whole: "Price") -> "Price":
+        """Each as a part of that of `whole`; 1 where that is 0."""
+        pairs = [(getattr(self, each.name), getattr(whole, each.name)) for each in fields(self)]
+        return Price(*(own / other if other > 0 else 1.0 for own, other in pairs))
+
+
+def price(work: Work, engine: str) -> Price:
+    """What `work` costs the `engine`, one of NAMES."""
+    if engine not in NAMES:
+        raise CrowdError(f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}.")
+    memory, file, seconds = (
+        sum(coefficient * np.asarray(getattr(work, name), np.float64) for name, coefficient in table.items())
+        for table in (MEMORY[engine], FILE, SECONDS[engine])
+    )
+    return Price(float(np.max(memory, initial=0.0)), float(file), float(np.mean(seconds)))
+
+
+@dataclass(frozen=True)
+class Actors:
+    """The characters that a build may hold: K LODs of N, which are of G groups.
+
+    triangles: (G, K), of each group's LODs. group: (N,) intp, whose each is. rigs: (G,) armatures of one. stored: triangles of LOD meshes in the file. finest: (G,) of each group the finest LOD that the build has.
+    """
+
+    triangles: np.ndarray
+    group: np.ndarray
+    rigs: np.ndarray
+    stored: float = 0.0
+    finest: np.ndarray | int = 0
+
+
+def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, known: bool = False) -> Work:
+    """What a build of `actors` gives to do where F frames show `shown` (F, K, N) agents of each LOD of each of them, on `rays` (F,).
+    known: the build holds the points of these frames, and the characters alone that they show; else all, and no points."""
+    finest = np.broadcast_to(actors.finest, len(actors.triangles))[actors.group]
+    held = shown.any(axis=0) if known else np.arange(shown.shape[1])[:, None] >= finest
+    agents = shown.sum()
+    shown = shown.copy()
+    for k in range(shown.shape[1] - 1, 0, -1):  # a group with fewer LODs than others shows its last in their place
+        same = (actors.triangles[:, k] == actors.triangles[:, k - 1])[actors.group] & held[k] & held[k - 1]
+        shown[:, k - 1] += shown[:, k] * same
+        shown[:, k] *= ~same
+        held[k] &= ~same
+    each = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
+    return Work(
+        posed=float((held * each).sum()),
+        unique=((shown > 0) * each).sum(axis=(1, 2)),
+        instances=shown.sum(axis=(1, 2)).astype(np.float64),
+        instanced=(shown * each).sum(axis=(1, 2)),
+        rigs=float((held.any(axis=0) * actors.rigs[actors.group]).sum()),
+        rays=rays,
+        stored=actors.stored,
+        points=float(agents) if known else 0.0,
+    )

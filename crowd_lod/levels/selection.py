@@ -1,0 +1,194 @@
+"""Which LODs of a character pay: chosen from a ladder of candidates by a tolerance in pixels."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from ..crowd.agents import Group
+from ..culling.camera import Camera
+from ..errors import CrowdError
+from ..format import number
+from .assignment import LevelPolicy, deviations, limits
+from .cost_model import NAMES, Actors, Price, price, work_of
+
+# Parts of the triangles that the candidates keep; MOST_LEVELS of them at most.
+LADDER = (1.0, 0.4, 0.16, 0.06, 0.025, 0.01)
+LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
+WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
+STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
+BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
+
+
+@dataclass(frozen=True)
+class View:
+    """Where a frame of the shot has agents of a group: from `nearest` to `farthest` metres of `camera`. distance, character: (m,),
+    of each agent, and which of its group's characters it shows (see gaits.Library); none where that is not known."""
+
+    camera: Camera
+    nearest: float
+    farthest: float
+    distance: np.ndarray = field(default_factory=lambda: np.empty(0))
+    character: np.ndarray = field(default_factory=lambda: np.empty(0, np.intp))
+
+
+def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> list[float]:
+    """What the candidates of `ratios` deviate at most, metres: where it is `known`, that, else by that of those around. Between them
+    logarithms of deviation and triangles are in a line, and outside deviation is as 1 / triangles, which holds for smooth surfaces.
+    usual: metres, times 1 / ratio the deviation where none is known."""
+    made = sorted(k for k, bound in known.items() if 0 < bound < np.inf)
+    places = np.log([1 / ratios[k] for k in made] or [1.0])
+    values = np.log([known[k] for k in made] or [max(usual, 1e-30)])
+    at = np.log(1 / np.array(ratios))
+    found = np.exp(np.interp(at, places, values) + np.minimum(at - places[0], 0) + np.maximum(at - places[-1], 0))
+    return [known.get(k, float(found[k])) for k in range(len(ratios))]
+
+
+def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], dict[int, str]]:
+    """(the candidates to keep, why each of the others is dropped, a sentence each), by their numbers.
+
+    group: with its candidates' triangles and bounds of deviation, finest first. The first is always kept: it is the character. Of
+    the others one is dropped if one with fewer triangles deviates no more, if it saves less than LEAST_SAVED of the
+    triangles of the finer one kept, or if in none of the views an agent is where it would be used, within the tolerance in
+    pixels. metres: that a unit of length is, for the sentences.
+    """
+    kept, dropped = [0], {}
+    for k in range(1, len(group.triangles)):
+        own, finer = group.triangles[k], group.triangles[kept[-1]]
+        coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
+        lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
+        if lower:
+            dropped[k] = f"{own:,} triangles deviate no less than {lower[0]:,}."
+        elif own > (1 - LEAST_SAVED) * finer:
+            dropped[k] = f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD."
+        else:
+            kept.append(k)
+    deviation = np.array([[group.bounds[k] for k in kept]])
+    policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
+    used, begins = np.zeros(len(kept), bool), []
+    for view in views:
+        begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
+        edges = np.concatenate([[-np.inf], begin, [np.inf]])
+        used |= (edges[:-1] < edges[1:]) & (edges[:-1] <= view.farthest * BETWEEN) & (edges[1:] > view.nearest / BETWEEN)
+        begins.append(edges)
+    for j in np.flatnonzero(~used[1:]) + 1:
+        dropped[kept[j]] = f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, metres)}"
+    return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
+
+
+def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> str:
+    """Why no agent uses candidate j. edges: (views, candidates + 1) metres, where each candidate begins and the last ends.
+
+    The figures are of the view that comes closest to using it."""
+    begin, end = edges[:, j], edges[:, j + 1]
+    nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
+    coarse = begin > farthest
+    if np.isinf(begin).all() and coarse.all() and views[0].camera.kind != "ORTHO":
+        return "do not look like the character from any distance."
+    if np.isinf(begin).all() and coarse.all():
+        return "show more than the tolerance at any distance, for the camera is orthographic."
+    if np.isinf(begin).all() and not coarse.any():
+        return "are more than it takes at any distance, for the camera is orthographic."
+    if coarse.all():
+        i = (begin / farthest).argmin()
+        return f"would begin {number(metres * begin[i])} m away, and the farthest agent is {number(metres * farthest[i])} m away."
+    if not coarse.any():
+        i = (end / nearest).argmax()
+        return f"would end {number(metres * end[i])} m away, and the nearest agent is {number(metres * nearest[i])} m away."
+    return (
+        f"are too few for all agents in {coarse.sum()} of the {len(views)} frames looked at, and more than it takes in the others."
+    )
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What a group's LODs are priced by: the `views` of it, how many `characters` a build has of it, and the `engine`; shading: whether
+    Shading Counts."""
+
+    views: Sequence[View]
+    characters: int
+    engine: str
+    shading: bool = False
+
+
+def counting(group: Group, tolerance: float, shot: Shot) -> Group:
+    """The group with bounds that count its shading at the tolerance in pixels, where the shot asks for that."""
+    policy = LevelPolicy((0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=shot.shading)
+    return replace(group, bounds=tuple(deviations((group,), policy)[0].tolist()))
+
+
+def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> np.ndarray:
+    """(F, K, N) intp: how many agents of each of the shot's views may show the candidates `kept`, finest first, and no coarser one,
+    within the tolerance in pixels, by the character that they show."""
+    policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
+    deviation = np.array([[group.bounds[k] for k in kept]])
+    found = np.zeros((len(shot.views), len(kept), shot.characters), np.intp)
+    for own, view in zip(found, shot.views, strict=True):
+        begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
+        np.add.at(own, (np.searchsorted(begin, view.distance, side="right"), view.character), 1)
+    return found
+
+
+def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> Iterator[tuple[tuple[int, ...], Price]]:
+    """Each choice of the candidates `kept` that has one for every agent of the shot, and what a build with it costs."""
+    may = allowed(group, kept, tolerance, shot)
+    seen = np.flatnonzero(may.any(axis=(0, 2)))
+    owner = np.zeros(shot.characters, np.intp)
+    for count in range(1, len(kept) + 1):
+        for chosen in combinations(range(len(kept)), count):
+            if len(seen) and chosen[0] > seen[0]:
+                continue
+            shown = np.add.reduceat(may[:, chosen[0] :], np.array(chosen) - chosen[0], axis=1)
+            triangles = np.array([[group.triangles[kept[j]] for j in chosen]])
+            stored = sum(group.triangles[kept[j]] for j in chosen if kept[j])
+            work = work_of(Actors(triangles, owner, np.ones(1), stored), shown)
+            yield tuple(kept[j] for j in chosen), price(work, shot.engine)
+
+
+def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[list[int], dict[int, str]]:
+    """(those of the candidates `kept` with which the shot's build costs least, why the others are dropped, a sentence each).
+
+    Cost is the sum of the parts of memory and time that the group takes at full detail; of choices that cost less than WORTH
+    more than the least, that of the fewest LODs. The first is kept: whoever comes nearer than the shot shows needs it."""
+    if not any(len(view.distance) for view in shot.views):
+        return list(kept), {}
+    found = {chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]}
+    whole = found[(kept[0],)]
+    parts = {chosen: own.share(whole) for chosen, own in found.items()}
+    cost = {chosen: own.memory + own.seconds for chosen, own in parts.items()}
+    good = [chosen for chosen in cost if cost[chosen] <= min(cost.values()) + WORTH]
+    best = min(good, key=lambda chosen: (len(chosen), cost[chosen]))
+    gone = [k for k in kept if k not in best]
+    return list(best), {
+        k: f"{group.triangles[k]:,} triangles save too little memory and time in {NAMES[shot.engine]} to be worth a LOD."
+        for k in gone
+    }
+
+
+def _least(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[tuple[int, ...], Price]:
+    """The choice of the candidates `kept` that takes least memory; all of them where the shot shows nobody."""
+    found = dict(priced(group, kept, tolerance, shot))
+    best = min(found, key=lambda chosen: (found[chosen].memory, len(chosen)))
+    best = best if any(len(view.distance) for view in shot.views) else tuple(kept)
+    return best, found[best]
+
+
+def within(
+    groups: Sequence[Group], tolerance: float, shots: Sequence[Shot], memory: float
+) -> tuple[float, list[list[int]], list[tuple[int, ...]]]:
+    """(the least tolerance in pixels, not below the given one, at which the groups' LODs take no more than `memory` bytes; the
+    candidates that each then keeps; those of them that it builds). CrowdError if none is enough."""
+    least = np.inf
+    for step in range(STEPS):
+        reached = tolerance * 2 ** (step / 4)
+        counted = [counting(group, reached, shot) for group, shot in zip(groups, shots, strict=True)]
+        keep = [choose(group, reached, shot.views)[0] for group, shot in zip(counted, shots, strict=True)]
+        found = [_least(*each) for each in zip(counted, keep, [reached] * len(groups), shots, strict=True)]
+        total = sum(own.memory for _, own in found)
+        least = min(least, total)
+        if total <= memory:
+            return reached, [sorted({0, *chosen}) for chosen, _ in found], [chosen for chosen, _ in found]
+    raise CrowdError(
+        f"The characters cannot take less than {np.ceil(least / 1e6):,.0f} MB: set Memory for Characters to that, or use fewer character groups."
+    )

@@ -1,0 +1,107 @@
+"""The agent under the cursor, and what there is to tell of one agent."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ..crowd.agents import Group
+from ..crowd.state_machine import StateMachine
+from ..culling.camera import Camera
+from ..culling.radar import BLOCK, radar
+from ..errors import CrowdError
+from ..levels.assignment import Bias, LevelPolicy, shown
+from ..sorting.buckets import sort
+from .frame import Frame
+from .reasons import REASONS, reasons
+
+
+@dataclass(frozen=True)
+class Account:
+    """What there is to tell of one agent. reason: of reasons.REASONS. depth: metres to its sphere's centre, along the view
+    (PANO: straight). pixels: its sphere's diameter in the picture, None behind the camera. error: pixels that its LOD
+    deviates by at most (levels.shown); None if that was not measured, or behind the camera."""
+
+    agent: int
+    group: str
+    state: str
+    visible: bool
+    reason: str
+    level: int
+    depth: float
+    pixels: float | None
+    error: float | None
+
+
+def nearest(
+    places: Sequence[np.ndarray],
+    matrix: np.ndarray,
+    size: tuple[int, int],
+    cursor: tuple[float, float],
+    within: float,
+    among: np.ndarray | None = None,
+) -> int | None:
+    """The agent whose place lies nearest to the cursor in the picture, or None if none is `within` so many pixels.
+
+    places: x, y, z, (n,) float64 world metres each. matrix: (4, 4) float64, world to clip space (OpenGL's); what it clips
+    is passed over. size: of the picture, pixels; cursor: pixels from its left bottom corner. among: (n,) bool, those to
+    choose from, or None for all. Of several at the same distance, the first.
+    """
+    centre = np.array([2 * cursor[0] / size[0] - 1, 2 * cursor[1] / size[1] - 1])
+    half = size[0] / 2, size[1] / 2
+    best, found = within * within, None
+    points = np.ones((4, BLOCK))
+    for start in range(0, len(places[0]), BLOCK):
+        end = min(start + BLOCK, len(places[0]))
+        for row, column in zip(points, places, strict=False):
+            row[: end - start] = column[start:end]
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            x, y, z, w = matrix @ points[:, : end - start]
+            away = ((x / w - centre[0]) * half[0]) ** 2 + ((y / w - centre[1]) * half[1]) ** 2
+        inside = (away <= best) & (w > 0) & (np.abs(z) <= w)
+        if among is not None:
+            inside &= among[start:end]
+        near = np.flatnonzero(inside)
+        if len(near):
+            at = near[np.argmin(away[near])]
+            if found is None or away[at] < best:
+                best, found = away[at], start + int(at)
+    return found
+
+
+def account(
+    frame: Frame,
+    agent: int,
+    groups: tuple[Group, ...],
+    machine: StateMachine,
+    cameras: Sequence[Camera],
+    policy: LevelPolicy,
+    bias: Bias | None = None,
+) -> Account:
+    """What there is to tell of the agent with this index in `frame`, whose plan had the other arguments."""
+    if not 0 <= agent < len(frame.crowd):
+        raise CrowdError(f"There is no agent {agent}: the crowd has {len(frame.crowd):,}, from 0 on.")
+    this = slice(agent, agent + 1)
+    crowd = replace(frame.crowd, **{each.name: getattr(frame.crowd, each.name)[this] for each in fields(frame.crowd)})
+    levels = frame.levels[this]
+    seen = sort(frame.visible[this], levels, len(frame.buckets.counts))
+    alone = replace(frame, crowd=crowd, buckets=seen, find_levels=lambda: levels)
+    group, level, camera = groups[crowd.group[0]], int(alone.levels[0]), cameras[0]
+    centre, radius = (np.array([getattr(each, name) for each in groups]) for name in ("centre", "radius"))
+    depth = float(radar(crowd, camera, centre, radius)[1][0])
+    pixels = error = None
+    if depth > 0 or camera.kind == "ORTHO":
+        pixels = float(shown(2 * group.radius, depth, camera, 0.0))
+        if len(group.bounds) > level:
+            error = float(shown(group.bounds[level], depth, camera, group.radius))
+    return Account(
+        agent=agent,
+        group=group.name,
+        state=machine.states[crowd.state[0]],
+        visible=bool(alone.visible[0]),
+        reason=REASONS[reasons(alone, groups, cameras, policy, bias)[0]],
+        level=level,
+        depth=depth,
+        pixels=pixels,
+        error=error,
+    )

@@ -1,0 +1,46 @@
+"""All frames of a shot."""
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import CrowdError
+
+MOST_FRAMES = 100_000
+LAST_FRAME = 1_048_574  # Blender's own: MAXFRAME, and MINAFRAME below zero
+
+
+def parse_frames(text: str, step: int = 1) -> list[int]:
+    """The frames that `text` names: a range A:B, both included, every `step` frames, or an increasing list 1,40,80."""
+    match = re.fullmatch(r"\s*(-?\d{1,99})\s*:\s*(-?\d{1,99})\s*", text)
+    if match:
+        first, last = _known(int(match[1])), _known(int(match[2]))
+        if first > last:
+            raise CrowdError(f"The frames {text} run backwards: give the first frame first, {last}:{first}.")
+        if step < 1:
+            raise CrowdError(f"The frame step is {step}; it must be at least 1.")
+        frames = range(first, last + 1, step)
+        if len(frames) > MOST_FRAMES:
+            raise CrowdError(f"The range {text} holds {len(frames):,} frames; ask for at most {MOST_FRAMES:,}.")
+        return list(frames)
+    if not re.fullmatch(r"\s*-?\d{1,99}\s*(,\s*-?\d{1,99}\s*)*", text):
+        raise CrowdError(f"The frames {text!r} are neither a range such as 1:120 nor a list such as 1,40,80.")
+    frames = [_known(int(number)) for number in text.split(",")]
+    for before, after in zip(frames[:-1], frames[1:], strict=True):
+        if after <= before:
+            raise CrowdError(f"The frames {text} are out of order: {after} follows {before}; list each once, in increasing order.")
+    return frames
+
+
+def _known(frame: int) -> int:
+    """The frame; CrowdError if Blender has none of that number."""
+    if abs(frame) > LAST_FRAME:
+        raise CrowdError(f"There is no frame {frame}: Blender's frames run from {-LAST_FRAME} to {LAST_FRAME}.")
+    return frame
+
+
+def evenly(things: Sequence[Any], most: int) -> list[Any]:
+    """Up to `most` of the `things`, in their order: the first, the last, and others evenly between them."""
+    return [things[i] for i in np.unique(np.linspace(0, len(things) - 1, most).round().astype(int))]

@@ -1,0 +1,85 @@
+"""What the planner keeps of a crowd between frames: its blocks, and the last plan where nothing moves. Caches, never the truth.
+
+Boxes of blocks are made anew every `Trajectory.every` frames, and the order of the agents in them every ORDERED makings: always at
+the same frames, so that a plan is the same whichever frame came before.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from ..behaviour.trajectory import PART as ORDERED
+from ..behaviour.trajectory import Trajectory
+from ..crowd import morton_order
+from ..crowd.leave_outs import STILL
+from ..culling import blocks
+
+SHUTTER = 2  # frames beyond those between two makings of the blocks at which they may be asked for
+
+
+@dataclass
+class Kept:
+    """Of one trajectory. boxes: (frame, blocks made then). order: (frame, agents in order). memo: of frame.plan."""
+
+    pace: blocks.Pace
+    boxes: tuple[int | None, blocks.Blocks | None] = (None, None)
+    order: tuple[int | None, np.ndarray | None] = (None, None)
+    memo: Any = None
+
+
+_KEPT: WeakKeyDictionary[Trajectory, Kept] = WeakKeyDictionary()
+
+
+def kept_of(trajectory: Trajectory) -> Kept:
+    """What is kept of the `trajectory`, for as long as that lives."""
+    kept = _KEPT.get(trajectory)
+    if kept is None:
+        still = STILL in trajectory.left_out
+        kept = Kept(blocks.STANDING if still else blocks.pace(trajectory.machine, trajectory.heights))
+        _KEPT[trajectory] = kept
+    return kept
+
+
+def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] | None:
+    """(the frame they were made at, the crowd's blocks) for `time`, in frames, after `trajectory.at` was asked for it; of a
+    small crowd None."""
+    if len(trajectory.start) < morton_order.FEWEST:
+        return None
+    kept, every, first = kept_of(trajectory), trajectory.every, trajectory.first_frame
+    frame = int(max(time - first, 0.0))
+    frame = min(frame, 1) if STILL in trajectory.left_out else frame - frame % every
+    made, found = kept.boxes
+    if made != first + frame:
+        kept.boxes, found = (None, None), None  # let go before others are made
+        ordered = frame - frame % (ORDERED * every)
+        known, order = kept.order
+        area, groups, heights = trajectory.world.area, trajectory.groups, trajectory.heights
+        if known != ordered:
+            kept.order, order = (None, None), None
+            crowd = trajectory.kept_at(ordered)
+            order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area))
+            kept.order = ordered, order
+        longest = trajectory.seconds_per_frame * np.array([-SHUTTER, every + SHUTTER])
+        wraps = kept.pace.between(longest) if trajectory.machine.edge == "wrap" else None
+        found = blocks.blocks_of(trajectory.kept_at(frame), order, groups, area, wraps, heights is None, heights)
+        made = first + frame
+        kept.boxes = made, found
+    return made, found
+
+
+def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:
+    """(least, most) displacement, (3,) metres each, of agents at `time` from the blocks made at `since`, in frames."""
+    frames = max(time, trajectory.first_frame) - since
+    if STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER:
+        return np.full(3, -np.inf), np.full(3, np.inf)
+    return kept_of(trajectory).pace.between([frames * trajectory.seconds_per_frame])
+
+
+def approach(trajectory: Trajectory, time: float) -> Iterator[float]:
+    """Make the crowd and its blocks at `time`, in frames, so that they are known. Yields the progress, 0 to 1, where that takes
+    long, and may be closed at any time."""
+    return trajectory.approach(time, partial(blocks_at, trajectory, time))

@@ -1,0 +1,98 @@
+"""Whether a file was written to its end: on a full disk Blender says that all went well and leaves a part."""
+
+import errno
+import mmap
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from ..errors import CrowdError
+from ..format import printable
+
+PNG = b"\x89PNG\r\n\x1a\n"
+ZSTD, SEEK_TABLE = b"\x28\xb5\x2f\xfd", 0x8F92EAB1  # a frame's first bytes; the last four of a file that can be sought in
+CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's colour types
+
+
+def check(path: Path) -> None:
+    """CrowdError if the file is missing or empty, or a .png, .exr or .blend file that ends too early. OSError if it cannot be read."""
+    if not path.exists():
+        raise CrowdError(f"Blender did not write {printable(path.name)}: see its own message above.")
+    look, size = LOOKS.get(path.suffix, len), path.stat().st_size
+    try:
+        with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            whole = look(data)
+    except (LookupError, ValueError, struct.error, zlib.error):  # it ends in the middle of what it says of itself
+        whole = False
+    if not whole:
+        raise CrowdError(
+            f"The file {printable(path.name)} was not written to its end ({size:,} bytes are there): free space on the "
+            "disk, lift the limit on the size of files, or choose another folder."
+        )
+
+
+def _png(data: mmap.mmap) -> bool:
+    chunks = list(_png_chunks(data))
+    width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", chunks[0][1])
+    pixels = zlib.decompressobj()
+    size = sum(len(pixels.decompress(body)) for kind, body in chunks if kind == b"IDAT")
+    row = 1 + -(-width * depth * CHANNELS[colour] // 8)  # a byte says how it is filtered
+    return chunks[-1][0] == b"IEND" and pixels.eof and bool(interlaced or size == height * row)
+
+
+def _png_chunks(data: mmap.mmap) -> Iterator[tuple[bytes, bytes]]:
+    """(kind, content) of each chunk; ValueError where it is not all there."""
+    at = len(PNG) if data[: len(PNG)] == PNG else len(data) + 1
+    while at != len(data):
+        (size,) = struct.unpack_from(">I", data, at)
+        (code,) = struct.unpack_from(">I", data, at + 8 + size)
+        if zlib.crc32(data[at + 4 : at + 8 + size]) != code:
+            raise ValueError("The chunk is not what it was.")
+        yield data[at + 4 : at + 8], data[at + 8 : at + 8 + size]
+        at += 12 + size
+
+
+def _exr(data: mmap.mmap) -> bool:
+    """Of one part in blocks of rows, as Blender writes it: its table of offsets is filled, and each block there."""
+    data, at = bytes(data), 8
+    while data[at]:  # an attribute: name, 0, type, 0, size, content
+        at = data.index(0, data.index(0, at) + 1) + 1
+        at += 4 + struct.unpack_from("<I", data, at)[0]
+    (first,) = struct.unpack_from("<Q", data, at + 1)
+    offsets = struct.unpack_from(f"<{(first - at - 1) // 8}Q", data, at + 1) if first > at else (0,)
+    ends = [offset + 8 + struct.unpack_from("<I", data, offset + 4)[0] for offset in offsets]
+    return min(offsets) > 0 and max(ends) == len(data)
+
+
+def _blend(data: mmap.mmap) -> bool:
+    """Its end block is there; of a compressed file, all frames that the table at its end names."""
+    if data[: len(ZSTD)] != ZSTD:
+        block = 32 if data[7:9].isdigit() else 24  # bytes of a block's head, since Blender 5 and before
+        return data[:7] == b"BLENDER" and data[-block:].startswith(b"ENDB")
+    count, flags, magic = struct.unpack("<IBI", data[-9:])
+    entry = 12 if flags & 0x80 else 8  # with a check sum or without
+    if magic != SEEK_TABLE:
+        return False
+    sizes = [struct.unpack_from("<I", data, len(data) - 9 - entry * (count - k))[0] for k in range(count)]
+    return sum(sizes) + 8 + entry * count + 9 == len(data)
+
+
+LOOKS = {".png": _png, ".exr": _exr, ".blend": _blend}
+
+
+def sync(path: Path) -> None:
+    """Have the system bring the file to the disk, or the folder's list of files, if it can; OSError if the disk fails."""
+    folder = path.is_dir()
+    if folder and os.name == "nt":
+        return
+    try:
+        opened = os.open(path, os.O_RDONLY if folder else os.O_RDWR)
+        try:
+            os.fsync(opened)
+        finally:
+            os.close(opened)
+    except OSError as error:
+        if not folder or error.errno not in (errno.EACCES, errno.EINVAL):  # not to be read; not to be synced there
+            raise

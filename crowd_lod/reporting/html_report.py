@@ -1,0 +1,141 @@
+"""The report of a preview as a web page: one file without scripts, beside its pictures."""
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import PurePath
+from urllib.parse import quote
+
+from ..format import number
+from ..validation.shaded_pictures import WITHIN
+
+STYLE = """
+:root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff; --line: #dde1e7; --best: #2a6fdb }
+@media (prefers-color-scheme: dark) {
+  :root { --ink: #e7e9ee; --dim: #9aa2b1; --paper: #15171b; --card: #1e2127; --line: #343943; --best: #7fb0ff } }
+body { margin: 0 auto; padding: 2rem 1.5rem 4rem; max-width: 76rem; background: var(--paper); color: var(--ink);
+  font: 15px/1.55 system-ui, sans-serif }
+h1, h3, li { overflow-wrap: anywhere } h1 { font-size: 1.9rem; margin: 0 } h2 { margin: 2.8rem 0 .8rem; font-size: 1.3rem } h3 { margin: 0 0 .6rem }
+p { margin: .4rem 0; color: var(--dim); max-width: 60rem } code { font-size: .9em }
+.figures { display: flex; flex-wrap: wrap; gap: .8rem; margin: 1.4rem 0 }
+.figures div { background: var(--card); border: 1px solid var(--line); border-radius: .6rem; padding: .6rem 1.1rem }
+.figures b { display: block; font-size: 1.35rem } .figures span { color: var(--dim); font-size: .85rem }
+section { background: var(--card); border: 1px solid var(--line); border-radius: .8rem; padding: 1.2rem; margin: 1rem 0 }
+img { max-width: 100%; height: auto; border-radius: .5rem; display: block; margin: 0 auto }
+.scroll { overflow-x: auto } table { border-collapse: collapse; width: 100%; font-variant-numeric: tabular-nums }
+th, td { padding: .32rem .7rem; text-align: right; white-space: nowrap; border-bottom: 1px solid var(--line) }
+th { color: var(--dim); font-weight: 600; font-size: .82rem } th:first-child, td:first-child { text-align: left }
+td:last-child.words { white-space: normal; text-align: left }
+.dot { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .45em }
+ul { color: var(--dim) } footer { margin-top: 3rem; color: var(--dim); font-size: .85rem }
+"""
+
+
+def page(plan: dict, above: str = "contact_sheet.png") -> str:
+    """The page of a preview's plan, as plan.json has it; `above`: the file of the contact sheet. All text is escaped."""
+    rows, levels = plan["frames"], plan["levels"]
+    tints = [_css(tint) for tint in levels["tints"]]
+    name = escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
+    least, most = (pick(row["visible"] for row in rows) for pick in (min, max))
+    drawn, full = sum(r["triangles"] for r in rows), sum(r["full_triangles"] for r in rows)
+    figures = [
+        (f"{rows[0]['agents']:,}", "agents"),
+        (f"{least:,}" if least == most else f"{least:,} to {most:,}", "visible"),
+        (str(len(levels["tints"])), "levels of detail"),
+        (f"{drawn / full:.1%}" if full else "-", "of the triangles without culling and LOD"),
+        (f"{len(rows)}", "frames previewed"),
+    ]
+    parts = [
+        f"<h1>{name}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender {escape(plan['made_with']['blender'])}. "
+        f"{escape(_rule(levels))}</p>",
+        '<div class="figures">'
+        + "".join(f"<div><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in figures)
+        + "</div>",
+        f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
+        f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by LOD and from above"></a></section>',
+        "<h2>Levels of detail</h2>",
+        f"<p>Deviation is the largest distance between the surfaces of LOD and character, both ways, over the action: "
+        f"at least what was found, at most its bound; the "
+        f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}, and its pixels those of "
+        f"renders {' x '.join(map(str, levels['pixels']))} large. Predicted is what the "
+        "bound shows where the LOD begins; measured, how far its rendered outline then lies from the character's, "
+        "the worst of all directions. Picture off is the mean difference there of the two shaded, in their materials' colours and "
+        "images, in percent of white; similar their structural similarity (SSIM), 1 for the same.</p>",
+    ]
+    parts += [_character(entry, tints) for entry in levels["characters"]]
+    if levels["dropped"]:
+        said = "".join(f"<li>{escape(each)}</li>" for each in levels["dropped"])
+        parts.append(f"<h3>Not made</h3><ul>{said}</ul>")
+    keys = [key for key in rows[0] if not key.endswith("_ms")]
+    head = [f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize() for key in keys]
+    parts += ["<h2>Frames</h2>", _table(head, [[f"{row[key]:,}" for key in keys] for row in rows])]
+    command = escape(" ".join(plan["command"]))
+    parts.append(
+        f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all that repeats it.</footer>"
+    )
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
+        f"<title>{name}: levels of detail</title><style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    )
+
+
+def _rule(levels: dict) -> str:
+    """How LODs were chosen, in words."""
+    if levels["tolerance"] is not None:
+        shading = f", and no shaded picture differs by more than {WITHIN:.0%} of white" if levels.get("shading_counts") else ""
+        return f"LODs are chosen so that no surface lies off its character's by more than {levels['tolerance']:g} pixels{shading}."
+    by = {"AXIS": "depth", "RADIAL": "distance from the camera", "PIXELS": "size in pixels"}[levels["metric"]]
+    return f"LODs are set by ratio, and begin by {by}."
+
+
+def _character(entry: dict, tints: Sequence[str]) -> str:
+    head = [
+        "LOD",
+        "Triangles",
+        "Vertices",
+        "Deviation, mm",
+        "RMS, mm",
+        "% of diagonal",
+        "From, m",
+        "Predicted, px",
+        "Measured, px",
+        "Picture off, %",
+        "Similar",
+        "Way",
+        "ms",
+    ]
+    rows = []
+    for row in entry["levels"]:
+        dot = f'<span class="dot" style="background:{tints[row["lod"]]}"></span>'
+        rows.append(
+            [
+                f"{dot}{row['lod']}" if row["to_lod"] == row["lod"] else f"{dot}{row['lod']} to {row['to_lod']}",
+                f"{row['triangles']:,}",
+                f"{row['vertices']:,}",
+                f"{number(row['deviation_mm'])} to {number(row['deviation_bound_mm'])}",
+                number(row["rms_mm"]),
+                number(row["percent"]),
+                number(row["from_m"]) if row["begins"] == "at" else row["begins"],
+                number(row["predicted_px"]),
+                " to ".join(map(number, row["measured_px_between"] or [None])),
+                number(None if row["picture_difference"] is None else 100 * row["picture_difference"]),
+                number(row["picture_similarity"]),
+                f'<span title="{escape(row["why"] or "")}">{escape(row["way"] or "-")}</span>',
+                number(row["ms"]),
+            ]
+        )
+    name = escape(entry["group"])
+    picture = f'<img src="{quote(entry["picture"])}" alt="The LODs of {name} side by side">' if entry["picture"] else ""
+    return f"<section><h3>{name}</h3>{picture}{_table(head, rows)}</section>"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table; the cells are HTML."""
+    top = "".join(f"<th>{escape(text)}</th>" for text in head)
+    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>\n" for row in rows)
+    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def _css(linear: Sequence[float]) -> str:
+    """The linear RGB colour as CSS has it."""
+    encoded = [12.92 * c if c < 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055 for c in linear]
+    return f"rgb({', '.join(str(round(255 * c)) for c in encoded)})"

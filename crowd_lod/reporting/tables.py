@@ -1,0 +1,67 @@
+"""What a run leaves on disk: tables, plans, contact sheets."""
+
+import csv
+import io
+import json
+
+import numpy as np
+
+from ..planning.frame import Frame
+
+PLAN_VERSION = 1
+
+
+def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | float]:
+    """A row of frames.csv; `more` adds milliseconds of stages outside the core, by name."""
+    shown = int(frame.visible.sum())
+    counts = {f"lod{k}": int(n) for k, n in enumerate(frame.buckets.counts)}
+    unseen = {name: len(b.order) for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored)) if b is not None}
+    stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
+    return {
+        "frame": number,
+        "agents": len(frame.crowd),
+        "visible": shown,
+        "culled": len(frame.crowd) - shown,
+        **counts,
+        **unseen,
+        "vertices": frame.vertices,
+        "triangles": frame.triangles,
+        "full_vertices": frame.full_vertices,
+        "full_triangles": frame.full_triangles,
+        **stages,
+    }
+
+
+def to_csv(rows: list[dict]) -> str:
+    """The rows, which share their keys, as CSV with a header."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+def to_json(plan: dict) -> str:
+    """The plan as JSON; floats as they are, NaN refused."""
+    return json.dumps(plan, indent=2, allow_nan=False) + "\n"
+
+
+def shrink(picture: np.ndarray, width: int) -> np.ndarray:
+    """The picture (rows, columns, 4) uint8 made smaller by a whole factor, by averaging, to at least `width` columns."""
+    factor = max(1, picture.shape[1] // width)
+    rows, columns = (n // factor for n in picture.shape[:2])
+    blocks = picture[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, 4)
+    return np.rint(blocks.mean(axis=(1, 3))).astype(np.uint8)
+
+
+def contact_sheet(pictures: list[np.ndarray], columns: int, gap: int = 6) -> np.ndarray:
+    """The pictures, each (rows, columns, 4) uint8 with the bottom row first, on one dark sheet, read from the top left."""
+    height, width = (max(p.shape[axis] for p in pictures) for axis in (0, 1))
+    rows = -(-len(pictures) // columns)
+    sheet = np.zeros((rows * (height + gap) + gap, columns * (width + gap) + gap, 4), np.uint8)
+    sheet[:] = (24, 24, 24, 255)
+    for number, picture in enumerate(pictures):
+        row, column = divmod(number, columns)
+        bottom, left = (rows - 1 - row) * (height + gap) + gap, column * (width + gap) + gap
+        sheet[bottom : bottom + picture.shape[0], left : left + picture.shape[1]] = picture
+    return sheet

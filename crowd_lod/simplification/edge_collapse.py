@@ -1,0 +1,312 @@
+"""Quadric edge collapse in rounds: each collapses, cheapest first, edges whose stars share no triangle.
+
+Source: Garland, Heckbert, "Surface simplification using quadric error metrics", 1997; the link condition is that of Dey,
+Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from .closest_point import BLOCK, blocks, length
+from .closest_point import normals as normals_at
+from .pose_deformation import Skin
+
+MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
+STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
+FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
+FOLDED = -1.0  # the same where nothing else is left to collapse
+THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
+SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
+PASSES = 6  # choices of edges in a round
+
+
+def half_edges(triangles: np.ndarray) -> np.ndarray:
+    """The sides (3 m, 2) of triangles (m, 3): side 3 t + i of triangle t from its corner i to the next."""
+    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+def held_sides(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+    """(which of the `half_edges` of triangles (m, 3) between n points are open borders or `seams` (k, 2), (h,); which of these are
+    borders, (h,) bool)."""
+    keys = edge_keys(half_edges(triangles).T, n)
+    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
+    border = count[inverse] != 2
+    held = np.flatnonzero(border | np.isin(keys, edge_keys(seams.T, n)))
+    return held, border[held]
+
+
+def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarray, np.ndarray], hold: float = 1.0) -> np.ndarray:
+    """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its triangles by
+    their areas, and of the planes upright on their `held_sides`, by length squared, those on seams times `hold`."""
+    n, (side, border) = len(points), held
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    normal, area = _unit(np.cross(b - a, c - a))
+    total = _spread(_planes(normal, a, area / 2), triangles.T, n)
+    start, end = half_edges(triangles)[side].T
+    upright, length = _unit(np.cross(points[end] - points[start], normal[side // 3]))
+    total[:10] += _spread(_planes(upright, points[start], np.where(border, 1, hold) * length**2)[:10], (start, end), n)
+    return total
+
+
+def normals_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The sum (n, 3) of the normals of each point's triangles, by their areas."""
+    a, b, c = (points[triangles[:, i]] for i in range(3))
+    return _spread(np.cross(b - a, c - a).T, triangles.T, len(points)).T
+
+
+def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
+    """One number (k,) for each edge (2, k) between n points, whichever way it runs."""
+    return np.minimum(*ends) * n + np.maximum(*ends)
+
+
+def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> Iterator[None]:
+    """Yields between the rounds and returns (points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target`
+    triangles, or the fewest that hold.
+
+    points: (n, 3), about of unit size; triangles: (m, 3); quadrics, normals: of the points. Points keep their indices;
+    landed: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
+    parts keeps a triangle, or four where it is closed.
+
+    skin: how the points move, and bent: in each of its poses their quadrics (11, n), whose errors add to that at rest;
+    follows: the point of those given that each moves with, of the two ends of an edge the nearer. Source: Mohr, Gleicher,
+    "Deformation sensitive decimation", 2003.
+    """
+    all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
+    own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
+    corners = np.ascontiguousarray(corners.reshape(-1, 3).T)  # (3, m): NumPy is several times faster along the long axis
+    points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
+    bent, follows = [each.take(own, 1) for each in bent], own.copy()
+    landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
+    keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
+    while corners.shape[1] > target:
+        before, (keys, edges, faces) = keys, edges_of(corners, n)
+        # of each edge where it would collapse to, its cost at rest and, if known, its error in the poses: most stay as they were
+        known = _taken_over(before, known, keys, changed[edges].any(axis=0))
+        new = np.flatnonzero(np.isnan(known[3]))
+        known[:3, new], known[3, new] = place(points, quadrics, *edges.take(new, 1))
+        at, barred = known[:3], bridges(edges, faces, n) | np.isin(keys, refused)
+        cost = np.where(barred, np.inf, known[3])
+        most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
+        if bent:
+            _add_bent(skin, bent, follows, edges, at, quadrics[10], most, cost, known[4])
+        order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
+        order = order[np.argsort(cost[order], kind="stable")]
+        passes = len(order) if thorough else PASSES
+        chosen, bad = choose(points, corners, normals, edges, faces, order, at, passes, facing)
+        refused = np.append(refused, keys[bad])
+        if not len(chosen):
+            if thorough and facing == FOLDED:
+                break
+            if thorough:
+                refused, facing = refused[:0], FOLDED
+            thorough, changed = not thorough, np.zeros(n, bool)
+            continue
+        chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
+        keep, gone = ends = edges[:, chosen]
+        around = _ring(corners, ends, n)
+        refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
+        points[:, keep] = at.take(chosen, 1)
+        follows[keep] = skin.nearer(points[:, keep], *follows[ends]) if bent else follows[keep]
+        changed = np.zeros(n, bool)
+        changed[keep] = True
+        for each in (quadrics, normals, *bent):
+            each[:, keep] += each[:, gone]
+        move = np.arange(n)
+        move[gone] = keep
+        landed, corners = move[landed], move[corners]
+        corners = corners.compress(~_flat(corners), axis=1)
+        yield
+    all_points[own], all_landed[own], all_follow[own] = points.T, own[landed], follows
+    return all_points, own[corners].T, all_landed, all_follow
+
+
+def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(keys (k,), ends (2, k), how many triangles (k,)) of each edge of the triangles `corners` (3, m)."""
+    keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
+    first = np.flatnonzero(np.diff(keys, prepend=-1))
+    faces, keys = np.diff(first, append=len(keys)), keys[first]
+    return keys, np.stack(np.divmod(keys, n)), faces
+
+
+def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray) -> np.ndarray:
+    """What was `known` (r, j) of the edges `before` (j,), for those of `keys` (k,) that are among them and not `changed` (k,);
+    NaN for others, (r, k). Both in order."""
+    found = np.full((len(known), len(keys)), np.nan)
+    if len(before):
+        at = np.minimum(np.searchsorted(before, keys), len(before) - 1)
+        same = np.flatnonzero((before[at] == keys) & ~changed)
+        found[:, same] = known.take(at[same], 1)
+    return found
+
+
+def bridges(edges: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
+    """Which of the edges (2, k), of `faces` (k,) triangles, would join two borders if they collapsed, (k,) bool."""
+    border = np.zeros(n, bool)
+    border[edges[:, faces != 2]] = True
+    return (faces == 2) & border[edges[0]] & border[edges[1]]
+
+
+def _flat(corners: np.ndarray) -> np.ndarray:
+    """Which triangles (3, m) have a corner twice, (m,) bool."""
+    a, b, c = corners
+    return (a == b) | (b == c) | (c == a)
+
+
+def choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
+    """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first. points, normals,
+    at: (3, n) and (3, k)."""
+    n = points.shape[1]
+    ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
+    near = np.zeros(n, bool)
+    near[ends] = True
+    corners, edges = (each.compress(near[each].any(axis=0), axis=1) for each in (corners, edges))
+    free, chosen, bad = np.ones(len(order), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
+    for _ in range(passes):
+        found = _apart(ends, free, corners, n)
+        if not len(found):
+            break
+        free[found] = False
+        good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found], facing)
+        bad = np.append(bad, found[~good])
+        chosen = np.append(chosen, found[good])
+        free &= ~_ring(corners, ends[:, found[good]], n)[ends].any(axis=0)
+    return order[np.sort(chosen)], order[bad]
+
+
+def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    length = np.sqrt(np.einsum("nd,nd->n", vectors, vectors))
+    return vectors / np.where(length > 0, length, 1)[:, None], length
+
+
+def _planes(normal: np.ndarray, on: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Quadrics (11, k) of the squared distance to planes with normals (k, 3) through the points `on` (k, 3)."""
+    (x, y, z), d = normal.T, -np.einsum("nd,nd->n", normal, on)
+    return np.stack([x * x, x * y, x * z, y * y, y * z, z * z, x * d, y * d, z * d, d * d, np.ones(len(d))]) * weight
+
+
+def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
+    """Each row (k,) of `rows` summed over the n points that each of `corners` (k,) names."""
+    return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
+
+
+def place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+    """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
+    at, cost = np.empty((3, len(a))), np.empty(len(a))
+    for block in blocks(len(a), BLOCK):
+        at[:, block], cost[block] = _place(points, quadrics, a[block], b[block])
+    return at, cost
+
+
+def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+    p, q = points.take(a, 1), points.take(b, 1)
+    xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
+    x, y, z = middle = (p + q) / 2
+    gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+    cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
+    hold = STAY * area + 1e-300
+    xx, yy, zz = xx + hold, yy + hold, zz + hold
+    cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    adjugate = np.stack([cxx * gx + cxy * gy + cxz * gz, cxy * gx + cyy * gy + cyz * gz, cxz * gx + cyz * gy + czz * gz])
+    step = -adjugate / np.maximum(xx * cxx + xy * cxy + xz * cxz, 1e-300)
+    edge = np.einsum("dn,dn->n", p - q, p - q)
+    # planes that hardly differ meet anywhere
+    step *= np.einsum("dn,dn->n", step, step) <= 4 * edge
+    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + STAY * edge * area
+    return middle + step, cost / (area + 1e-300) ** MEAN
+
+
+def _add_bent(skin: Skin, bent, follows, edges, at, area, most: int, cost: np.ndarray, error: np.ndarray) -> None:
+    """Add to the `cost` (k,) of the edges (2, k), which collapse to `at` (3, k), the error in all poses: of the `most` cheapest and
+    whichever else might be one of these. error: (k,) those known from before, or NaN; takes up what is new. follows, area: (n,)
+    of the points."""
+    known = ~np.isnan(error)
+    cost[known] += error[known]
+    limit = np.partition(cost, most - 1)[most - 1]
+    for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
+        some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
+        ends = edges.take(some, 1)
+        there = at.take(some, 1)
+        found = _bent_error(skin, bent, skin.nearer(there, *follows[ends]), ends, there)
+        error[some] = found / (area.take(ends).sum(axis=0) + 1e-300) ** MEAN
+        cost[some] += error[some]
+        known[some] = True
+        limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
+
+
+def _bent_error(skin: Skin, bent, follow, edges, at) -> np.ndarray:
+    """The error in all poses (k,) of the points that the edges (2, k) collapse to, `at` (3, k), each moving with `follow` (k,)."""
+    error = np.zeros(len(follow))
+    for block in blocks(len(follow), BLOCK):
+        a, b = edges[:, block]
+        for j, quadrics in enumerate(bent):
+            xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
+            x, y, z = skin.at(j, at[:, block], follow[block])
+            gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+            error[block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
+    return error
+
+
+def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
+    """Whether each of n points is in a triangle with one of `ends`, (n,) bool."""
+    mine, ring = np.zeros(n, bool), np.zeros(n, bool)
+    mine[ends] = ring[ends] = True
+    a, b, c = mine[corners]
+    ring[corners[:, a | b | c]] = True
+    return ring
+
+
+def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> np.ndarray:
+    """The free edges that are the cheapest of all that reach a triangle that they reach."""
+    edge = np.flatnonzero(free)
+    cheapest, reach = np.full((2, n), len(free))
+    for end in ends[:, edge]:
+        np.minimum.at(cheapest, end, edge)
+    star = cheapest[corners].min(axis=0)
+    for corner in corners:
+        np.minimum.at(reach, corner, star)
+    return edge[(reach[ends[:, edge]] == edge).all(axis=0)]
+
+
+def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> np.ndarray:
+    """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart. facing:
+    the least cosine between a triangle's normals before and after."""
+    n, k = points.shape[1], ends.shape[1]
+    which = np.full(n, -1)
+    which[ends] = np.arange(k)
+    # link condition: only the corners opposite of the edge are neighbours of both its ends
+    mine = which[edges]
+    rim = (mine >= 0).sum(axis=0) == 1
+    other = np.where(mine[0] >= 0, edges[1], edges[0])
+    good = np.bincount(_twice(mine.max(axis=0)[rim] * n + other[rim]) // n, minlength=k) == faces
+    # the triangles that stay, with the edge's ends moved
+    mine = which[corners]
+    stays = (mine >= 0).sum(axis=0) == 1
+    mine, rest = mine[:, stays], corners[:, stays]
+    edge = mine.max(axis=0)
+    good &= np.bincount(edge, minlength=k) > 0
+    # a tetrahedron would become two triangles back to back
+    across = np.where(mine >= 0, -1, rest)
+    high = across.max(axis=0)
+    across = edge_keys((across.sum(axis=0) + 1 - high, high), n)
+    good[_twice(edge * n * n + across) // n // n] = False
+    old = [points.take(corner, 1) for corner in rest]
+    new = [np.where(moved >= 0, at.take(edge, 1), corner) for moved, corner in zip(mine, old, strict=True)]
+    was, now = normals_at(*old), normals_at(*new)
+    was_size, size = length(was), length(now)
+    was_long, long = (sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a)) for a, b, c in (old, new))
+    thin = (size < THIN * long) & (size * was_long <= was_size * long)
+    merged = normals[:, ends].sum(axis=1)
+    outward = [np.where(m >= 0, merged.take(edge, 1), normals.take(c, 1)) for m, c in zip(mine, rest, strict=True)]
+    stands_for = sum(each / (length(each) + 1e-300) for each in outward)
+    turned = (np.einsum("dn,dn->n", was, now) / (was_size * size + 1e-300) < facing) & (was_size > 0)
+    turned |= np.einsum("dn,dn->n", stands_for, now) / (length(stands_for) * size + 1e-300) < facing
+    good[edge[thin | turned]] = False
+    return good
+
+
+def _twice(keys: np.ndarray) -> np.ndarray:
+    """Those of `keys` (k,) that come more than once."""
+    keys = np.sort(keys)
+    return keys[1:][keys[1:] == keys[:-1]]

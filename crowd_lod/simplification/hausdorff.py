@@ -1,0 +1,331 @@
+"""Between which two numbers the Hausdorff distance of two moving surfaces lies, over all their poses.
+
+Each triangle of one surface is mapped onto the other, linearly on each of a few pieces. A piece's largest distance from its
+image is at a corner, and the other surface is no farther off than the image. The map is found in one pose and holds in all:
+there only its corners are measured. Where that says too much it is found anew in that pose, and pieces are divided. Sources:
+Guthe, Borodin, Klein, "Fast and accurate Hausdorff distance calculation between meshes", 2005; Sacht, Jacobson, "Cascading
+upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
+"""
+
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .closest_point import Walkable, barycentric, blocks, normals
+
+TOLERANCE = 0.10  # part of the distance by which the bound may lie above what was measured
+FLOOR = 5e-5  # part of the size: how far a bound need never be lowered
+DEEPEST = 10  # times that pieces are divided, at most
+MOST = 400_000  # pieces of one surface in a pose; where there would be more, the bound is left as it is
+FIRST = 8  # points of each pose that are measured first, those which may be farthest off
+SPOKES = 4  # sides of triangles that one side of a piece crosses, at most
+INSIDE = 0.1  # of the way to a piece's middle: where the triangles beneath its corners are sought
+BLOCK = 4_000  # points, or pieces, in all poses that fit in the processor's cache
+
+
+@dataclass
+class Moving:
+    """A surface in k poses. points: (n, k, 3) float64 metres; triangles: (m, 3) indices; find(pose, points (j, 3)): the triangles
+    (j,) nearest to the points in that pose."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    find: Callable[[int, np.ndarray], np.ndarray]
+
+    def on(self, face: np.ndarray, points: np.ndarray, pose: int) -> np.ndarray:
+        """Barycentric weights (j, 3) of what is nearest to points (j, 3) on the triangles `face` (j,) in the pose."""
+        return barycentric(points.T, *self.corners(face, pose)).T
+
+    def corners(self, face: np.ndarray, pose: int) -> list[np.ndarray]:
+        """The corners of the triangles `face` (j,) in the pose, three times (3, j)."""
+        return [self.points[self.triangles[face, c], pose].T for c in range(3)]
+
+    def walkable(self, pose: int) -> Walkable:
+        found = copy(self._walkable)
+        found.points = np.ascontiguousarray(self.points[:, pose].T)
+        return found
+
+    @cached_property
+    def _walkable(self) -> Walkable:
+        return Walkable(self.points[:, 0].T, np.ascontiguousarray(self.triangles.T))
+
+    @cached_property
+    def beyond(self) -> np.ndarray:
+        """The triangles (m, 3) beyond the sides from each corner to the next; -1 where that is not one, the same way
+        round."""
+        sides = np.stack([self.triangles, self.triangles[:, [1, 2, 0]]]).reshape(2, -1)
+        n = len(self.points)
+        (keys, first, count), back = (
+            np.unique(sides[0] * n + sides[1], return_index=True, return_counts=True),
+            sides[1] * n + sides[0],
+        )
+        place = np.searchsorted(keys, back).clip(max=len(keys) - 1)
+        mine = np.searchsorted(keys, sides[0] * n + sides[1])
+        one = (keys[place] == back) & (count[place] == 1) & (count[mine] == 1)
+        return np.where(one, first[place] // 3, -1).reshape(-1, 3)
+
+
+@dataclass
+class Interval:
+    """The distance over all poses is at least `measured`, as at `pose`, and at most `bound`, metres. `floor`: metres that a bound
+    need not be lowered below."""
+
+    floor: float
+    measured: float = 0.0
+    pose: int = 0
+    bound: float = 0.0
+
+    def see(self, distance: np.ndarray, pose: int) -> None:
+        """Distances that there are in the pose."""
+        most = float(distance.max(initial=0.0))
+        if most > self.measured:
+            self.measured, self.pose = most, pose
+
+    @property
+    def enough(self) -> float:
+        return max((1 + TOLERANCE) * self.measured, self.floor)
+
+
+@dataclass
+class _Points:
+    """Points of one surface, at: (n, poses, 3), mapped to the other. to: (n,), a triangle; weights: (n, 3), barycentric; off: (n, poses)
+    metres from there; near: (n, poses), no less than how far they are from the other surface."""
+
+    at: np.ndarray
+    to: np.ndarray
+    weights: np.ndarray
+    off: np.ndarray
+    near: np.ndarray
+
+    def joined(self, more: "_Points") -> "_Points":
+        return _Points(*(np.concatenate(pair) for pair in zip(vars(self).values(), vars(more).values(), strict=True)))
+
+
+@dataclass
+class _Pairs:
+    """Points at barycentric `weights` (q, 3) of the pieces `piece` (q,), each mapped to the other surface's points `to` (q, 3), of
+    `to_weights` (q, 3): not a number where there is no map."""
+
+    piece: np.ndarray
+    weights: np.ndarray
+    to: np.ndarray
+    to_weights: np.ndarray
+
+    def of(self, pieces: np.ndarray) -> "_Pairs":
+        """Those of the pieces (p,) bool alone, which are numbered anew."""
+        some = np.flatnonzero(pieces[self.piece])
+        return _Pairs((np.cumsum(pieces) - 1)[self.piece[some]], self.weights[some], self.to[some], self.to_weights[some])
+
+
+def interval(one: Moving, other: Moving) -> Interval:
+    """The symmetric Hausdorff distance of two surfaces, the largest over their poses."""
+    found = Interval(FLOOR * float(np.ptp(one.points, axis=0).max()))
+    ways = [_Way(b, found, slice(0, b.points.shape[1])) for b in (other, one)]
+    mapped = [way.mapped(a.points) for way, a in zip(ways, (one, other), strict=True)]
+    for way, points in zip(ways, mapped, strict=True):
+        way.look_again(points)
+    for way, points, a in zip(ways, mapped, (one, other), strict=True):
+        corners = a.points[a.triangles]
+        way.cover(points, a.triangles, _length(corners - corners[:, [1, 2, 0]]).max(axis=1))
+    found.bound = max(found.bound, found.enough)
+    return found
+
+
+@dataclass
+class _Way:
+    """The way to the surface `other` in `poses`; `found` gets what is found. The map is found in the first of the poses."""
+
+    other: Moving
+    found: Interval
+    poses: slice
+
+    @property
+    def base(self) -> int:
+        return self.poses.start
+
+    @cached_property
+    def walkable(self) -> Walkable:
+        return self.other.walkable(self.base)
+
+    def mapped(self, at: np.ndarray) -> _Points:
+        """Points (n, poses, 3), mapped to the nearest in the first pose."""
+        to = self.other.find(self.base, at[:, 0])
+        weights = self.other.on(to, at[:, 0], self.base)
+        off = np.empty(at.shape[:2])
+        for some in blocks(len(at), BLOCK):
+            off[some] = _length(at[some] - self.mixed(self.other.triangles[to[some]], weights[some], self.poses))
+        self.found.see(off[:, 0], self.base)
+        return _Points(at, to, weights, off, off.copy())
+
+    def mixed(self, corners: np.ndarray, weights: np.ndarray, poses: slice) -> np.ndarray:
+        """The points (j, poses, 3) at weights (j, 3) of points (j, 3) of `other`."""
+        return sum(self.other.points[corners[:, c], poses] * weights[:, c, None, None] for c in range(3))
+
+    def look_again(self, points: _Points) -> None:
+        """Measure points in the poses where they may be farther off than any."""
+        for least in (FIRST, None):
+            for k in range(1, points.off.shape[1]):
+                order = np.argsort(-points.near[:, k])[:least]
+                some = order[points.near[order, k] > self.found.enough]
+                if len(some):
+                    points.near[some, k] = self.alone(k).mapped(points.at[some, k, None]).off[:, 0]
+
+    def alone(self, k: int) -> "_Way":
+        """The same in the k-th of the poses alone."""
+        return _Way(self.other, self.found, slice(self.base + k, self.base + k + 1))
+
+    def cover(self, points: _Points, pieces: np.ndarray, longest: np.ndarray) -> None:
+        """Bound the distance of pieces (p, 3), triangles of mapped points with sides up to `longest` (p, poses)."""
+        later = []
+        for depth in range(DEEPEST + 1):
+            near = points.near[pieces]
+            most = np.minimum(near.min(axis=1) + longest, near.max(axis=1) + longest / np.sqrt(3))
+            some = np.flatnonzero((most > self.found.enough).any(axis=1))
+            most = np.minimum(most[some], self.mapped_pieces(points, pieces[some]))
+            wrong = most > self.found.enough
+            split = wrong[:, 0]
+            if depth == DEEPEST or 4 * split.sum() > MOST:
+                self.found.bound = max(self.found.bound, float(most[split, 0].max(initial=0)))
+                split = np.zeros_like(split)
+            rest = np.flatnonzero(wrong.any(axis=1) & ~split)
+            later.append((pieces[some[rest]], longest[some[rest]], wrong[rest]))
+            some = some[split]
+            if not len(some):
+                break
+            points, pieces = self.divided(points, pieces[some])
+            longest = np.tile(longest[some] / 2, (4, 1))
+        for k in range(1, longest.shape[1]):
+            some = np.concatenate([each[wrong[:, k]] for each, _, wrong in later])
+            sides = np.concatenate([each[wrong[:, k], k] for _, each, wrong in later])
+            if len(some):
+                used, corners = np.unique(some, return_inverse=True)
+                way = self.alone(k)
+                way.cover(way.mapped(points.at[used, k, None]), corners.reshape(-1, 3), sides[:, None])
+
+    def divided(self, points: _Points, pieces: np.ndarray) -> tuple[_Points, np.ndarray]:
+        """(the points and those in the middle of sides, the four quarters (4 p, 3) of each of the pieces)."""
+        n = len(points.at)
+        low, high = np.sort(np.stack([pieces, pieces[:, [1, 2, 0]]]), axis=0)
+        keys, middle = np.unique(low * n + high, return_inverse=True)
+        points = points.joined(self.mapped((points.at[keys // n] + points.at[keys % n]) / 2))
+        a, b, c = pieces.T
+        ab, bc, ca = n + middle.reshape(-1, 3).T
+        return points, np.concatenate([np.stack(each, axis=1) for each in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+
+    def mapped_pieces(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
+        """(p, poses) metres that the pieces are off at most, each mapped to one triangle or to neighbours; infinite where that is
+        too much in the first pose already."""
+        to = points.to[pieces]
+        most = np.where((to == to[:, :1]).all(axis=1)[:, None], points.off[pieces].max(axis=1), np.inf)
+        every = np.flatnonzero((most > self.found.enough).any(axis=1))
+        for block in blocks(len(every), BLOCK):
+            some = every[block]
+            corners = points.at[pieces[some]]
+            beneath = self.beneath(points, pieces[some])
+            for mapping in (self.to_neighbours, self.to_one):
+                pairs = mapping(corners[:, :, 0], beneath)
+                first = self.off(pairs, corners[:, :, :1], slice(self.base, self.base + 1))[:, 0]
+                good = first <= self.found.enough
+                most[some[good]] = self.off(pairs.of(good), corners[good], self.poses)
+                still = (most[some] > self.found.enough).any(axis=1)
+                some, corners, beneath = some[still], corners[still], beneath[still]
+                if not len(some):
+                    break
+        return most
+
+    def off(self, pairs: _Pairs, corners: np.ndarray, poses: slice) -> np.ndarray:
+        """(p, poses) metres that pieces with corners (p, 3, poses, 3) are off at most by the pairs; infinite without a map."""
+        at = sum(corners[pairs.piece, c] * pairs.weights[:, c, None, None] for c in range(3))
+        off = _length(at - self.mixed(pairs.to, pairs.to_weights, poses))
+        order = np.argsort(pairs.piece, kind="stable")
+        most = np.maximum.reduceat(off[order], np.searchsorted(pairs.piece[order], np.arange(len(corners))))
+        return np.where(np.isnan(most), np.inf, most)
+
+    def beneath(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
+        """The triangles (p, 3) of `other` beneath the pieces, near each corner."""
+        corner = points.at[pieces, 0]
+        inside = corner + INSIDE * (corner.mean(axis=1, keepdims=True) - corner)
+        start = self.walkable.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
+        return self.walkable.walk(start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
+
+    def to_one(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
+        """Pieces with corners (p, 3, 3) mapped to that one of the triangles (p, 3) beneath to which they are nearest."""
+        on = np.array([[self.other.on(each, at[:, c], self.base) for c in range(3)] for each in beneath.T])
+        to, first = self.other.triangles[beneath], slice(self.base, self.base + 1)
+        off = [[_length(at[:, c] - self.mixed(to[:, t], on[t, c], first)[:, 0]) for c in range(3)] for t in range(3)]
+        best, every = np.max(off, axis=1).argmin(axis=0), np.arange(len(at))
+        return _joined(
+            [_Pairs(every, np.broadcast_to(np.eye(3)[c], at.shape[:2]), to[every, best], on[best, c, every]) for c in range(3)]
+        )
+
+    def to_neighbours(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
+        """Each corner's part of pieces with corners (p, 3, 3) mapped to its own triangle beneath, where these have a corner in common,
+        the hub: sides are cut where they cross spokes, the sides of triangles that meet in the hub. If they cross them all round, the
+        hub is mapped as well."""
+        to, every = self.other.triangles[beneath], np.arange(len(at))
+        common = (to[:, 0, :, None, None] == to[:, None, 1:, :]).any(axis=3).all(axis=2)
+        hub = to[every, 0, common.argmax(axis=1)]
+        pairs, turned = [], np.zeros(len(at), np.intp)
+        for c in range(3):
+            weights = np.broadcast_to(np.eye(3)[c], at.shape[:2])
+            pairs.append(_Pairs(every, weights, to[:, c], self.other.on(beneath[:, c], at[:, c], self.base)))
+        pairs[0].to_weights[~common.any(axis=1)] = np.nan
+        for i, j in ((0, 1), (1, 2), (2, 0)):
+            some = np.flatnonzero((beneath[:, i] != beneath[:, j]) & common.any(axis=1))
+            for crossing, steps in self.crossings(at, beneath, hub, (i, j), some):
+                pairs.append(crossing)
+                turned[crossing.piece] += steps
+        some = np.flatnonzero(turned)
+        weights = barycentric(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
+        return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
+
+    def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray):
+        """Yields _Pairs where the side from one to another corner of the pieces `some` crosses spokes, one after another from the
+        triangle beneath the one to that beneath the other, and 1 or -1 for each, the way round the hub."""
+        i, j = side
+        face, last, middle = beneath[some, i], beneath[some, j], self.other.points[hub[some], self.base]
+        one, other = at[some, i], at[some, j]
+        up = sum(normals(*self.other.corners(each, self.base)) for each in (face, last)).T
+        left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
+        for more in reversed(range(SPOKES)):
+            place = (self.other.triangles[face] == hub[some, None]).argmax(axis=1)
+            rim = self.other.triangles[face, (place + 1 + left) % 3]
+            end = self.other.points[rim, self.base]
+            across = np.cross(up, end - middle)
+            away = [np.einsum("pd,pd->p", each - middle, across) for each in (one, other)]
+            part = np.clip(away[0] / np.where(away[0] == away[1], 1, away[0] - away[1]), 0, 1)
+            weights, to_weights = np.zeros((2, len(some), 3))
+            weights[:, i], weights[:, j] = 1 - part, part
+            part = _part(_between(one, other, part), middle, end)
+            to_weights[:, 0], to_weights[:, 1] = 1 - part, part
+            face = self.other.beyond[face, np.where(left, (place + 2) % 3, place)]
+            going = (face != last) & (face >= 0)
+            to_weights[(face < 0) | going & (more == 0)] = np.nan
+            yield _Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights), np.where(left, 1, -1)
+            if not going.any():
+                return
+            some, face, last, middle, one, other, up, left = (
+                each[going] for each in (some, face, last, middle, one, other, up, left)
+            )
+
+
+def _joined(pairs: list[_Pairs]) -> _Pairs:
+    return _Pairs(*(np.concatenate(each) for each in zip(*(vars(one).values() for one in pairs), strict=True)))
+
+
+def _part(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """How far from `begin` to `end` what is nearest to points, all (p, 3), lies: (p,) in [0, 1]."""
+    side = end - begin
+    return (np.einsum("pd,pd->p", points - begin, side) / np.maximum(np.einsum("pd,pd->p", side, side), 1e-300)).clip(0, 1)
+
+
+def _between(begin: np.ndarray, end: np.ndarray, part: np.ndarray) -> np.ndarray:
+    return begin + part[:, None] * (end - begin)
+
+
+def _length(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors (..., 3)."""
+    return np.sqrt(np.einsum("...d,...d->...", vectors, vectors))

@@ -1,0 +1,159 @@
+"""How a mesh moves in its poses: what decimation must know to keep the rings of an elbow that is straight at rest."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .closest_point import length
+
+MOST = 3  # poses, besides the one at rest, that decimation heeds
+LOOKED_AT = 5_000  # triangles that tell poses apart, about
+STIFF = 1e-3  # mean change of a side's turn below which poses are alike
+APART = 2.0  # sizes of the mesh between its copies
+LITTLE = 1e-3  # of a side's length, that a point's axes count where its triangles tell nothing
+LARGER = 2.0  # times that the mesh at rest is as large as in its poses
+
+
+@dataclass(frozen=True)
+class Skin:
+    """A point that moves with the mesh's point i and lies at p at rest lies at place[j, i] + frame[j, i] @ (p - rest[i]) in
+    pose j.
+
+    rest: (n, 3) metres; place: (k, n, 3) metres; frame: (k, n, 3, 3), the derivative of the place by where it lies at rest.
+    """
+
+    rest: np.ndarray
+    place: np.ndarray
+    frame: np.ndarray
+
+    def at(self, pose: int, points: np.ndarray, follows: np.ndarray) -> np.ndarray:
+        """Where points (3, m) at rest, each moving with the mesh's point `follows` (m,), lie in the pose, (3, m)."""
+        rows = self._rows[pose].take(follows, 1)
+        x, y, z = points - rows[:3]
+        return rows[3:6] + (rows[6:9] * x + rows[9:12] * y + rows[12:] * z)
+
+    def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Which of the mesh's points `one` and `other`, each (m,), lies nearer to each of points (3, m) at rest."""
+        off, off_other = (length(self.rest.T.take(each, 1) - points) for each in (one, other))
+        return np.where(off_other < off, other, one)
+
+    def back(self, pose: int, ways: np.ndarray, follows: np.ndarray) -> np.ndarray:
+        """The weighed ways (3, m) at rest of the weighed `ways` (3, m) in the pose, of points that move with `follows` (m,): the
+        right side of least squares; `stretch` is the left."""
+        x, y, z = ways
+        xx, yx, zx, xy, yy, zy, xz, yz, zz = self._rows[pose, 6:].take(follows, 1)
+        return np.stack([xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z])
+
+    @cached_property
+    def stretch(self) -> np.ndarray:
+        """(k, n): how much longer, squared, ways are in each pose than at rest, in the mean of all directions."""
+        return np.einsum("knij,knij->kn", self.frame, self.frame) / 3
+
+    @cached_property
+    def _rows(self) -> np.ndarray:
+        """(k, 15, n): rest, place, and the frame's three columns: NumPy is several times faster along the long axis."""
+        frame = self.frame.transpose(0, 3, 2, 1).reshape(len(self.frame), 9, -1)
+        rest = np.broadcast_to(self.rest.T, (len(frame), *self.rest.T.shape))
+        return np.concatenate([rest, self.place.transpose(0, 2, 1), frame], axis=1)
+
+    def of(self, points: np.ndarray) -> "Skin":
+        """That of the mesh's points (m,) alone."""
+        return Skin(self.rest[points], self.place[:, points], self.frame[:, points])
+
+    def scaled(self, origin: np.ndarray, size: float) -> "Skin":
+        """That of the mesh moved by -origin and divided by size."""
+        return Skin((self.rest - origin) / size, (self.place - origin) / size, self.frame)
+
+    def telling(self, triangles: np.ndarray, most: int = MOST) -> "Skin | None":
+        """At most `most` of the poses: each time the one that bends the triangles (m, 3) most unlike those before and the
+        rest; none that is like one of them. None if nothing bends."""
+        a, b = triangles[:: len(triangles) // LOOKED_AT + 1, [0, 1]].T
+        # from one end of a side to the other: what a turn of all together leaves as it is
+        turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
+        unlike, chosen = np.full(len(turns), np.inf), []
+        new = np.zeros_like(turns[0])
+        while len(chosen) < most:
+            unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))).mean(axis=1))
+            if unlike.max(initial=0) < STIFF:
+                break
+            chosen.append(int(unlike.argmax()))
+            new = turns[chosen[-1]]
+        return Skin(self.rest, self.place[chosen], self.frame[chosen]) if chosen else None
+
+
+def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """The derivatives (k, n, 3, 3), see Skin, of a mesh whose points move on their own: by least squares, what the sides of a point's
+    triangles (m, 3) become in each pose, and its normal the normal there. rest: (n, 3) metres; place: (k, n, 3) metres."""
+    ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    start, end = np.concatenate([ends, ends[:, ::-1]]).T
+    n, size = len(rest), np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=1).mean()
+
+    def vectors(points: np.ndarray) -> np.ndarray:
+        """The sides from each point, its normal as long as a side, and a little of each axis, that all are told, (s + 4 n, 3)."""
+        a, b, c = (points[triangles[:, i]] for i in range(3))
+        normal = np.zeros((n, 3))
+        for corner in triangles.T:
+            np.add.at(normal, corner, np.cross(b - a, c - a))
+        normal *= size / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+        return np.concatenate([points[end] - points[start], normal, *(np.tile(LITTLE * size * axis, (n, 1)) for axis in np.eye(3))])
+
+    point, own = np.concatenate([start, np.tile(np.arange(n), 4)]), vectors(rest)
+
+    def products(one: np.ndarray) -> np.ndarray:
+        rows = [np.bincount(point, one[:, i] * own[:, j], n) for i in range(3) for j in range(3)]
+        return np.stack(rows, axis=-1).reshape(n, 3, 3)
+
+    inverse = np.linalg.inv(products(own))
+    return np.array([products(vectors(at)) @ inverse for at in place])
+
+
+class Copies:
+    """A mesh at rest and in its poses, side by side as one mesh, so that whatever measures it measures all of them at once.
+
+    Copy j of point, or triangle, i is number i * count + j; the first is at rest, and LARGER if there are others: there
+    distances count more.
+    """
+
+    def __init__(self, skin: Skin | None):
+        self.skin, self.count = skin, 1 if skin is None else 1 + len(skin.place)
+        self.rest = LARGER if self.count > 1 else 1.0
+        if skin is not None:
+            low, high = skin.place.min(axis=1), skin.place.max(axis=1)
+            gap = APART * self.rest * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
+            self.shift = gap * np.arange(1, self.count) - low[:, 0]
+
+    def every(self, one: np.ndarray) -> np.ndarray:
+        """The numbers (..., k * count) of all copies of `one` (..., k), -1 of -1."""
+        copies = np.ascontiguousarray(one)[..., None] * self.count + np.arange(self.count)
+        return np.where(copies < 0, -1, copies).reshape(*one.shape[:-1], -1)
+
+    def one(self, every: np.ndarray) -> np.ndarray:
+        """The numbers (..., k) of which `every` (..., k * count) are all copies."""
+        return every[..., :: self.count] // self.count
+
+    def worst(self, values: np.ndarray) -> np.ndarray:
+        """The greatest (k,) of all copies' `values` (k * count,)."""
+        return values.reshape(-1, self.count).max(axis=1)
+
+    def at(self, points: np.ndarray, follows: np.ndarray) -> np.ndarray:
+        """All copies (3, k * count) of points (3, k) of the larger copy at rest, each of which moves with `follows` (k,)."""
+        every = np.empty((3, points.shape[1], self.count))
+        every[..., 0] = points
+        for j in range(1, self.count):
+            every[..., j] = self.skin.at(j - 1, points / self.rest, follows)
+            every[0, :, j] += self.shift[j - 1]
+        return every.reshape(3, -1)
+
+    def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Which of `one` and `other`, each (k,), that points (3, k) of the larger copy at rest may move with, lies nearer to them."""
+        return one if self.count == 1 else self.skin.nearer(points / self.rest, one, other)
+
+    def joined(self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(weight (k,), ways (3, k)) of the larger copy at rest, that come nearest to the weighed `ways` (3, k * count) of all."""
+        weight, ways = weight.reshape(-1, self.count), ways.reshape(3, -1, self.count)
+        total, way = weight[:, 0].copy(), ways[..., 0].copy()
+        for j in range(1, self.count):
+            total += weight[:, j] * self.skin.stretch[j - 1].take(follows) / self.rest**2
+            way += self.skin.back(j - 1, ways[..., j], follows) / self.rest
+        return total, way

@@ -1,0 +1,90 @@
+"""Triangles to pixels: a small rasteriser, for silhouettes and the pictures of LODs."""
+
+import numpy as np
+
+from .closest_point import ranges
+
+MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the processor's cache
+EDGE = 1e-9  # pixels by which a centre may miss an edge that it lies on, by rounding
+
+
+def cover(corners: np.ndarray, shape: tuple[int, int]):
+    """Yields (pixel (k,) intp, triangle (k,) intp, weights (k, 3) float64): the pixels whose centres the triangles cover.
+
+    corners: (m, 3, 2) float64, each triangle's corners in pixels: x from the left edge, y from the edge of row 0. shape:
+    rows and columns; a pixel is row x columns + column. weights: barycentric. Triangles seen edge on cover nothing; those
+    that share an edge both cover the centres on it.
+    """
+    rows, columns = shape
+    low = np.ceil(corners.min(axis=1) - 0.5).clip(0, (columns, rows)).astype(np.intp)
+    high = (np.floor(corners.max(axis=1) - 0.5) + 1).clip(0, (columns, rows)).astype(np.intp)
+    size = (high - low).clip(0)
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+    chosen = np.flatnonzero((size.prod(axis=1) > 0) & (area != 0))
+    pairs = size[chosen].prod(axis=1)
+    for part in np.split(chosen, np.flatnonzero(np.diff(np.cumsum(pairs) // MOST_PAIRS)) + 1):
+        count = size[part].prod(axis=1)
+        triangle = np.repeat(part, count)
+        place = ranges(np.zeros_like(count), count)
+        row, column = np.divmod(place, size[triangle, 0])
+        row, column = row + low[triangle, 1], column + low[triangle, 0]
+        x, y = column + 0.5 - corners[triangle, 0, 0], row + 0.5 - corners[triangle, 0, 1]
+        b = (x * v[triangle, 1] - y * v[triangle, 0]) / area[triangle]
+        c = (y * u[triangle, 0] - x * u[triangle, 1]) / area[triangle]
+        inside = (b >= 0) & (c >= 0) & (b + c <= 1)
+        b, c = b[inside], c[inside]
+        yield row[inside] * columns + column[inside], triangle[inside], np.stack([1 - b - c, b, c], axis=1)
+
+
+def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """(rows, columns) bool: the pixels that the triangles cover, from where each begins in a row to where it ends; centres on
+    edges are covered. corners, shape: see `cover`."""
+    rows, columns = shape
+    u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    x, y = corners[u[:, 0] * v[:, 1] != u[:, 1] * v[:, 0]].transpose(2, 1, 0)
+    low, high = np.ceil(y.min(axis=0) - 0.5).clip(0, rows), (np.floor(y.max(axis=0) - 0.5) + 1).clip(0, rows)
+    count = (high - low).clip(0).astype(np.intp)
+    # each triangle in each of its rows
+    triangle, row = np.repeat(np.arange(len(count)), count), ranges(low.astype(np.intp), count)
+    begin, end = np.full(len(row), np.inf), np.full(len(row), -np.inf)
+    for p, q in ((0, 1), (1, 2), (2, 0)):
+        (x_p, y_p), (x_q, y_q) = ((x[k].take(triangle), y[k].take(triangle)) for k in (p, q))
+        some = np.flatnonzero(((y_p - row - 0.5) * (y_q - row - 0.5) <= 0) & (y_p != y_q))
+        part = (row[some] + 0.5 - y_p[some]) / (y_q[some] - y_p[some])
+        at = x_p[some] + part * (x_q[some] - x_p[some])
+        begin[some], end[some] = np.minimum(begin[some], at), np.maximum(end[some], at)
+    first = np.ceil(begin - 0.5 - EDGE).clip(0, columns).astype(np.intp)
+    last = (np.floor(end - 0.5 + EDGE) + 1).clip(0, columns).astype(np.intp)
+    spans = np.flatnonzero(first < last)
+    # how many begin less how many have ended
+    begun, ended = (np.bincount(row[spans] * (columns + 1) + ends[spans], minlength=rows * (columns + 1)) for ends in (first, last))
+    return np.cumsum((begun - ended).reshape(rows, columns + 1), axis=1, dtype=np.int32)[:, :-1] > 0
+
+
+def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """(row (k,), column (k,)) of the pixels along the longest sides of the triangles that are less than a pixel high, of which
+    `mask` may miss parts: what is seen edge on. corners, shape: see `cover`; what lies outside is moved to the border."""
+    sides = np.roll(corners, -1, axis=1) - corners
+    squares = np.einsum("mkd,mkd->mk", sides, sides)
+    doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    low = np.flatnonzero(doubled**2 < squares.max(axis=1, initial=0))
+    first = squares[low].argmax(axis=1)
+    begin, side = corners[low, first], sides[low, first]
+    count = np.ceil(np.abs(side).max(axis=1, initial=0)).astype(np.intp) + 1
+    part = ranges(np.zeros_like(count), count) / np.repeat((count - 1).clip(1), count)
+    at = np.repeat(begin, count, axis=0) + part[:, None] * np.repeat(side, count, axis=0)
+    column, row = np.floor(at).astype(np.intp).clip(0, (shape[1] - 1, shape[0] - 1)).T
+    return row, column
+
+
+def nearest(corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(pixel (k,), triangle (k,), weights (k, 3)) of what is seen: at each covered pixel, once, the triangle of the least
+    depth. corners, shape: see `cover`; depth: (m, 3) of the corners."""
+    parts = list(cover(corners, shape))
+    if not parts:
+        return np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 3))
+    pixel, triangle, weights = (np.concatenate(each) for each in zip(*parts, strict=True))
+    order = np.lexsort(((depth[triangle] * weights).sum(axis=1), pixel))
+    first = order[np.flatnonzero(np.diff(pixel[order], prepend=-1))]
+    return pixel[first], triangle[first], weights[first]

@@ -1,0 +1,115 @@
+"""The culling against its judge (validation/exact_frustum.py): agents missed, agents kept for nothing."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..crowd.agents import Crowd
+from ..culling.camera import Camera, crop, referential, window
+from ..culling.radar import ROUNDING, radar
+from .exact_frustum import depth_error, gap, scatter, seen
+
+# name: kind of camera, range of log10 of the fitted side (slope or metres), largest lens shift
+LENSES = {
+    "telephoto": ("PERSP", (-3.0, -1.0), 0.1),
+    "normal": ("PERSP", (-1.0, 0.5), 0.1),
+    "wide angle": ("PERSP", (0.5, 2.0), 0.1),
+    "shifted": ("PERSP", (-1.0, 1.0), 3.0),
+    "orthographic": ("ORTHO", (-1.0, 3.0), 1.0),
+    "panoramic": ("PANO", (0.0, 0.0), 0.0),
+    "sheared": ("PERSP", (-1.0, 0.5), 0.1),
+    "sheared, Cycles": ("PERSP", (-1.0, 0.5), 0.1),  # its rays may see beyond the planes, so the culling keeps more
+}
+EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithmetic
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What `check` found. pairs: of camera and agent. visible: truly, by exact planes. kept: by the culling. missed:
+    visible and not kept. surplus: kept, not visible; grazing: those of them within roundings of a plane. beside: visible by the
+    planes, but the sphere misses the frustum's body, at an edge or corner. doubtful: pairs that float64 could not decide, exact
+    arithmetic did. depth_error: the largest error of a distance, as a part of the bound that levels.assign states."""
+
+    pairs: int = 0
+    visible: int = 0
+    kept: int = 0
+    missed: int = 0
+    surplus: int = 0
+    grazing: int = 0
+    beside: int = 0
+    doubtful: int = 0
+    depth_error: float = 0.0
+
+    def __add__(self, other: "Verdict") -> "Verdict":
+        counts = (getattr(self, n) + getattr(other, n) for n in self.__dataclass_fields__ if n != "depth_error")
+        return Verdict(*counts, depth_error=max(self.depth_error, other.depth_error))
+
+
+def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
+    """A crowd at the points (n, 3)."""
+    still = np.zeros(len(points), np.float32)
+    none = np.zeros(len(points), np.uint8)
+    return Crowd(*np.ascontiguousarray(points.T, np.float64), still, none, none if group is None else group, none)
+
+
+def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray) -> Verdict:
+    """The culling of spheres of radius[group] at the points (n, 3), judged. radius: (G,), group: (n,) uint8."""
+    visible, distance = radar(standing(points, group), camera, np.zeros(len(radius)), radius)
+    truly, doubtful = seen(camera, points, radius[group])
+    beside = 0
+    if camera.kind != "PANO":
+        beside = int((gap(camera, points[truly]) > radius[group][truly]).sum())
+    errors = [0.0]
+    if camera.kind != "PANO":
+        for i in range(0, len(points), max(1, len(points) // EXACT_DEPTHS)):
+            bound = ROUNDING * (np.abs(points[i] - camera.origin).sum() + abs(camera.origin[2])) * np.linalg.norm(camera.Z)
+            errors.append(depth_error(camera, points[i], distance[i]) / (bound or np.inf))
+    return Verdict(
+        pairs=len(points),
+        visible=int(truly.sum()),
+        kept=int(visible.sum()),
+        missed=int((truly & ~visible).sum()),
+        surplus=int((visible & ~truly).sum()),
+        grazing=int((visible & ~truly & doubtful).sum()),
+        beside=beside,
+        doubtful=int(doubtful.sum()),
+        depth_error=float(max(errors)),
+    )
+
+
+def random_camera(random: np.random.Generator, lens: str) -> Camera:
+    """A camera with a lens of that name anywhere, turned anyhow, mirrored or not, every fifth with a border."""
+    kind, (low, high), shift = LENSES[lens]
+    matrix = np.eye(4)
+    matrix[:3, :3] = np.linalg.qr(random.normal(size=(3, 3)))[0]  # a rotation, mirrored or not
+    if lens.startswith("sheared"):
+        matrix[:3, :3] = np.diag(random.uniform(0.5, 2, 3)) @ matrix[:3, :3]
+    matrix[:3, 3] = random.normal(size=3) * 10.0 ** random.uniform(-1, 4)
+    pixels = tuple(int(n) for n in random.integers(10, 4000, size=2))
+    fit = ("AUTO", "HORIZONTAL", "VERTICAL")[random.integers(3)]
+    aspect, shifts = tuple(random.uniform(0.5, 2, 2)), tuple(random.uniform(-shift, shift, 2))
+    shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)
+    near = 10.0 ** random.uniform(-2, 0)
+    camera = Camera(
+        kind, *referential(matrix), shape, near, near + 10.0 ** random.uniform(0.5, 3), pixels, rays=lens.endswith("Cycles")
+    )
+    if random.random() < 0.2:
+        left, bottom = random.uniform(0, 0.8, 2)
+        camera = crop(camera, left, left + 0.2, bottom, bottom + 0.2)
+    return camera
+
+
+def audit(lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0, agents: int = 1000) -> Verdict:
+    """Judge `pairs` random pairs of camera and agent for a lens of LENSES; `agents` for each camera, the part `on_planes`
+    of them within roundings of a plane."""
+    return sum(_audits(lens, pairs, np.random.default_rng(seed), on_planes, agents), Verdict())
+
+
+def _audits(lens: str, pairs: int, random: np.random.Generator, on_planes: float, agents: int) -> Iterator[Verdict]:
+    while pairs > 0:
+        camera, count = random_camera(random, lens), min(pairs, agents)
+        radius = 10.0 ** random.uniform(-3, 1.5, 8)
+        group = random.integers(len(radius), size=count, dtype=np.uint8)
+        yield check(camera, scatter(camera, radius[group], random, on_planes), radius, group)
+        pairs -= count

@@ -1,0 +1,245 @@
+"""Error against run time: each way to compute a stage, judged by exact arithmetic and timed.
+
+Rows are flat dicts that share their keys, for CSV and plots. Times are the median of repeated runs, with least and most.
+"""
+
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from decimal import Decimal, localcontext
+from fractions import Fraction as F
+
+import numpy as np
+
+from ..behaviour.exact_walk import convergence, drift, listing, walk
+from ..behaviour.step import step
+from ..crowd.agents import Crowd
+from ..crowd.maps import LabelMap
+from ..crowd.state_machine import StateMachine
+from ..culling.camera import Camera, planes
+from ..culling.radar import radar
+from ..levels.assignment import LevelPolicy, assign, limits
+from .exact_frustum import seen
+
+MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # metres of fixed Delta
+OFFSETS = (0.0, 1e5)  # metres by which crowd and camera are moved together, to show what float32 loses far out
+LEVEL_OFFSETS = (*OFFSETS, 1e6, 1e7)
+SAMPLES = 100  # distances a view that are compared with exact arithmetic
+View = tuple[Crowd, tuple[Camera, ...]]
+
+
+def timed(run: Callable[[], object], repeats: int) -> dict[str, float]:
+    """{"ms", "ms_least", "ms_most"} of `repeats` runs, after one that does not count."""
+    run()
+    spent = []
+    for _ in range(repeats):
+        started = clock.perf_counter()
+        run()
+        spent.append(1000 * (clock.perf_counter() - started))
+    return {"ms": float(np.median(spent)), "ms_least": min(spent), "ms_most": max(spent)}
+
+
+def some(crowd: Crowd, most: int) -> Crowd:
+    """The crowd, or `most` of its agents, evenly taken, if there are more."""
+    chosen = np.linspace(0, len(crowd) - 1, min(len(crowd), most)).round().astype(np.intp)
+    return replace(crowd, **{name: getattr(crowd, name)[chosen] for name in crowd.__dataclass_fields__})
+
+
+def behaviour(
+    crowd: Crowd, machine: StateMachine, world: LabelMap, frame: float, frames: int = 48, repeats: int = 7
+) -> Iterator[dict]:
+    """Rows of `step`, `listing` and the exact walk over `frames` frames of `frame` seconds, in an eighth as many steps to
+    eight times as many; the exact walk frame by frame, and, as the reference, in one go. ms: per second of scene. The
+    default takes one step a frame."""
+    seconds = frames * frame
+    counts = [max(1, frames * k // 8) for k in (1, 2, 4, 8, 16, 32, 64)]
+    by_frame = "exact walk, frame by frame", lambda *arguments: walk(*arguments[:3], seconds / frames)[0]
+    for name, method in (("step", step), ("listing", listing), by_frame):
+        tried = [frames] if method is by_frame[1] else counts
+        found = convergence(crowd, machine, world, seconds, tried, method)
+        for k, count in enumerate(tried):
+
+            def run(method=method, count=count):
+                moved = crowd
+                for _ in range(count):
+                    moved = method(moved, machine, world, seconds / count)
+
+            spent = {key: ms / seconds for key, ms in timed(run, repeats).items()}
+            errors = {f"{key}_m": float(getattr(found, key)[k]) for key in ("median", "mean", "worst")}
+            default = name == "step" and count == frames
+            more = {"apart": float(found.apart[k]), "order": found.order, "agents": found.agents, "default": int(default)}
+            yield {"method": name, "dt_s": seconds / count, **spent, **errors, **more}
+    spent = {key: ms / seconds for key, ms in timed(lambda: walk(crowd, machine, world, seconds), repeats).items()}
+    zero = {"median_m": 0.0, "mean_m": 0.0, "worst_m": 0.0, "apart": 0.0, "order": float("nan")}
+    yield {"method": "exact walk", "dt_s": 0.0, **spent, **zero, "agents": found.agents, "default": 0}
+
+
+def drifts(most: int = 1_000_000) -> Iterator[dict]:
+    """Rows of `walk.drift`: precision, metres from the origin, steps, mean and worst error."""
+    for offset in (0.0, 1e4):
+        for dtype in (np.float32, np.float64):
+            for steps in (n for n in (10_000, 100_000, 1_000_000) if n <= most):
+                mean, worst = drift(dtype, steps, offset=offset)
+                yield {"precision": dtype.__name__, "offset_m": offset, "steps": steps, "mean_m": mean, "worst_m": worst}
+
+
+def pinhole(camera: Camera) -> Camera:
+    """The camera as validation/exact_frustum.py judges it: without blur and pixel filter, and a panoramic one without its cone."""
+    return replace(camera, pad=0.0, turn=0.0, filtered=0.0, cone=np.pi)
+
+
+def moved(view: View, offset: float) -> View:
+    """The view with crowd and cameras moved by `offset` metres along x and y."""
+    crowd, cameras = view
+    shift = np.array([offset, offset, 0.0])
+    return replace(crowd, x=crowd.x + offset, y=crowd.y + offset), tuple(replace(c, origin=c.origin + shift) for c in cameras)
+
+
+def relative(crowd: Crowd, camera: Camera, centre: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
+    """EXPERIMENT, for the report alone: v = p - c of the spheres' centres, three (n,), "float64"; or narrowed to float32
+    after the difference, "float32 relative"; or before it, "float32 world"."""
+    place = crowd.x, crowd.y, crowd.z + centre[crowd.group]
+    if way == "float32 world":
+        return tuple(p.astype(np.float32) - np.float32(c) for p, c in zip(place, camera.origin, strict=True))
+    v = (p - c for p, c in zip(place, camera.origin, strict=True))
+    return tuple(p.astype(np.float32) for p in v) if way == "float32 relative" else tuple(v)
+
+
+WAYS = ("float64", "float32 relative", "float32 world")
+
+
+def plain(view: View, centre: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
+    """EXPERIMENT, for the report alone: (n,) bool, the six planes with the derived Delta and no bound on rounding."""
+    crowd, cameras = view
+    mask = np.zeros(len(crowd), bool)
+    for camera in cameras:
+        v = relative(crowd, camera, centre, way)
+        kind, r = v[0].dtype, radius.astype(v[0].dtype)[crowd.group]
+        frustum, ok = planes(camera), np.ones(len(crowd), bool)
+        for normal, offset in zip(frustum.normals.astype(kind), frustum.offsets.astype(kind), strict=True):
+            ok &= v[0] * normal[0] + v[1] * normal[1] + v[2] * normal[2] <= offset + r
+        mask |= ok
+    return mask
+
+
+def culling(
+    views: Sequence[View], centre: np.ndarray, radius: np.ndarray, margin: float | None = None, repeats: int = 7
+) -> Iterator[dict]:
+    """Rows of the culling of all `views`: the derived Delta, fixed ones, exact planes; float32 and float64 without a
+    bound on rounding. missed, surplus: agents a view, against exact arithmetic. ms: per view. margin: the default."""
+    views = [(crowd, tuple(map(pinhole, cameras))) for crowd, cameras in views]
+
+    def exactly(view: View) -> np.ndarray:
+        crowd, cameras = view
+        points = np.stack([crowd.x, crowd.y, crowd.z + centre[crowd.group]], axis=1)
+        return np.logical_or.reduce([seen(camera, points, radius[crowd.group])[0] for camera in cameras])
+
+    def derived(view: View, delta: float | None = None) -> np.ndarray:
+        return radar(*view, centre, radius, delta)[0]
+
+    flat = all(camera.kind != "PANO" for _, cameras in views for camera in cameras)
+    fixed = MARGINS if margin is None or margin in MARGINS else (*MARGINS, margin)
+    for offset in OFFSETS:
+        there = [moved(view, offset) for view in views] if offset else views
+        truth = [exactly(view) for view in there]
+        methods = [("derived Delta", "float64", None, derived)]
+        if flat:
+            methods += [("six planes, no bound", way, None, lambda view, way=way: plain(view, centre, radius, way)) for way in WAYS]
+        if not offset:
+            methods += [("fixed Delta", "float64", d, lambda view, d=d: derived(view, d)) for d in fixed] if flat else []
+            methods += [("exact planes", "rational", None, exactly)]
+        for name, precision, delta, method in methods:
+            masks = [method(view) for view in there]
+            missed = sum(int((want & ~got).sum()) for want, got in zip(truth, masks, strict=True))
+            surplus = sum(int((got & ~want).sum()) for want, got in zip(truth, masks, strict=True))
+            spent = timed(lambda method=method, there=there: [method(view) for view in there], repeats)
+            spent = {key: ms / len(there) for key, ms in spent.items()}
+            default = not offset and (name == "derived Delta" if margin is None else delta == margin)
+            counts = {"missed": missed / len(there), "surplus": surplus / len(there)}
+            where = {"method": name, "precision": precision, "delta_m": "" if delta is None else delta, "offset_m": offset}
+            yield {**where, **spent, **counts, "visible": sum(int(t.sum()) for t in truth) / len(there), "default": int(default)}
+
+
+def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> list[list[F]]:
+    """levels.limits without rounding, one list a group. PIXELS: for cameras that are not orthographic."""
+    rows = []
+    for g, r in enumerate(radius.tolist()):
+        own = dict(enumerate(policy.group_thresholds)).get(g) or policy.thresholds
+        if policy.metric == "PIXELS":
+            rows.append([F(float(camera.pixels_per_unit)) * 2 * F(r) / F(t) for t in own])
+        else:
+            rows.append([F(float(camera.far)) * F(t) for t in own])
+    return rows
+
+
+def exact_levels(crowd: Crowd, camera: Camera, centre: np.ndarray, steps: list[list[F]], radial: bool) -> np.ndarray:
+    """(n,) uint8: LOD ids by rational arithmetic wherever float64, with a bound on its rounding, cannot decide."""
+    v = relative(crowd, camera, centre, "float64")
+    distance = (
+        np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) if radial else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
+    )
+    near = np.array([[float(s) for s in row] for row in steps])[crowd.group]
+    size = sum(map(np.abs, v)) + np.abs(camera.origin).sum()
+    ids = (distance[:, None] >= near).sum(axis=1).astype(np.uint8)
+    bound = 1e-13 * (size[:, None] + np.abs(near))
+    for i in np.flatnonzero((np.abs(distance[:, None] - near) <= bound).any(axis=1)):
+        w = _vector(crowd, camera, centre, i)
+        along = sum(p * F(float(q)) for p, q in zip(w, camera.Z, strict=True))
+        square = sum(p * p for p in w)
+        ids[i] = sum(square >= s * s if radial else along >= s for s in steps[crowd.group[i]])
+    return ids
+
+
+def _vector(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int) -> list[F]:
+    """v of agent i, exactly, but for its centre's height, which is added in float64."""
+    z = float(crowd.z[i] + centre[crowd.group[i]])
+    return [F(float(p)) - F(float(c)) for p, c in zip((crowd.x[i], crowd.y[i], z), camera.origin, strict=True)]
+
+
+def exact_distance(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int, radial: bool) -> F:
+    """The distance of agent i, exact; with `radial` to 40 digits."""
+    v = _vector(crowd, camera, centre, i)
+    if not radial:
+        return sum((p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)), F(0))
+    square = sum(p * p for p in v)
+    with localcontext() as context:
+        context.prec = 40
+        return F((Decimal(square.numerator) / Decimal(square.denominator)).sqrt())
+
+
+def levels(
+    views: Sequence[View], centre: np.ndarray, radius: np.ndarray, policies: Sequence[LevelPolicy], metric: str, repeats: int = 7
+) -> Iterator[dict]:
+    """Rows of the distance and LOD of all agents of `views`, first camera each, for each policy: ids that differ from
+    exact arithmetic, of a million; the worst distance's error in metres. ms: per view. metric: the default's."""
+    for policy in policies:
+        kinds = {cameras[0].kind for _, cameras in views}
+        if policy.metric == "PIXELS" and "ORTHO" in kinds:
+            continue  # one LOD a group, at any distance
+        for offset in LEVEL_OFFSETS:
+            there = [moved((crowd, cameras[:1]), offset) for crowd, cameras in views]
+            for way in WAYS:
+                found = [_levels(view, centre, radius, policy, way) for view in there]
+                wrong, worst = 0, 0.0
+                for (crowd, (camera,)), (distance, ids) in zip(there, found, strict=True):
+                    radial = policy.metric == "RADIAL" or camera.kind == "PANO"
+                    truth = exact_levels(crowd, camera, centre, exact_limits(policy, camera, radius), radial)
+                    wrong += int((ids != truth).sum())
+                    for i in range(0, len(crowd), max(1, len(crowd) // SAMPLES)):
+                        off = F(float(distance[i])) - exact_distance(crowd, camera, centre, i, radial)
+                        worst = max(worst, abs(float(off)))
+                spent = timed(lambda p=policy, w=way, t=there: [_levels(view, centre, radius, p, w) for view in t], repeats)
+                spent = {key: ms / len(there) for key, ms in spent.items()}
+                agents = sum(len(crowd) for crowd, _ in there)
+                default = int(policy.metric == metric and way == "float64" and not offset)
+                errors = {"differ": wrong, "of": agents, "differ_ppm": 1e6 * wrong / max(agents, 1), "worst_m": worst}
+                yield {"metric": policy.metric, "precision": way, "offset_m": offset, **spent, **errors, "default": default}
+
+
+def _levels(view: View, centre: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str) -> tuple[np.ndarray, np.ndarray]:
+    crowd, (camera,) = view
+    x, y, z = relative(crowd, camera, centre, way)
+    Z, bounds = camera.Z.astype(x.dtype), limits(policy, camera, radius).astype(x.dtype)
+    radial = policy.metric == "RADIAL" or camera.kind == "PANO"
+    distance = np.sqrt(x * x + y * y + z * z) if radial else x * Z[0] + y * Z[1] + z * Z[2]
+    return distance, assign(distance, bounds, crowd.group)

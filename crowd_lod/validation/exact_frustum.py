@@ -1,0 +1,136 @@
+"""The culling's judge: sphere against frustum in exact rational arithmetic. It shares no formula with the culling."""
+
+from fractions import Fraction as F
+
+import numpy as np
+
+from ..culling.camera import Camera
+
+
+def sees(camera: Camera, centre, radius: float) -> bool:
+    """Whether the sphere (centre (3,) floats in world metres, radius) lies in or touches all six planes, or the clip
+    range of a panoramic camera, exactly for the float64 numbers given. The camera is a pinhole."""
+    v = [F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True)]
+    r, near, far = F(float(radius)), F(float(camera.near)), F(float(camera.far))
+    if camera.kind == "PANO":
+        square = sum(p * p for p in v)
+        return square <= (far + r) ** 2 and (r >= near or square >= (near - r) ** 2)
+    for normal, offset in _planes(camera, F):
+        out = sum(p * q for p, q in zip(v, normal, strict=True)) - offset
+        # out / |normal| <= r, without the root
+        if out > 0 and out * out > r * r * sum(q * q for q in normal):
+            return False
+    return True
+
+
+def _planes(camera: Camera, number) -> list[tuple[list, object]]:
+    """Six (normal, offset), not of unit length, in the arithmetic of `number`: inside is normal . v <= offset."""
+    X, Y, Z = ([number(float(q)) for q in axis] for axis in (camera.X, camera.Y, camera.Z))
+    w = camera.window
+    found = [([-z for z in Z], -number(float(camera.near))), (Z, number(float(camera.far)))]
+    for axis, sign, edge in ((X, 1, w.right), (X, -1, w.left), (Y, 1, w.top), (Y, -1, w.bottom)):
+        edge = number(float(edge))
+        if camera.kind == "ORTHO":
+            found.append(([sign * q for q in axis], sign * edge))
+        else:
+            found.append(([sign * (q - edge * z) for q, z in zip(axis, Z, strict=True)], number(0)))
+    return found
+
+
+def seen(camera: Camera, centres: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(mask, doubtful), each (n,) bool: `sees` for many spheres, centres (n, 3), radius (n,), and which of them float64
+    could not decide and rational arithmetic did.
+
+    Each plane is tested in float64 with a bound, wide by a factor of 10 and more, on all that rounding can do.
+    """
+    v = centres - camera.origin
+    size, loose = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(), 256 * np.finfo(np.float64).eps
+    no, maybe = np.zeros(len(v), bool), np.zeros(len(v), bool)
+    with np.errstate(over="ignore", under="ignore"):
+        if camera.kind == "PANO":
+            range_ = np.linalg.norm(v, axis=1)
+            tests = [(camera.near - range_ - radius, 1.0, camera.near), (range_ - camera.far - radius, 1.0, camera.far)]
+        else:
+            axes = np.abs([camera.X, camera.Y, camera.Z]).sum()
+            tests = []
+            for normal, offset in _planes(camera, float):
+                w = camera.window
+                scale = axes * (1 + max(map(abs, (w.left, w.right, w.bottom, w.top))) * (camera.kind != "ORTHO"))
+                tests.append((v @ np.array(normal) - offset - radius * np.linalg.norm(normal), scale, abs(offset)))
+        for out, scale, offset in tests:
+            bound = loose * (scale * (size + radius) + offset) + 1e-150
+            no |= out > bound
+            maybe |= np.abs(out) <= bound
+    mask, doubtful = ~no, maybe & ~no
+    for i in np.flatnonzero(doubtful):
+        mask[i] = sees(camera, centres[i], radius[i])
+    return mask, doubtful
+
+
+def depth_error(camera: Camera, centre, distance: float) -> float:
+    """|distance - v.Z| in metres, exactly but for the last rounding, of a sphere with its centre at `centre` (3,)."""
+    v = (F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True))
+    return float(abs(F(float(distance)) - sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True))))
+
+
+def gap(camera: Camera, centres: np.ndarray) -> np.ndarray:
+    """Distances (n,) float64 in metres from centres (n, 3) to the frustum's body, 0 inside: to the nearest of its six
+    faces and twelve edges. A sphere may touch all six planes and still miss the body at an edge or corner."""
+    w, frame = camera.window, np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
+    ends = []
+    for depth in (camera.near, camera.far):
+        at = 1.0 if camera.kind == "ORTHO" else depth
+        rim = ((w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top))
+        ends += [frame @ (at * x, at * y, depth) for x, y in rim]
+    ends, v = np.array(ends), centres - camera.origin
+    faces = [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
+    edges = {tuple(sorted((f[i], f[(i + 1) % 4]))) for f in faces for i in range(4)}
+    least, inside, middle = np.full(len(v), np.inf), np.ones(len(v), bool), ends.mean(axis=0)
+    for a, b in edges:
+        along = ends[b] - ends[a]
+        part = ((v - ends[a]) @ along / max(along @ along, 1e-300)).clip(0, 1)
+        least = np.minimum(least, np.linalg.norm(v - ends[a] - part[:, None] * along, axis=1))
+    for face in faces:
+        corners = ends[list(face)]
+        normal = np.cross(corners[2] - corners[0], corners[3] - corners[1])
+        if not normal.any():
+            continue  # the near face of a camera that clips at 0
+        normal /= np.linalg.norm(normal)
+        normal *= -1 if normal @ (middle - corners[0]) > 0 else 1
+        middle_face = corners.mean(axis=0)
+        height, over = (v - middle_face) @ normal, np.ones(len(v), bool)
+        for i in range(4):
+            side = np.cross(normal, corners[(i + 1) % 4] - corners[i])
+            over &= ((v - corners[i]) @ side) * ((middle_face - corners[i]) @ side) >= 0
+        inside &= height <= 0
+        least = np.where(over & (height > 0), np.minimum(least, height), least)
+    return np.where(inside, 0.0, least)
+
+
+def scatter(camera: Camera, radius: np.ndarray, random: np.random.Generator, on_planes: float = 0.25) -> np.ndarray:
+    """World points (n, 3) for spheres of `radius` (n,) in, round and beside the camera's view, the part `on_planes` of
+    them within a few roundings of where the sphere touches a plane."""
+    count, w = len(radius), camera.window
+    depth = random.uniform(-0.2, 1.2, count) * camera.far
+    close = random.random(count) < 0.3
+    depth[close] = camera.near * 10.0 ** random.uniform(-1, 2, close.sum())
+    if camera.kind == "PANO":
+        way = random.normal(size=(count, 3))
+        way /= np.linalg.norm(way, axis=1, keepdims=True)
+        touch = random.random(count) < on_planes
+        outside = random.random(count) < 0.5
+        depth[touch] = np.where(outside, camera.far + radius, camera.near - radius)[touch]
+        return camera.origin + depth[:, None] * way
+    at = np.ones(count) if camera.kind == "ORTHO" else np.abs(depth)
+    right = random.uniform(1.5 * w.left - 0.5 * w.right, 1.5 * w.right - 0.5 * w.left, count) * at
+    up = random.uniform(1.5 * w.bottom - 0.5 * w.top, 1.5 * w.top - 0.5 * w.bottom, count) * at
+    frame = np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
+    v = np.stack([right, up, depth], axis=1) @ frame.T
+    walls = _planes(camera, float)
+    pick = np.where(random.random(count) < on_planes, random.integers(len(walls), size=count), -1)
+    for k, (normal, offset) in enumerate(walls):
+        normal, mine = np.array(normal), pick == k
+        length = np.linalg.norm(normal)
+        step = radius[mine] - (v[mine] @ normal - offset) / length
+        v[mine] += (step * (1 + random.normal(size=mine.sum()) * 1e-16))[:, None] * (normal / length)
+    return camera.origin + v

@@ -1,0 +1,157 @@
+"""Extreme cases, each with a name: what the culling and the LODs must survive."""
+
+import time as clock
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..culling.camera import Camera, referential, window
+from ..culling.radar import lost, radar, refuse_lost
+from ..errors import CrowdError
+from ..levels.assignment import LevelPolicy, assign, limits
+from .culling_audit import Verdict, check, standing
+from .exact_frustum import scatter
+
+# The largest case is judged in parts.
+PART = 1_000_000
+
+
+@dataclass(frozen=True)
+class Case:
+    """camera, points (n, 3), radius (G,), group (n,) of one extreme; made when asked for, as some are large."""
+
+    name: str
+    make: Callable[[np.random.Generator], tuple[Camera, np.ndarray, np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A line of the table. note: what else the case shows."""
+
+    name: str
+    verdict: Verdict
+    milliseconds: float
+    note: str = ""
+
+
+def camera_of(
+    fov: float = 50.0,
+    near: float = 0.1,
+    far: float = 100.0,
+    offset: float = 0.0,
+    direction: tuple[float, float, float] = (0.3, 0.9, -0.2),
+    kind: str = "PERSP",
+) -> Camera:
+    """A camera at (1, -1, 1) x offset that looks in `direction`, `fov` degrees (ORTHO: metres) across, 16 : 9."""
+    back = -np.array(direction, np.float64) / np.linalg.norm(direction)
+    side = np.cross((0.0, 1.0, 0.0) if abs(back[2]) > 0.9 else (0.0, 0.0, 1.0), back)
+    side /= np.linalg.norm(side)
+    matrix = np.eye(4)
+    matrix[:3, 0], matrix[:3, 1], matrix[:3, 2] = side, np.cross(back, side), back
+    matrix[:3, 3] = offset, -offset, offset
+    size = 2 * np.tan(np.radians(fov) / 2) if kind == "PERSP" else fov
+    return Camera(kind, *referential(matrix), window(size, "AUTO", (1920, 1080)), near, far, (1920, 1080))
+
+
+def _spread(camera: Camera, radii=(0.4, 1.0, 2.5), count: int = 4000):
+    def make(random):
+        radius = np.array(radii, np.float64)
+        group = random.integers(len(radius), size=count, dtype=np.uint8)
+        return camera, scatter(camera, radius[group], random), radius, group
+
+    return make
+
+
+def _at(camera: Camera, points, radius: float = 1.0):
+    def make(_random):
+        where = np.asarray(points, np.float64).reshape(-1, 3)
+        return camera, where, np.array([radius]), np.zeros(len(where), np.uint8)
+
+    return make
+
+
+def _plain(count: int):
+    def make(random):
+        points = np.zeros((count, 3))
+        points[:, 0], points[:, 1] = random.uniform(-500, 500, count), random.uniform(-500, 500, count)
+        return camera_of(far=300.0), points, np.array([1.0]), np.zeros(count, np.uint8)
+
+    return make
+
+
+def _axes(far: float) -> Camera:
+    """Exactly representable: at the origin, along +y, 90 degrees wide and high."""
+    matrix = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
+    return Camera("PERSP", *referential(matrix), window(2.0, "AUTO", (1000, 1000)), 1.0, far, (1000, 1000))
+
+
+def cases(most: int = 10_000_000) -> tuple[Case, ...]:
+    """The table. most: agents of its largest case."""
+    steps = [(x, y, z) for y in (1.0, 10.0, 15.0, 40.0, 100.0) for x in (-y, y, 0.0) for z in (-y, y, 0.0)]
+    on = [(0, 0, 0), (0, 101, 0), *((x, y, 0) for y in (10.0, 50.0) for x in (-y, y))]
+    found = [(f"world offset {o:.0e} m", _spread(camera_of(offset=o))) for o in (1e4, 1e6, 1e8)]
+    found += [("clip 1e-6 to 1e9 m", _spread(camera_of(near=1e-6, far=1e9)))]
+    found += [(f"field of view {fov:g} degrees", _spread(camera_of(fov=fov))) for fov in (0.01, 179.9)]
+    found += [("characters of 1 mm", _spread(camera_of(near=1e-4, far=1.0), radii=(5e-4,)))]
+    found += [("characters of 1 km", _spread(camera_of(far=20_000.0), radii=(500.0,)))]
+    found += [("camera inside an agent", _at(camera_of(), [(0, 0, 0), (0.5, 0, 0), (0, -0.99, 0), (0, -1.2, 0)]))]
+    found += [("straight down", _spread(camera_of(direction=(0, 0, -1)))), ("straight up", _spread(camera_of(direction=(0, 0, 1))))]
+    found += [("exactly on planes", _at(_axes(100.0), on)), ("exactly on thresholds", _at(_axes(100.0), steps))]
+    tiny = 5e-324 * np.array([[1, 1, 1], [3, 2, 0], [0, 7, 1], [-1, 1e10, 2]])
+    found += [("denormals", _at(replace(camera_of(), near=0.0), tiny, 5e-324))]
+    found += [("spheres of 1e9 m (huge Delta)", _spread(camera_of(), radii=(1e9,)))]
+    found += [("no agents", _at(camera_of(), [])), ("one agent", _at(camera_of(), [(3, 9, -2)]))]
+    found += [("all agents in one point", _at(camera_of(), np.tile([[9.0, 27.0, -6.0]], (5000, 1))))]
+    found += [("orthographic", _spread(camera_of(40.0, kind="ORTHO"))), ("panoramic", _spread(camera_of(kind="PANO")))]
+    found += [(f"{most:,} agents", _plain(most))]
+    return tuple(Case(name, make) for name, make in found)
+
+
+def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
+    """Every case judged; then NaN and infinity, which are refused or dropped."""
+    for case in cases(most):
+        camera, points, radius, group = case.make(np.random.default_rng(seed))
+        crowd = standing(points, group)
+        started = clock.perf_counter()
+        visible, distance = radar(crowd, camera, np.zeros(len(radius)), radius)
+        policy = LevelPolicy((0.1, 0.15, 0.4, 1.0))
+        ids = assign(distance, limits(policy, camera, radius), group)
+        spent = 1000 * (clock.perf_counter() - started)
+        parts = (slice(begin, begin + PART) for begin in range(0, len(points), PART))
+        verdict = sum((check(camera, points[part], radius, group[part]) for part in parts), Verdict())
+        levels = np.bincount(ids[visible], minlength=policy.count)
+        yield Row(case.name, verdict, spent, "visible by LOD " + " ".join(f"{n:,}" for n in levels))
+    yield _lost(seed)
+
+
+def _lost(seed: int) -> Row:
+    camera, points, radius, group = _spread(camera_of())(np.random.default_rng(seed))
+    points[[7, 90, 4]] = [[np.nan, 0, 0], [0, np.inf, 0], [0, 0, -np.inf]]
+    crowd, gone = standing(points, group), np.array([4, 7, 90])
+    try:
+        refuse_lost(lost(crowd), len(crowd))
+        note = "not refused"
+    except CrowdError as error:
+        note = str(error)
+    started = clock.perf_counter()
+    visible, _ = radar(crowd, camera, np.zeros(len(radius)), radius)
+    spent = 1000 * (clock.perf_counter() - started)
+    kept = np.delete(np.arange(len(points)), gone)
+    verdict = check(camera, points[kept], radius, group[kept])
+    return Row("NaN and infinity", replace(verdict, kept=int(visible.sum())), spent, note)
+
+
+def to_text(rows: list[Row]) -> str:
+    """The table as lines of text. Surplus: kept for nothing, but for those that graze a plane, within its roundings."""
+    head = ("case", "agents", "visible", "kept", "missed", "surplus", "grazing", "depth error", "ms")
+    lines = [head]
+    for row in rows:
+        v = row.verdict
+        counts = (f"{n:,}" for n in (v.pairs, v.visible, v.kept, v.missed, v.surplus - v.grazing, v.grazing))
+        lines.append((row.name, *counts, f"{v.depth_error:.2f}", f"{row.milliseconds:.1f}"))
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    text = [
+        "  ".join(c.ljust(w) if i == 0 else c.rjust(w) for i, (c, w) in enumerate(zip(line, widths, strict=True))) for line in lines
+    ]
+    return "\n".join(text)

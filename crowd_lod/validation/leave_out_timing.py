@@ -1,0 +1,84 @@
+"""How many milliseconds each thing that a scene does not need saves, measured."""
+
+import threading
+import time as clock
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..behaviour.trajectory import Trajectory
+from ..crowd.leave_outs import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
+from ..crowd.maps import HeightMap
+from ..culling.camera import Camera
+from ..levels.assignment import LevelPolicy
+from ..planning.frame import plan
+from ..planning.index_cache import blocks_at
+
+
+@dataclass(frozen=True)
+class Savings:
+    """Medians over repeats, milliseconds. full, lean: a frame's four stages, with one step of behaviour. items: what each
+    thing left out saves when those before it are left out already, so that they add up to about full - lean; but for the
+    height map, which the full pipeline does not have either: what the look-up on a level one would cost. spread: half of
+    the interquartile range of each; a saving below it is below what the clock can tell."""
+
+    full: float
+    lean: float
+    items: dict[LeftOut, float]
+    spread: dict[LeftOut, float]
+
+
+def savings(
+    trajectory: Trajectory,
+    camera: Camera | Sequence[Camera],
+    policy: LevelPolicy,
+    time: float,
+    *more,
+    repeats: int = 9,
+) -> Savings:
+    """Measures the plan of the frame at `time`, two frames after the first or later; arguments as for frame.plan."""
+    start = trajectory.at(time - 1)
+    bare = start if trajectory.heights is None else replace(start, z=trajectory.start.z)
+
+    def measured(leave: frozenset[LeftOut]) -> tuple[np.ndarray, tuple[LeftOut, ...]]:
+        """(milliseconds of behaviour and of the rest, what was left out) of the frame."""
+        settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
+        first = time - 2 if settled else time - 1
+        shot = replace(trajectory, start=bare, leave=leave, first_frame=first, _kept={}, _lock=threading.Lock())
+        shot.left_out = leave & trajectory.left_out  # of the whole shot, not of what is still to come
+        blocks_at(shot, first)  # one making serves many frames
+        if settled:
+            plan(shot, camera, policy, time - 1, *more)
+        frame = plan(shot, camera, policy, time, *more)
+        behaviour, *rest = frame.milliseconds.values()
+        return np.array([behaviour, sum(rest)]), frame.left_out
+
+    found = set(measured(ALL)[1])
+    order = [item for item in ITEMS if item in found and item not in (STATIC, NO_HEIGHTS)] + [STATIC] * (STATIC in found)
+    choices = [frozenset(order[:k]) for k in range(len(order) + 1)]
+    took = np.array([[measured(leave)[0] for leave in choices] for _ in range(repeats)])
+    # each where it can save anything: the other part is the clock's noise
+    part = [0 if item.stage == "behaviour" else 1 for item in order]
+    gained = {item: took[:, k, part[k]] - took[:, k + 1, part[k]] for k, item in enumerate(order)}
+    if NO_HEIGHTS in found:
+        gained[NO_HEIGHTS] = _look_up(trajectory, repeats)
+    quarters = {item: np.percentile(gained[item], (25, 50, 75)) for item in ITEMS if item in gained}
+    full, lean = np.median(took[:, [0, -1]].sum(axis=2), axis=0)
+    return Savings(
+        float(full),
+        float(lean),
+        {item: float(middle) for item, (_, middle, _) in quarters.items()},
+        {item: float(high - low) / 2 for item, (low, _, high) in quarters.items()},
+    )
+
+
+def _look_up(trajectory: Trajectory, repeats: int) -> np.ndarray:
+    """Milliseconds (repeats,) of finding the height of every agent on a height map."""
+    level = HeightMap(np.zeros((256, 256), np.float32), trajectory.world.area)
+    took = []
+    for _ in range(repeats):
+        begun = clock.perf_counter()
+        level.at(trajectory.start.x, trajectory.start.y)
+        took.append(1000 * (clock.perf_counter() - begun))
+    return np.array(took)

@@ -1,0 +1,109 @@
+"""Pictures of a body as a renderer shows it from afar: lit, in its colours and images; and how alike two of them are."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..simplification import rasterizer
+
+FINER = 3  # pixels drawn across one of the picture
+LIGHT = np.array([0.35, 0.45, 0.82]) / np.linalg.norm((0.35, 0.45, 0.82))  # right, up, towards the eye
+SKY = 0.3  # of the light: that from everywhere
+PAPER = 0.18  # linear grey behind the body
+MARGIN = 6  # pixels about the body, half a window of `likeness`
+WINDOW = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
+WINDOW /= WINDOW.sum()
+STEADY = 0.01**2, 0.03**2  # the constants of structural similarity
+WITHIN = 0.02  # of white: the mean difference of two pictures that counts as none, five steps of a byte's 255
+LARGEST = 256  # pixels of a character's diagonal at which its LODs' pictures are compared
+HALVINGS = 6  # of these, for pictures as they look from farther off
+
+
+@dataclass(frozen=True)
+class Body:
+    """points: (n, 3) metres; triangles: (m, 3); of each triangle's corners normals (m, 3, 3), of length 1, and uvs (m, 3, 2); of each
+    triangle its linear colour (m, 3), and the number (m,) of the image that takes its place, or -1."""
+
+    points: np.ndarray
+    triangles: np.ndarray
+    normals: np.ndarray
+    uvs: np.ndarray
+    colours: np.ndarray
+    image: np.ndarray
+
+
+def pictures(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
+    """Pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1, as `lit` has their light."""
+    return [_encoded(each) for each in lit(bodies, images, flat, axes)]
+
+
+def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
+    """Pictures (rows, columns, 3) float64 of the bodies, linear, all of the same window, which holds them all.
+
+    images: (i, size, size, 4) uint8, sRGB, bottom row first; flat: of each body (n, 3) where its points are in the picture: x right and y
+    up in pixels, and depth; axes: (3, 3) right, up and towards the eye."""
+    low = np.min([at[:, :2].min(axis=0) for at in flat], axis=0) - MARGIN
+    columns, rows = np.ceil(np.max([at[:, :2].max(axis=0) for at in flat], axis=0) + MARGIN - low).astype(int)
+    found = []
+    for body, at in zip(bodies, flat, strict=True):
+        corners = ((at[:, :2] - low) * FINER)[body.triangles]
+        pixel, triangle, weights = rasterizer.nearest(corners, at[:, 2][body.triangles], (rows * FINER, columns * FINER))
+        normal = np.einsum("nk,nkd->nd", weights, body.normals[triangle])
+        light = np.clip(normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1)
+        fine = np.full((rows * FINER * columns * FINER, 3), PAPER)
+        fine[pixel] = _colours(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
+        found.append(fine.reshape(rows, FINER, columns, FINER, 3).mean(axis=(1, 3)))
+    return found
+
+
+def _encoded(linear: np.ndarray) -> np.ndarray:
+    return np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055).clip(0, 1)
+
+
+def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
+    """The mean differences of two pictures of `lit`, as they are and HALVINGS times halved, each pixel the mean of four: as they look from
+    twice as far, and so on."""
+    pad, found = 2 ** (HALVINGS + 1), []
+    sides = [(pad, pad + -length % pad) for length in one.shape[:2]]  # what stays empty about the smallest
+    one, other = (np.pad(each, [*sides, (0, 0)], constant_values=PAPER) for each in (one, other))
+    for _ in range(HALVINGS + 1):
+        found.append(likeness(_encoded(one), _encoded(other))[0])
+        one, other = (each.reshape(len(each) // 2, 2, -1, 2, 3).mean(axis=(1, 3)) for each in (one, other))
+    return found
+
+
+def _colours(body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Linear colours (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
+    colours, image = body.colours[triangle], body.image[triangle]
+    some = np.flatnonzero(image >= 0)
+    if len(some):
+        size = images.shape[1]
+        u, v = np.einsum("nk,nkd->dn", weights[some], body.uvs[triangle[some]])
+        column, row = (np.floor(each % 1 * size).astype(int).clip(0, size - 1) for each in (u, v))
+        encoded = images[image[some], row, column, :3] / 255
+        colours[some] = np.where(encoded < 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+    return colours
+
+
+def likeness(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
+    """(mean absolute difference, mean structural similarity) of two pictures (rows, columns, 3) where either shows something: at the
+    pixels that differ from their first one, which is empty. Source: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from
+    error visibility to structural similarity", 2004."""
+    shown = (np.abs(one - one[0, 0]) > 1e-9).any(axis=2) | (np.abs(other - other[0, 0]) > 1e-9).any(axis=2)
+    if not shown.any():
+        return 0.0, 1.0
+    a, b = (each @ (0.2126, 0.7152, 0.0722) for each in (one, other))
+    mean_a, mean_b, aa, bb, ab = (_blurred(each) for each in (a, b, a * a, b * b, a * b))
+    same = (2 * mean_a * mean_b + STEADY[0]) * (2 * (ab - mean_a * mean_b) + STEADY[1])
+    same /= (mean_a**2 + mean_b**2 + STEADY[0]) * (aa - mean_a**2 + bb - mean_b**2 + STEADY[1])
+    return float(np.abs(one - other)[shown].mean()), float(same[shown].mean())
+
+
+def _blurred(values: np.ndarray) -> np.ndarray:
+    """The weighed mean (rows, columns) of the WINDOW about each of `values` (rows, columns); the border goes on beyond."""
+    for axis in (0, 1):
+        wide = np.pad(values, [(5, 5) if k == axis else (0, 0) for k in (0, 1)], mode="edge")
+        values = sum(w * np.roll(wide, -k, axis=axis) for k, w in enumerate(WINDOW))
+        values = values[:-10] if axis == 0 else values[:, :-10]
+    return values

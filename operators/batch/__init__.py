@@ -1,0 +1,4 @@
+"""Runs over many frames that leave files: preview, proof by renders, reports.
+
+In: a scene, frames, a folder. Out: pictures, tables and pages in that folder, all or none.
+"""

@@ -1,0 +1,159 @@
+"""The reports: error against run time of a scene, the culling's audit, the extreme cases."""
+
+import os
+import platform
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod import __version__
+from ...crowd_lod.format import printable
+from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.planning.frame_range import evenly, parse_frames
+from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.reporting import files as outputs
+from ...crowd_lod.reporting import tables as report
+from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases
+from ..blender import cameras
+from ..crowd.scene_crowd import measure_groups, policy_of, store_groups, trajectory_of
+
+MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
+VIEWS = 5  # frames of the scene, at even distances
+
+
+def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[float]:
+    """Write tables and plots of error against run time of `scene` into the folder, all or none; yields the progress and
+    returns a dict: machine, tables by name, files, and `without`, why there are no plots, or ""."""
+    with outputs.staged(folder) as stage:
+        cameras.active_camera(scene)
+        store_groups(scene.crowd_lod, measure_groups(scene))
+        trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
+        frames = parse_frames(scene.crowd_lod.frames, scene.crowd_lod.step)
+        chosen = evenly(frames, VIEWS)
+        seen = cameras.cameras_at(scene, chosen)
+        begun = 0.0
+        for k, frame in enumerate(chosen):
+            for part in approach(trajectory, frame):
+                begun = 0.5 * (k + part) / len(chosen)
+                yield begun
+        views = [(error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
+        centre = np.array([group.centre for group in trajectory.groups])
+        radius = np.array([group.radius for group in trajectory.groups])
+        crowd = error_vs_runtime.some(trajectory.start, MOST_AGENTS)
+        parts = {  # name: (rows to come, of about how many, share of the time)
+            "behaviour": (
+                error_vs_runtime.behaviour(
+                    crowd, trajectory.machine, trajectory.world, trajectory.seconds_per_frame, repeats=repeats
+                ),
+                15,
+                0.6,
+            ),
+            "drift": (error_vs_runtime.drifts(), 12, 0.1),
+            "culling": (error_vs_runtime.culling(views, centre, radius, policy.margin, repeats), 17, 0.15),
+            "levels": (error_vs_runtime.levels(views, centre, radius, _policies(policy), policy.metric, repeats), 36, 0.15),
+        }
+        tables, done = {}, 0.0
+        for name, (rows, about, share) in parts.items():
+            tables[name] = []
+            for row in rows:
+                tables[name].append(row)
+                yield begun + (1 - begun) * min(done + share * len(tables[name]) / about, 0.99)
+            done += share
+        machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {repeats} runs"
+        for name, rows in tables.items():
+            (stage / f"error_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
+        without = _plots(stage, tables, machine)
+        files = sorted(path.name for path in stage.glob("error_*"))
+    yield 1.0
+    return {"machine": machine, "tables": tables, "files": files, "without": without}
+
+
+def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
+    """The scene's policy under each metric; thresholds of the other kind are made up, and there every group has the same."""
+    parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
+    sizes = (
+        policy.thresholds
+        if policy.metric == "PIXELS" and policy.tolerance is None
+        else tuple(200 / 2**k for k in range(policy.count - 1))
+    )
+    found = []
+    for metric in ("AXIS", "RADIAL", "PIXELS"):
+        own = policy.group_thresholds if (metric == "PIXELS") == (policy.metric == "PIXELS") and policy.tolerance is None else ()
+        thresholds = sizes if metric == "PIXELS" else parts
+        found.append(replace(policy, tolerance=None, metric=metric, thresholds=thresholds, group_thresholds=own))
+    return found
+
+
+def _plots(folder: Path, tables: dict, caption: str) -> str:
+    try:
+        from . import plots
+    except ImportError:
+        return "matplotlib is not in this Blender, so there are tables and no plots: the command crowd-lod in the shell has it."
+    plots.draw(folder, tables, caption)
+    return ""
+
+
+def machine_name() -> str:
+    """What the times were taken on."""
+    versions = (
+        f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
+    )
+    return f"{platform.system()} {platform.machine()} {_processor()}, {os.cpu_count()} CPUs; {versions}"
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+        return next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor())
+    except OSError:
+        return platform.processor()
+
+
+def cases(most: int, seed: int, out: Path | None = None) -> Iterator[float]:
+    """The extreme cases, each judged, and written to `out` as a Markdown file, if given; yields the progress and returns
+    a list of extremes.Row."""
+    with nullcontext() if out is None else outputs.staged_file(out) as part:
+        rows, count = [], len(extreme_cases.cases(most)) + 1
+        for row in extreme_cases.table(most, seed):
+            rows.append(row)
+            yield len(rows) / count
+        if out is not None:
+            part.write_text(_cases_text(printable(out.name), rows), encoding="utf-8")
+    return rows
+
+
+def _cases_text(name: str, rows: list[extreme_cases.Row]) -> str:
+    return (
+        "# Extreme cases\n\nEach is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
+        "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a plane, where a quarter of the agents "
+        "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states. Made with "
+        f"`crowd-lod report extremes --out {name}` on {machine_name()}.\n\n```\n{extreme_cases.to_text(rows)}\n```\n"
+    )
+
+
+def lenses(pairs: int, seed: int) -> Iterator[float]:
+    """About `pairs` random pairs of camera and agent over all lenses; yields the progress and returns rows of dicts."""
+    rows = []
+    for lens in culling_audit.LENSES:
+        v = culling_audit.audit(lens, -(-pairs // len(culling_audit.LENSES)), seed)
+        surplus, beside = 100 * v.surplus / max(v.kept, 1), 100 * v.beside / max(v.visible, 1)
+        counts = {"pairs": v.pairs, "visible": v.visible, "missed": v.missed}
+        rows.append({"lens": lens, **counts, "surplus_percent": round(surplus, 4), "beside_percent": round(beside, 3)})
+        yield len(rows) / len(culling_audit.LENSES)
+    return rows
+
+
+def lenses_text(rows: list[dict]) -> str:
+    """The audit as lines of text."""
+    head = f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
+    lines = [
+        f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
+        for r in rows
+    ]
+    return "\n".join(
+        [head, *lines, "surplus: of those kept, not visible; beside: of those visible by the planes, beside the frustum's body"]
+    )

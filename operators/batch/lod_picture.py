@@ -1,0 +1,127 @@
+"""The picture of a character's LODs, side by side: as meshes with their edges, and tinted by the distance to the source."""
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.format import number
+from ...crowd_lod.simplification import rasterizer
+from ..blender import mesh_data
+from ..lod_meshes.surface import Surface
+
+FINER = 2  # pixels drawn across a pixel of the picture
+TALL = 380  # pixels of the character's height
+GAP = 22  # pixels
+LETTER = 15  # pixels high
+PAPER, INK = (0.94, 0.945, 0.955), (0.13, 0.14, 0.17)
+CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
+DECADES = 3  # of distances that the colours tell apart, by their logarithm: a fine LOD's show beside a coarse one's
+LIGHT = np.array([0.35, 0.45, 0.82])  # right, up, towards the eye
+# viridis, which reads alike for colour-blind eyes and in grey (van der Walt, Smith)
+RAMP = np.array([(68, 1, 84), (72, 40, 120), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98), (173, 220, 48), (253, 231, 37)]) / 255  # fmt: skip
+
+
+def ramp(part: np.ndarray) -> np.ndarray:
+    """Colours (n, 3) for values (n,) from 0 to 1."""
+    return np.stack([np.interp(part, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T], axis=1)
+
+
+def draw(
+    character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float, metres: float = 1.0
+) -> tuple[np.ndarray, float]:
+    """(the picture (rows, columns, 4) uint8 with the bottom row first, metres that its brightest colour stands for).
+
+    levels: each LOD's surface in the pose of `character`; captions: a line each; azimuth: radians, from where the eye looks;
+    metres: that a unit of length is.
+    """
+    towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    axes = np.stack([right, np.cross(towards, right), towards])
+    seen = [surface.points @ axes.T for surface in levels]
+    low, high = (getattr(np.concatenate(seen), end)(axis=0) for end in ("min", "max"))
+    scale = TALL / max(high[1] - low[1], (high[0] - low[0]) / 1.5)
+    width, height = int((high[0] - low[0]) * scale) + 2, int((high[1] - low[1]) * scale) + 2
+    looks = [
+        _look((at - low) * scale * FINER, surface, (height * FINER, width * FINER))
+        for at, surface in zip(seen, levels, strict=True)
+    ]
+    away = [_distances(character, surface, *look[:3]) for surface, look in zip(levels, looks, strict=True)]
+    most = metres * max((float(d.max(initial=0)) for d in away), default=0.0)
+
+    cell = max(width, 10 * LETTER) + GAP
+    head, canvas_width = 4 * LETTER, GAP + cell * len(levels) + 9 * LETTER
+    sheet = np.empty((2 * height + head + 4 * GAP, canvas_width, 3))
+    sheet[:] = PAPER
+    for k, (caption, (pixel, _, _, shade, edge), off) in enumerate(zip(captions, looks, away, strict=True)):
+        left = GAP + k * cell + (cell - GAP - width) // 2
+        clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[:, None]
+        tinted = ramp(1 + np.log10(np.maximum(metres * off / (most or 1.0), 1e-9)) / DECADES) * (0.75 + 0.25 * shade[:, None])
+        for row, colours in ((height + 2 * GAP, clay), (GAP, tinted)):
+            _paste(sheet, row, left, pixel, colours, (height, width))
+        middle = GAP + k * cell + (cell - GAP) / 2
+        write(sheet, f"LOD {k}", middle, 2 * height + 3 * GAP + 2.1 * LETTER, 1.25 * LETTER, "CENTER")
+        write(sheet, caption, middle, 2 * height + 3 * GAP + 0.5 * LETTER, LETTER, "CENTER")
+    bar = int(GAP + cell * len(levels)), int(GAP + height * 0.1), int(height * 0.8)
+    sheet[bar[1] : bar[1] + bar[2], bar[0] : bar[0] + LETTER] = ramp(np.linspace(0, 1, bar[2]))[:, None]
+    for decade in range(DECADES + 1):
+        words, part = f"{number(1000 * most / 10**decade)} mm", 1 - decade / DECADES
+        words = f"< {words}" if decade == DECADES and most else words
+        write(sheet, words, bar[0] + 1.5 * LETTER, bar[1] + part * bar[2] - 0.35 * LETTER, LETTER)
+    pixels = np.full((*sheet.shape[:2], 4), 255, np.uint8)
+    pixels[..., :3] = np.rint(sheet * 255)
+    return pixels, most
+
+
+def _look(at: np.ndarray, surface: Surface, shape: tuple[int, int]) -> tuple:
+    """(pixel, triangle, weights, shade, edge), see raster.nearest: shade (k,) of a lit surface, edge (k,) how much of the
+    line along a triangle's edge lies there. at: (n, 3) of the surface's points in pixels, the third towards the eye."""
+    corners = at[surface.triangles]
+    pixel, triangle, weights = rasterizer.nearest(corners[..., :2], -corners[..., 2], shape)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    normals *= np.where(normals[:, 2:] < 0, -1, 1)
+    shade = 0.45 + 0.6 * (normals @ (LIGHT / np.linalg.norm(LIGHT))).clip(0, 1)
+    flat = corners[..., :2]
+    opposite = np.linalg.norm(np.roll(flat, -1, axis=1) - np.roll(flat, -2, axis=1), axis=2)
+    u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
+    doubled = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+    heights = doubled[:, None] / np.maximum(opposite, 1e-12)
+    line = (weights * heights[triangle]).min(axis=1) < 0.5 * FINER
+    strength = np.clip(np.sqrt(doubled) / (9 * FINER), 0.1, 0.85)  # lines of a dense mesh must not hide its shape
+    return pixel, triangle, weights, shade[triangle].clip(0, 1), line * strength[triangle]
+
+
+def _distances(character: Surface, surface: Surface, pixel, triangle, weights) -> np.ndarray:
+    """Metres (k,) from what each pixel shows of `surface` to `character`."""
+    same = np.array_equal(character.points, surface.points) and np.array_equal(character.triangles, surface.triangles)
+    if same or not len(pixel):
+        return np.zeros(len(pixel))
+    return character.distances(surface.at(triangle, weights))
+
+
+def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colours: np.ndarray, shape: tuple[int, int]) -> None:
+    """Put the drawn pixels (k,), FINER than the picture, with colours (k, 3), over the sheet."""
+    fine = np.repeat(np.repeat(sheet[row : row + shape[0], left : left + shape[1]], FINER, axis=0), FINER, axis=1)
+    fine.reshape(-1, 3)[pixel] = colours
+    blocks = fine.reshape(shape[0], FINER, shape[1], FINER, 3)
+    sheet[row : row + shape[0], left : left + shape[1]] = blocks.mean(axis=(1, 3))
+
+
+def write(sheet: np.ndarray, words: str, x: float, y: float, tall: float, align: str = "LEFT") -> None:
+    """Write `words` over the sheet (rows, columns, 3), from x or about it, on the line y, in letters `tall` pixels high, in
+    Blender's own font."""
+    curve = bpy.data.curves.new("Crowd LOD words", "FONT")
+    curve.body, curve.align_x, curve.size = words, align, tall
+    item = bpy.data.objects.new(curve.name, curve)
+    mesh = bpy.data.meshes.new_from_object(item)
+    try:
+        points, triangles, _, _ = mesh_data.read_triangles(mesh)
+    finally:
+        bpy.data.batch_remove([item, curve, mesh])
+    finer, at = 4, points[:, :2].astype(np.float64) + (x, y)
+    left, low = np.floor(at.min(axis=0)).astype(int).clip(0)
+    part = sheet[low : int(at[:, 1].max()) + 2, left : int(at[:, 0].max()) + 2]
+    rows, columns = part.shape[:2]
+    ink = rasterizer.mask(((at - (left, low)) * finer)[triangles], (rows * finer, columns * finer))
+    part += ink.reshape(rows, finer, columns, finer).mean(axis=(1, 3))[..., None] * (np.array(INK) - part)

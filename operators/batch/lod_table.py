@@ -1,0 +1,128 @@
+"""What the user is told of every character's LODs: a table with predicted and measured silhouette errors, a picture."""
+
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.levels.assignment import shown
+from ...crowd_lod.validation import silhouette
+from ..blender import image_data, scene_data
+from ..blender.material_colors import Looks
+from ..crowd.scene_crowd import characters_of, policy_of
+from ..lod_meshes.deviation import Posed, meshes_of
+from ..lod_meshes.shaded_pictures import alike, bodies_of
+from . import lod_picture
+
+MOST_SHOWN = 12  # character groups whose silhouettes are measured and that have a picture
+AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
+
+
+def tables(
+    scene: bpy.types.Scene, groups: Sequence[Group], camera: Camera, begins: np.ndarray, folder: Path, progress=(0.0, 1.0)
+) -> Iterator[float]:
+    """A dict for each of `groups`, whose LODs begin at `begins` (G, n - 1) metres from `camera`, see levels.limits; yields
+    the progress, within `progress`. A LOD that a group repeats, for want of coarser ones, is told of once. Pictures
+    levels_NAME.png of the first MOST_SHOWN go into the folder."""
+    found, taken = [], set()
+    characters, settings, metres = characters_of(scene), scene.crowd_lod, scene_data.metres(scene)
+    finest = policy_of(settings).finest or [0] * len(groups)
+    start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
+    for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
+        every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
+        meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]  # the last may be repeated
+        rows = [_row(group, k, each, camera, begins[g], metres) for k, each in enumerate(meshes)]
+        rows[-1]["to_lod"] = len(every) - 1
+        entry = {
+            "group": group.name,
+            "diagonal_m": metres * group.diagonal,
+            "picture": None,
+            "finest_lod": finest[g],
+            "levels": rows,
+        }
+        found.append(entry)
+        if g >= MOST_SHOWN:
+            continue
+        centre = np.array(origin) + (0, 0, group.feet + group.centre)
+        with Posed(objects, meshes) as posed:
+            looks = Looks()
+            for k in range(1, len(rows)):
+                distance = _distance(camera, begins[g][k - 1], group.radius)
+                character, levels = posed.at(group.worst[k])
+                if distance is not None and character is not None and levels[k] is not None:
+                    pair = ((each.points, each.triangles) for each in (character, levels[k]))
+                    least, most = silhouette.error(*pair, centre, distance, camera, rows[k]["predicted_px"] or 1.0)
+                    rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
+                    rows[k] |= _seen(posed, k, looks, centre, distance, camera)
+                yield start + span * (g + 0.7 * k / len(rows))
+            character, levels = posed.at(group.worst[len(rows) - 1])
+        if character is not None and None not in levels:
+            captions = [f"{row['triangles']:,} triangles" for row in rows]
+            pixels, _ = lod_picture.draw(character, levels, captions, AZIMUTH - scene_data.rotation(settings.forward), metres)
+            entry["picture"] = _file_name(group.name, g, taken)
+            image_data.save_png(folder / entry["picture"], pixels)
+        yield start + span * (g + 1)
+    return found
+
+
+def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, begins: np.ndarray, metres: float) -> dict:
+    begin = begins[k - 1] if k else 0.0
+    deviation = group.deviations[k]
+    told = {key: [item[f"crowd_lod_{key}"] for item in meshes if f"crowd_lod_{key}" in item] for key in ("way", "why", "ms")}
+    return {
+        "lod": k,
+        "to_lod": k,
+        "triangles": group.triangles[k],
+        "vertices": group.vertices[k],
+        "deviation_mm": 1000 * metres * deviation,
+        "deviation_bound_mm": 1000 * metres * group.bounds[k],
+        "rms_mm": 1000 * metres * group.rms[k],
+        "percent": 100 * deviation / group.diagonal,
+        "worst_frame": group.worst[k],
+        "from_m": metres * float(begin) if np.isfinite(begin) else None,
+        "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
+        "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius)) if k and begin < np.inf else None,
+        "measured_px": None,
+        "measured_px_between": None,
+        "shading_within_px": _known(group.diagonal / group.shaded[k]) if group.shaded and group.shaded[k] else None,
+        "picture_difference": None,
+        "picture_similarity": None,
+        "way": ", ".join(dict.fromkeys(map(str, told["way"]))) or None,
+        "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
+        "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,
+    }
+
+
+def _seen(posed: Posed, k: int, looks: Looks, centre: np.ndarray, distance: float, camera: Camera) -> dict:
+    """How the picture of LOD k differs from the character's, as they are posed, from `distance` metres."""
+    depsgraph = posed.stage.view_layers[0].depsgraph
+    bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
+    if None in bodies:
+        return {}
+    difference, similarity = alike(*bodies, looks.images(), centre, distance, camera)
+    return {"picture_difference": difference, "picture_similarity": similarity}
+
+
+def _known(number) -> float | None:
+    """The number, if it is finite: JSON has no other."""
+    return float(number) if np.isfinite(number) else None
+
+
+def _distance(camera: Camera, begin: float, radius: float) -> float | None:
+    """Metres from which a LOD that begins at `begin` is looked at; None where there is no such place outside the sphere."""
+    if camera.kind == "ORTHO" and begin < np.inf:
+        return 10 * radius  # the picture is the same from anywhere
+    return float(begin) if radius < begin < np.inf else None
+
+
+def _file_name(name: str, g: int, taken: set[str]) -> str:
+    """levels_NAME.png for a group's name, which may hold anything, another for each."""
+    safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:60] or "group"
+    while safe.casefold() in taken:
+        safe = f"{safe}_{g}"
+    taken.add(safe.casefold())
+    return f"levels_{safe}.png"

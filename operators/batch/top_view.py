@@ -1,0 +1,88 @@
+"""The picture from above: every agent as an arrowhead, the camera's frustum and LOD ranges as lines."""
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.maps import Area
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.planning.frame import Frame
+from ..blender import mesh_data, scene_data
+from ..lod_meshes.make_lods import TINTS
+from ..overlay.draw_data import frustum_lines
+
+CULLED = (0.25, 0.25, 0.25)
+ARROW_PIXELS, LINE_PIXELS = 5.0, 2.0
+ARROW_METRES = 0.7
+
+
+def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.types.Object:
+    """A new orthographic camera in `stage` that looks straight down on the area and the camera."""
+    x = np.array([area.x_min, area.x_max, camera.origin[0]])
+    y = np.array([area.y_min, area.y_max, camera.origin[1]])
+    width, height = 1.06 * np.ptp(x), 1.06 * np.ptp(y)
+    aspect = stage.render.resolution_x / stage.render.resolution_y
+    data = bpy.data.cameras.new("Crowd LOD above")
+    data.type, data.sensor_fit = "ORTHO", "HORIZONTAL"
+    data.ortho_scale = max(width, height * aspect)
+    top = max(area.z, camera.origin[2]) + 1000.0
+    data.clip_start, data.clip_end = 1.0, 10_000.0 + top - area.z
+    item = bpy.data.objects.new(data.name, data)
+    stage.collection.objects.link(item)
+    scene_data.look_at(item, ((x.min() + x.max()) / 2, (y.min() + y.max()) / 2, top), (1, 0, 0), (0, 1, 0), (0, 0, -1))
+    return item
+
+
+def draw(mesh: bpy.types.Mesh, frame: Frame, centre: np.ndarray, view: Camera) -> None:
+    """Make `mesh` the drawing of `frame` for the camera `view`: agents in the tint of their LOD, those culled in grey,
+    all at their spheres' centres (heights `centre` (G,) above the feet). Sizes are in the picture's pixels."""
+    arrows, tints = _arrows(frame, centre, view)
+    lines, line_tints = _frustum(frame, view)
+    points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
+    count = len(arrows)
+    corners = np.arange(4 * len(lines), dtype=np.int32).reshape(-1, 4) + 3 * count
+    triangles = np.concatenate([np.arange(3 * count, dtype=np.int32).reshape(-1, 3), corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
+    colours = np.concatenate([tints, line_tints, line_tints])
+    mesh_data.fill_mesh(mesh, points, triangles)
+    values = np.ones((len(triangles), 3, 4), np.float32)
+    values[..., :3] = colours[:, None]
+    mesh.color_attributes.new("color", "FLOAT_COLOR", "CORNER").data.foreach_set("color", values.ravel())
+    mesh.color_attributes.active_color_index = 0
+    mesh.color_attributes.render_color_index = 0
+
+
+def _pixel(view: Camera, points: np.ndarray) -> np.ndarray:
+    """Size in metres (n,) of a pixel of `view` at the points (n, 3)."""
+    extent = view.window.right - view.window.left
+    if view.kind != "ORTHO":
+        extent = extent * np.maximum((points - view.origin) @ view.Z, view.near)
+    return np.broadcast_to(extent / view.pixels[0], len(points))
+
+
+def _arrows(frame: Frame, centre: np.ndarray, view: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3, 3) float64 corners of an arrowhead an agent, and its colour (n, 3). Culled agents come first, finest LODs
+    last, a little nearer to the view each, so that what counts lies on top."""
+    crowd = frame.crowd
+    at = np.stack([crowd.x, crowd.y, crowd.z + centre[crowd.group]], axis=1)
+    rank = np.where(frame.visible, len(TINTS) - frame.levels.astype(int), 0)
+    size = np.maximum(ARROW_METRES, ARROW_PIXELS * _pixel(view, at))
+    forward = np.stack([np.cos(crowd.heading), np.sin(crowd.heading)], axis=1)
+    left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
+    at = at - view.Z * (0.01 * rank[:, None])
+    corners = np.repeat(at[:, None], 3, axis=1)
+    for i, (ahead, aside) in enumerate(((0.6, 0.0), (-0.4, 0.35), (-0.4, -0.35))):
+        corners[:, i, :2] += size[:, None] * (ahead * forward + aside * left)
+    tints = np.where(frame.visible[:, None], np.array(TINTS)[frame.levels], np.array(CULLED))
+    return corners, tints
+
+
+def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """(m, 4, 3) corners of ribbons that face `view`, and their colours (m, 3): the overlay's lines, made solid."""
+    ends, colours = frustum_lines(frame.camera, frame.begins)
+    along = ends[:, 1] - ends[:, 0]
+    aside = np.cross(along, view.Z)
+    length = np.linalg.norm(aside, axis=1, keepdims=True)
+    keep = length[:, 0] > 1e-9 * np.linalg.norm(along, axis=1)  # a segment seen end on is a point
+    ends, aside = ends[keep], aside[keep] / length[keep]
+    half = [aside * (LINE_PIXELS / 2 * _pixel(view, ends[:, i]))[:, None] for i in range(2)]
+    ribbons = np.stack([ends[:, 0] - half[0], ends[:, 1] - half[1], ends[:, 1] + half[1], ends[:, 0] + half[0]], axis=1)
+    return ribbons, colours[keep, 0, :3]

@@ -1,0 +1,385 @@
+"""What culling and LOD change in the picture: the same frames rendered with and without them, and compared."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.culling.stereo import EYES
+from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.planning.frame_range import evenly
+from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.progress import share, standing
+from ...crowd_lod.reporting import file_checks, files, tables
+from ...crowd_lod.sorting.buckets import sort
+from ...crowd_lod.validation import image_difference
+from ..blender import cameras, cleanup, console, frame_stepping, image_data, mesh_data, scene_data
+from ..blender.ownership import OWNED
+from ..build import bake, render_setup
+from ..build.frame_update import Held, held_by, members
+from ..build.hidden_characters import hides_characters
+from ..crowd import lights
+from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
+from ..lod_meshes.make_lods import make_levels
+from .preview import Preview, set_up
+
+# The pictures of a frame. The third is the culled one without those whom the camera does not see itself.
+PICTURES = {
+    "a": "everyone, full detail",
+    "b": "culled, full detail",
+    "bare": "culled, without shadows and reflections from outside the picture",
+    "c": "culled, with LODs",
+}
+AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
+SILHOUETTE_SAMPLES = 16  # a pixel
+PAIRS = bpy.app.version >= (5, 2, 0)  # Blender 4.5 does not read back the values that it writes of two eyes
+LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
+DISPLACED = 1e-3  # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its instances stands
+MOST_IN_SHEET = 8  # frames on the contact sheet
+RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
+
+
+@dataclass(frozen=True)
+class Verify:
+    """What to verify. frames: increasing. width: of the pictures, pixels. samples: a pixel. bounces: with more than 0 each
+    picture is rendered once more, with the sky's light and so many bounces of light and reflections."""
+
+    frames: list[int]
+    folder: Path
+    width: int = 320
+    samples: int = 4
+    bounces: int = 0
+
+
+def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterator[float]:
+    """Write the proof for `scene` into the wanted folder; yields the progress, 0 to 1, and returns the dict of verify.json.
+
+    The scene itself is stepped and rendered, for no copy has all that its frames show; afterwards it is as it was. The folder
+    gets its files at the end, all or none.
+    """
+    own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
+    with ExitStack() as opened:
+        folder = opened.enter_context(files.staged(wanted.folder))
+        opened.callback(store_groups, own, groups)
+        opened.enter_context(cleanup.scratch())
+        layer = scene.view_layers[0]
+        lent = scene.render, scene.render.image_settings, scene.cycles, scene.display, scene.view_settings, own, *scene.view_layers
+        opened.enter_context(cleanup.lent(*lent, *filter(None, (own.build, own.characters))))
+        opened.callback(setattr, scene, "world", scene.world)
+        cameras.active_camera(scene), characters_of(scene)  # what is missing is named before anything is set
+        left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
+        _set_up(scene, wanted)
+        layer.update()
+        store_groups(own, measure_groups(scene))
+        trajectory = trajectory_of(scene)
+        yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
+        frame_of(scene, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
+        if own.levels is None:
+            yield from share(make_levels(scene), 0.0, 0.05)
+        every = [range(2**31)] * policy_of(own).count  # also of LODs that are left out to save memory: they are what is proved
+        yield from share(render_setup.build(scene, every), 0.05, 0.1)
+        bake.mark(scene, wanted.frames)  # with motion blur its points move by themselves
+        render_setup.dress_all(scene)
+        top, own.build = own.build, None  # it holds what is written here, not what the frame asks
+        outline = _outline(scene, top)
+        _twin(scene, top)
+        rows, sheet = [], []
+        at, each = opened.enter_context(frame_stepping.stepped(scene)), 0.85 / len(wanted.frames)
+        for number in wanted.frames:
+            begun = 0.1 + each * len(rows)
+            way = approach(trajectory, scene_data.remapped(scene.render, number))
+            yield from share(way, begun, begun + each / (2 * len(PICTURES)))
+            row, pictures = yield from _frame(scene, at, top, outline, number, wanted, folder, len(rows))
+            rows.append(row)
+            sheet.append(pictures)
+        result = _result(rows, wanted, command, left_out + _left_out(scene, rows, wanted), not_proved)
+        (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
+        (folder / "verify.csv").write_text(tables.to_csv(rows), encoding="utf-8")
+        tiles = [picture for pictures in evenly(sheet, MOST_IN_SHEET) for picture in pictures]
+        image_data.save_png(folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3))
+        yield 1.0
+        return result
+
+
+def _set_up(scene: bpy.types.Scene, wanted: Verify) -> None:
+    """Have Cycles' picture of the scene depend on what its rays meet and on nothing else: one seed, no samples saved where the
+    picture is smooth, no lamp drawn by its share of the light, no denoiser. The pixel filter stays the scene's own."""
+    if hides_characters(scene):
+        scene.crowd_lod.characters.hide_render = True
+    if scene.crowd_lod.build is not None:
+        scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
+    render, cycles = scene.render, scene.cycles
+    filmed = render.use_motion_blur, render.use_multiview and PAIRS, render.use_border and scene.crowd_lod.cull_to_border
+    set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
+    render.use_motion_blur, render.use_multiview, render.use_border = filmed
+    render.motion_blur_shutter = min(render.motion_blur_shutter, LONGEST_SHUTTER)
+    render.image_settings.views_format = "INDIVIDUAL"
+    render.engine, cycles.device = "CYCLES", "CPU"
+    render.use_stamp = render.use_persistent_data = render.use_simplify = False
+    cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
+    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = cycles.use_guiding = False
+    cycles.use_fast_gi, cycles.time_limit = False, 0
+    render.image_settings.color_mode = "RGBA"
+    for layer in scene.view_layers:
+        layer.samples = 0
+
+
+def _light(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
+    """Light the stage by its lamps alone, or with so many bounces and the sky, too: worlds are (sky, dark sky)."""
+    cycles = stage.cycles
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
+    cycles.transmission_bounces = cycles.volume_bounces = bounces
+    stage.world = worlds[0] if bounces else worlds[1]
+
+
+def _dark(world: bpy.types.World | None) -> bpy.types.World | None:
+    """A copy of the world that the camera sees and that lights nothing: agents out of the picture keep some of the sky's
+    light from every place in it, and no bucket holds them all."""
+    if world is None:
+        return None
+    dark = world.copy()
+    for ray in ("diffuse", "glossy", "transmission", "scatter"):
+        setattr(dark.cycles_visibility, ray, False)
+    return dark
+
+
+def _twin(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
+    """Put a second of each instance of the build into the stage, which no ray meets. Cycles rounds a mesh differently where
+    it is instanced once and where it is more often; so every mesh is, however many agents show it."""
+    for points in render_setup.points_of(top).values():
+        tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
+        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+        shown, leave = tree.nodes.new("GeometryNodeObjectInfo"), tree.nodes.new("NodeGroupOutput")
+        shown.inputs["Object"].default_value = points
+        tree.links.new(shown.outputs["Geometry"], leave.inputs["Geometry"])
+        twin = bpy.data.objects.new(tree.name, bpy.data.meshes.new(tree.name))
+        twin[OWNED] = True
+        twin.modifiers.new(tree.name, "NODES").node_group = tree
+        for ray in RAYS:
+            setattr(twin, f"visible_{ray}", False)
+        stage.collection.objects.link(twin)
+
+
+def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
+    """A scene of nothing but the build, whose pictures' alpha is the crowd's silhouette; sharp, as LODs are measured."""
+    outline = stage.copy()
+    outline.timeline_markers.clear()
+    for child in outline.collection.children:
+        outline.collection.children.unlink(child)
+    for item in outline.collection.objects:
+        outline.collection.objects.unlink(item)
+    for item in render_setup.points_of(top).values():
+        outline.collection.objects.link(item)
+    outline.render.film_transparent, outline.render.use_motion_blur, outline.world = True, False, None
+    outline.cycles.samples, outline.cycles.max_bounces, outline.cycles.pixel_filter_type = SILHOUETTE_SAMPLES, 0, "BOX"
+    return outline
+
+
+def _film(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Have `outline` filmed by the cameras of `scene` as `depsgraph` has them."""
+    for item in [item for item in outline.collection.objects if item.type == "CAMERA"]:
+        outline.collection.objects.unlink(item)
+    for camera in [item for item in scene.objects if item.type == "CAMERA"]:
+        still = cameras.still(camera, depsgraph)
+        outline.collection.objects.link(still)
+        if camera == scene.camera:
+            outline.camera = still
+
+
+def _frame(scene, at: frame_stepping.At, top, outline, number: int, wanted: Verify, folder: Path, done: int):
+    """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
+    trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
+    film, around, shutter = lights.read_moment(scene, time, at)
+    depsgraph = at((), time)
+    planned, full = (
+        frame_of(scene, depsgraph, time, film, trajectory, each, shutter) for each in (around, replace(around, level=0, finest=()))
+    )
+    frames = _variants(planned, full)
+    _film(outline, scene, depsgraph)
+    outline.frame_set(number)
+    total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
+    so_far = done * total / len(wanted.frames)
+    held = held_by(scene, trajectory, number, planned.crowd)
+    worlds = scene.world, _dark(scene.world)
+    row = {
+        "frame": number,
+        "agents": len(planned.crowd),
+        "visible": int(planned.visible.sum()),
+        "shadow": len(planned.shadow.order),
+        "mirrored": len(planned.mirrored.order),
+    }
+    sheet, masks = [], {}
+    for bounces in (0, wanted.bounces)[: 1 + (wanted.bounces > 0)]:
+        _light(scene, bounces, worlds)
+        ending = "_bounces" if bounces else ""
+        shot = {}
+        for name, frame in frames.items():
+            _write(scene, top, trajectory, frame, number, held)
+            shot[name] = _render(scene, folder / f"frame_{number:04d}_{name}{ending}.png")
+            if not bounces and name in ("a", "c"):
+                masks[name] = _render(outline, folder / "outline.png")[..., 3]
+            so_far += 1
+            yield 0.1 + 0.85 * so_far / total
+        for name in ("b", "bare", "c"):
+            found = image_difference.between(shot["a"], shot[name])
+            row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
+            picture = _amplified(shot["a"], shot[name])
+            image_data.save_png(folder / f"frame_{number:04d}_a_{name}{ending}.png", picture)
+        pictures = [image_data.load_pixels(folder / f"frame_{number:04d}_{name}{ending}.png") for name in frames]
+        pictures += [image_data.load_pixels(folder / f"frame_{number:04d}_a_{name}{ending}.png") for name in ("b", "bare", "c")]
+        sheet += pictures
+    scene.world = worlds[0]
+    (folder / "outline.png").unlink()
+    eyes = len(_views(scene.render))
+    shift = max(image_difference.shift(*pair) for pair in zip(*(np.split(masks[name], eyes, axis=1) for name in "ac"), strict=True))
+    each = [image_difference.predicted(replace(planned, camera=camera), trajectory.groups) for camera in film]
+    predicted = None if None in each else max(each)
+    row |= {"silhouette_shift": shift, "predicted_shift": predicted}
+    row["culling_ok"] = row["b_pixels"] == 0 or (row["b_largest"] <= DISPLACED and bool(_displaced(scene)))
+    row["lod_ok"] = predicted is None or shift <= predicted + 1
+    return row, sheet
+
+
+def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: int, held: Held) -> None:
+    """Write the agents of the frame's buckets to the point objects in `home`, where with motion blur they move."""
+    points = render_setup.points_of(home)
+    for name, agents in members(frame).items():
+        library = render_setup.library_of(home, points[name], trajectory.gaits)
+        columns = bake.columns_in_time(trajectory, held, number, agents, library, stage.crowd_lod.tilt)
+        mesh_data.write_points(points[name].data, columns)
+
+
+def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
+    """The frames of PICTURES: of the plan, and of the same with the finest LOD for those that the camera does not see."""
+    count = len(planned.buckets.counts)
+    finest = np.zeros(len(planned.crowd), np.uint8)
+    nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
+    finite = np.isfinite([planned.crowd.x, planned.crowd.y, planned.crowd.z]).all(axis=0)
+    culled = replace(full, buckets=sort(planned.visible, finest, count))
+    return {
+        "a": replace(full, buckets=sort(finite, finest, count), shadow=nobody, mirrored=nobody),
+        "b": culled,
+        "bare": replace(culled, shadow=nobody, mirrored=nobody),
+        "c": planned,
+    }
+
+
+def _views(render: bpy.types.RenderSettings) -> list[str]:
+    """What the files of the picture's views, the eyes of stereo among them, are called after the picture's name."""
+    if not render.use_multiview:
+        return [""]
+    stereo = render.views_format == "STEREO_3D"
+    return [view.file_suffix for view in render.views if view.use and (view.name in EYES or not stereo)]
+
+
+def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
+    """Render the picture to the PNG `path`; (rows, columns, 4) float32 of its own linear values, bottom row first; the
+    views of a stereo picture side by side."""
+    render, settings = stage.render, stage.render.image_settings
+    stem = path.with_suffix("")
+    with console.quiet(), bpy.context.temp_override(scene=stage):
+        settings.file_format, settings.color_depth, render.filepath = "OPEN_EXR", "32", f"{stem}.exr"
+        bpy.ops.render.render(write_still=True)
+    settings.file_format, settings.color_depth = "PNG", "8"
+    values, shown = [], []
+    for view in _views(render):
+        raw, seen = Path(f"{stem}{view}.exr"), Path(f"{stem}{view}.png")
+        file_checks.check(raw)
+        image = bpy.data.images.load(str(raw))
+        try:
+            values.append(image_data.read_values(image))
+            with image_data.writing(seen):
+                image.save_render(str(seen), scene=stage)
+            shown.append(image_data.load_pixels(seen))
+        finally:
+            bpy.data.images.remove(image)
+        raw.unlink()
+        seen.unlink()
+    image_data.save_png(path, np.concatenate(shown, axis=1))
+    return np.concatenate(values, axis=1)
+
+
+def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The difference of two pictures as (rows, columns, 4) uint8: black is none, however small."""
+    off = np.abs(a - b)
+    shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
+    shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
+    shown[..., 3] = 255
+    return shown
+
+
+def _never_shown(scene: bpy.types.Scene) -> list[str]:
+    """What the pictures cannot prove of a render of `scene` as it is set, a sentence each."""
+    render, said = scene.render, []
+    if render.use_motion_blur and render.motion_blur_shutter > LONGEST_SHUTTER:
+        said.append(f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {render.motion_blur_shutter:g}.")
+    if render.use_multiview and not PAIRS:
+        said.append("One eye was looked at: this Blender does not read back pictures of two.")
+    return said + list(filter(None, [frame_stepping.unbaked(scene)]))
+
+
+def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
+    """What no picture of this run proves of a render of `scene`, in a few words each; asked before the scene is set up."""
+    render, (width, height) = scene.render, cameras.image_size(scene.render)
+    found = ["other frames"]
+    if wanted.bounces:
+        found.append(f"more than {wanted.bounces} bounces of light")
+    else:
+        found.append("the light of the sky and of bounces (--bounces 2 renders them)")
+    if width != wanted.width:
+        found.append(f"pictures of {width} x {height} pixels")
+    if render.engine != "CYCLES":
+        found.append(f"what {render.engine.removeprefix('BLENDER_')} makes of shading, its pixel filter, and displacement")
+    if render.use_compositing or render.use_sequencer:
+        found.append("compositing and sequencer")
+    return found + ["denoising"] * (render.engine == "CYCLES" and scene.cycles.use_denoising)
+
+
+def _displaced(scene: bpy.types.Scene) -> list[str]:
+    """The materials of the scene whose nodes displace meshes in Cycles, and do not only shade them so."""
+    slots = (slot for item in scene.crowd_lod.characters.all_objects for slot in item.material_slots)
+    worn = {slot.material for slot in slots if slot.material is not None and slot.material.node_tree is not None}
+    return sorted(each.name for each in worn if each.displacement_method != "BUMP" and _has_displacement(each.node_tree))
+
+
+def _has_displacement(tree: bpy.types.NodeTree) -> bool:
+    return any(node.type == "OUTPUT_MATERIAL" and node.inputs["Displacement"].is_linked for node in tree.nodes)
+
+
+def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
+    """What the pictures do not prove, a sentence each."""
+    said = []
+    if any(row["predicted_shift"] is None for row in rows):
+        said.append(
+            "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture."
+        )
+    displaced = _displaced(scene)
+    if displaced:
+        said.append(
+            f"Meshes of {', '.join(displaced[:3])} are displaced by Cycles where one of their instances stands, another one with "
+            f"culling, so differences of up to {DISPLACED:g} were not counted."
+        )
+    mirrors = lights.read_surroundings(scene, scene.view_layers[0].depsgraph, scene_data.time_of(scene)).mirrors
+    if wanted.bounces > 1 and len(mirrors) > 1:
+        said.append("What one mirror shows in another is not looked for: there pixels may differ.")
+    return said
+
+
+def _result(rows: list[dict], wanted: Verify, command: list[str], left_out: list[str], not_proved: list[str]) -> dict:
+    """The dict of verify.json."""
+    return {
+        "version": 1,
+        "command": command,
+        "ok": all(row["culling_ok"] and row["lod_ok"] for row in rows),
+        "width": wanted.width,
+        "samples": wanted.samples,
+        "bounces": wanted.bounces,
+        "pictures": PICTURES,
+        "amplified": AMPLIFIED,
+        "left_out": left_out,
+        "not_proved": not_proved,
+        "frames": rows,
+    }

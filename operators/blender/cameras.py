@@ -1,0 +1,240 @@
+"""Blender's cameras -> the core's. With crowd_lod/scene.py the only files that copy between bpy and NumPy."""
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.culling import stereo
+from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, opened, referential, window
+from ...crowd_lod.errors import CrowdError
+from .frame_stepping import At, stage, stepped
+from .scene_data import EEVEE, remapped
+
+OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
+# The reach of Cycles' pixel filters from a pixel's middle, in parts of their width (film.cpp, filter_table).
+REACHES = {"GAUSSIAN": 1.5, "BLACKMAN_HARRIS": 1.0}
+CYLINDER = "central_cylindrical_range"
+
+
+def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
+    """Width and height of the rendered image in pixels."""
+    percent = render.resolution_percentage
+    return max(1, render.resolution_x * percent // 100), max(1, render.resolution_y * percent // 100)
+
+
+def active_camera(scene: bpy.types.Scene) -> bpy.types.Object:
+    """The scene's active camera object."""
+    if scene.camera is None:
+        raise CrowdError(f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties.")
+    if scene.camera.type != "CAMERA":
+        raise CrowdError(f"{scene.camera.name}, the active camera of {scene.name}, is no camera: choose a camera object.")
+    return scene.camera
+
+
+def bound_camera(scene: bpy.types.Scene, time: float) -> bpy.types.Object:
+    """The camera that films `time`: that of the last marker with a camera up to it, of the first such marker before
+    them all, or the active one. Blender makes it the active one when it comes to the frame (BKE_scene_camera_switch_find)."""
+    markers = [m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render]
+    if not markers:
+        return active_camera(scene)
+    past = [m for m in markers if m.frame <= int(time)]
+    return (max(past, key=lambda m: m.frame) if past else min(markers, key=lambda m: m.frame)).camera
+
+
+def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
+    """The cameras that film the scene's picture, as `depsgraph` has evaluated them: the active one, or the eyes of a
+    stereo or multi-view picture. With the setting cull_to_border, only the render border is filmed."""
+    return cameras_from(scene, active_camera(scene), depsgraph)
+
+
+def cameras_from(scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
+    """The eyes of `scene` when `camera` films it, as `depsgraph`, of any scene with these cameras, has evaluated them."""
+    render = scene.render
+    views = [view for view in render.views if view.use] if render.use_multiview else []
+    if not views:
+        found = [camera_from(camera, render, depsgraph)]
+    elif render.views_format == "MULTIVIEW":
+        eyes = dict.fromkeys(_view_camera(scene, camera, view.camera_suffix) for view in views)
+        found = [camera_from(eye, render, depsgraph) for eye in eyes]
+    else:
+        found = [camera_from(camera, render, depsgraph, view.name) for view in views if view.name in stereo.EYES]
+    if scene.crowd_lod.cull_to_border and render.use_border:
+        border = render.border_min_x, render.border_max_x, render.border_min_y, render.border_max_y
+        found = [crop(each, *border) for each in found]
+    return tuple(found)
+
+
+def _view_camera(scene: bpy.types.Scene, camera: bpy.types.Object, suffix: str) -> bpy.types.Object:
+    """The camera of the multi-view picture's view `suffix`: the active one's name with its own suffix exchanged."""
+    own = max((v.camera_suffix for v in scene.render.views if camera.name.endswith(v.camera_suffix)), key=len, default=None)
+    return camera if own is None else scene.objects.get(camera.name.removesuffix(own) + suffix, camera)
+
+
+def camera_from(
+    camera: bpy.types.Object, render: bpy.types.RenderSettings, depsgraph: bpy.types.Depsgraph, side: str | None = None
+) -> Camera:
+    """`camera` as `depsgraph` has evaluated it, filming with `render`: itself, or its `side`, left or right, in stereo."""
+    evaluated = camera.evaluated_get(depsgraph)
+    data, matrix = evaluated.data, np.array(evaluated.matrix_world, np.float64)
+    if not 0 <= data.clip_start < data.clip_end:
+        raise CrowdError(
+            f"The camera {camera.name} clips from {data.clip_start:g} to {data.clip_end:g} m: the end must lie behind the start."
+        )
+    kind = data.type if data.type in ("PERSP", "ORTHO") else "PANO"
+    eyes = stereo.Stereo(
+        data.stereo.convergence_mode,
+        data.stereo.pivot,
+        data.stereo.interocular_distance,
+        data.stereo.convergence_distance,
+    )
+    spherical = side is not None and data.stereo.use_spherical_stereo and kind != "ORTHO"
+    shift_x = data.shift_x
+    if side is not None and not spherical:
+        matrix, slope = stereo.eye(matrix, eyes, side)
+        shift_x += slope * data.lens / data.sensor_width if kind != "PANO" else 0.0
+    pixels = image_size(render)
+    origin, X, Y, Z = referential(matrix, camera.name)
+    sensor = data.sensor_height if data.sensor_fit == "VERTICAL" else data.sensor_width
+    aspect = render.pixel_aspect_x, render.pixel_aspect_y
+    cone, density = _panorama(data, pixels, window(sensor, data.sensor_fit, pixels, aspect)) if kind == "PANO" else (np.pi, None)
+    film = Camera(
+        kind=kind,
+        origin=origin,
+        X=X,
+        Y=Y,
+        Z=Z,
+        window=window(
+            data.ortho_scale if kind == "ORTHO" else sensor / data.lens,
+            data.sensor_fit,
+            pixels,
+            aspect,
+            (shift_x, data.shift_y),
+        ),
+        near=data.clip_start,
+        far=data.clip_end,
+        pixels=pixels,
+        cone=cone,
+        density=density,
+        rays=render.engine == "CYCLES",
+        filtered=filter_reach(render),
+    )
+    if data.dof.use_dof:
+        film = _focused(film, data, depsgraph)
+    return stereo.spherical(film, eyes) if spherical else film
+
+
+def filter_reach(render: bpy.types.RenderSettings) -> float:
+    """Pixels by which the pixel filter of the scene of `render` reaches past the picture's edges: its reach from the middle
+    of a pixel, without the half pixel up to the edge. That of a box ends there; Workbench's mixes what is in the picture."""
+    if render.engine == "CYCLES":
+        cycles = render.id_data.cycles
+        return max(REACHES.get(cycles.pixel_filter_type, 0.0) * cycles.filter_width - 0.5, 0.0)
+    return max(render.filter_size - 0.5, 0.0) if render.engine == EEVEE else 0.0
+
+
+def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> tuple[float, float]:
+    """(cone in radians, pixels per radian in the picture's middle, along the finer of its axes) of a panoramic camera whose
+    sensor takes up `film`, millimetres.
+
+    Fisheyes end at half their field of view from the axis; of the others every direction is taken for seen. A CUSTOM
+    camera's shader may do anything with its rays' directions; that it moves their origins is not foreseen.
+    """
+    width, height = pixels
+    half = min(np.pi, data.fisheye_fov / 2)
+    per_millimetre = max(width / (film.right - film.left), height / (film.top - film.bottom))
+    across, up = (abs(getattr(data, f"{name}_max") - getattr(data, f"{name}_min")) for name in ("longitude", "latitude"))
+    round_, tall = (abs(getattr(data, f"{CYLINDER}_{a}_max") - getattr(data, f"{CYLINDER}_{a}_min")) for a in "uv")
+    types = {
+        "FISHEYE_EQUIDISTANT": (half, max(pixels) / data.fisheye_fov),  # an ellipse that fills the picture
+        "FISHEYE_EQUISOLID": (half, per_millimetre * data.fisheye_lens),
+        "FISHEYE_LENS_POLYNOMIAL": (half, per_millimetre / max(abs(data.fisheye_polynomial_k1), 1e-6)),
+        "EQUIRECTANGULAR": (np.pi, max(width / max(across, 1e-6), height / max(up, 1e-6))),
+        "EQUIANGULAR_CUBEMAP_FACE": (np.pi, max(pixels) / (np.pi / 2)),
+        "MIRRORBALL": (np.pi, max(pixels) / 4),
+        "CENTRAL_CYLINDRICAL": (
+            np.pi,
+            max(width / max(round_, 1e-6), height * data.central_cylindrical_radius / max(tall, 1e-6)),
+        ),
+    }
+    flat = (np.pi, per_millimetre * data.lens)
+    return flat if data.type == "CUSTOM" else types.get(data.panorama_type, flat)
+
+
+def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgraph) -> Camera:
+    """`film` with the depth of field of `data`, as Cycles has it (blender_camera_from_object)."""
+    dof = data.dof
+    aperture = (1.0 if film.kind == "ORTHO" else data.lens * 1e-3) / (2 * max(dof.aperture_fstop, 1e-5))
+    focus = dof.focus_distance if dof.focus_object is None else _focus(dof, depsgraph, film.origin, film.Z)
+    return lens_blur(film, aperture * max(1.0, 1 / max(dof.aperture_ratio, 1e-5)), max(focus, 1e-5))
+
+
+def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
+    """Metres from `origin` (3,) along `ahead` (3,) to the object that is in focus."""
+    target = dof.focus_object.evaluated_get(depsgraph)
+    place = target.matrix_world
+    if dof.focus_subtarget and target.pose and dof.focus_subtarget in target.pose.bones:
+        place = place @ target.pose.bones[dof.focus_subtarget].matrix
+    return abs(float((np.array(place.translation) - origin) @ ahead))
+
+
+def camera_at(scene: bpy.types.Scene, time: float, at: At | None = None) -> tuple[Camera, ...]:
+    """The scene's cameras, as `read_cameras`, as they will be at `time` (see scene.time_of). at: of an open stepping.stepped,
+    here and below; where the scene must not be stepped, in a render and while it is played, of a stepping.stage."""
+    return cameras_at(scene, [time], at=at)[0]
+
+
+def cameras_at(
+    scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None, at: At | None = None
+) -> list[tuple[Camera, ...]]:
+    """`camera_at` for several times, filmed by `camera` or by the one bound to each."""
+    films = [camera or bound_camera(scene, time) for time in times]
+    eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
+    if at is None:
+        with stage() if all(map(_stands, {*films, *eyes})) else stepped(scene) as at:
+            return cameras_at(scene, times, camera, at)
+    return [cameras_from(scene, film, at({*films, *eyes}, time)) for time, film in zip(times, films, strict=True)]
+
+
+def _stands(camera: bpy.types.Object) -> bool:
+    """Whether nothing that a file holds moves the camera: the scene need not be stepped to see it."""
+    data, handlers = camera.data, bpy.app.handlers
+    scripts = [f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not f.__module__.startswith(__package__)]
+    moved = camera.animation_data or data.animation_data or camera.parent or camera.constraints or camera.rigid_body
+    return not (moved or data.dof.focus_object or scripts)
+
+
+def still(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
+    """A new camera that stands in any scene, at any time, as `depsgraph` has evaluated `camera`."""
+    evaluated = camera.evaluated_get(depsgraph)
+    data = evaluated.data.copy()
+    data.animation_data_clear()
+    if data.dof.focus_object is not None:
+        origin, *_, ahead = referential(np.array(evaluated.matrix_world, np.float64), camera.name)
+        data.dof.focus_distance, data.dof.focus_object = _focus(data.dof, depsgraph, origin, ahead), None
+    found = bpy.data.objects.new(f"Crowd LOD {camera.name}", data)
+    # a camera's own transform has no shear; what a parent's inverse holds comes through as it is
+    found.parent = bpy.data.objects.new("Crowd LOD still", None)
+    found.matrix_parent_inverse = evaluated.matrix_world
+    return found
+
+
+def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
+    """With motion blur, when the shutter of the frame at `time` opens, is half open and closes; else nothing."""
+    render = scene.render
+    if not render.use_motion_blur or render.motion_blur_shutter <= 0:
+        return []
+    opens = OPENS[render.motion_blur_position]
+    length = remapped(render, render.motion_blur_shutter)
+    return [time + length * (part - opens) for part in (0.0, 0.5, 1.0)]
+
+
+def read_shutter(scene: bpy.types.Scene, time: float, at: At | None = None) -> list[tuple[float, tuple[Camera, ...]]]:
+    """With motion blur, what camera.opened makes of the cameras while the shutter of the frame at `time` is open: at its
+    beginning, middle and end, as Cycles samples them; else nothing. A marker that switches the camera while it is open
+    does not count: a frame is filmed by one."""
+    times = shutter_times(scene, time)
+    if not times:
+        return []
+    eyes = [opened(each) for each in zip(*cameras_at(scene, times, bound_camera(scene, time), at), strict=True)]
+    return list(zip(times, zip(*eyes, strict=True), strict=True))

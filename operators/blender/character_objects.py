@@ -1,0 +1,37 @@
+"""Which objects of a character group are its shape."""
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+
+GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}  # kinds of objects whose shape may be a mesh
+
+
+def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those of the `objects` of the character group `owner` that have a shape: what is hidden in renders is left out,
+    unless all is, and so are the shapes of bones."""
+    for block in (owner, *objects, *(item.data for item in objects if item.data is not None)):
+        if block.is_missing:
+            path = block.library.filepath if block.library else "its library"
+            raise CrowdError(f"{block.name}, of the character group {owner.name}, is missing: bring back {path}, or link it anew.")
+    for item in objects:
+        if item.type == "META":
+            raise CrowdError(
+                f"{item.name}, of the character group {owner.name}, is a metaball: turn it into a mesh (Object > Convert)."
+            )
+        if item.instance_type == "COLLECTION" and item.instance_collection is not None:
+            raise CrowdError(
+                f"{item.name}, of the character group {owner.name}, instances the collection {item.instance_collection.name}: put that "
+                "collection in its place, or make the instance real (Object > Apply)."
+            )
+    bones = [bone for item in objects if item.type == "ARMATURE" for bone in item.pose.bones]
+    shapes = {bone.custom_shape for bone in bones}
+    found = [item for item in objects if item.type in GEOMETRY and item not in shapes]
+    inside = [] if isinstance(owner, bpy.types.Object) else owner.children_recursive
+    hidden = {item for collection in inside if collection.hide_render for item in collection.all_objects}
+    return [item for item in found if not item.hide_render and item not in hidden] or found
+
+
+def may_have_faces(item: bpy.types.Object) -> bool:
+    """Whether the object's shape may have faces: a modifier may make them."""
+    return item.type != "MESH" or len(item.data.polygons) > 0 or len(item.modifiers) > 0

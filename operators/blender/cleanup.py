@@ -1,0 +1,50 @@
+"""Put back or removed afterwards: data-blocks and settings."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import bpy
+
+from .console import quiet
+
+
+@contextmanager
+def scratch():
+    """Everything that is made inside, of whatever kind, is gone afterwards, also after an error."""
+    before = set(bpy.data.user_map())
+    try:
+        yield
+    finally:
+        bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+
+
+@contextmanager
+def all_or_nothing():
+    """Everything that is made inside, of whatever kind, is gone again if it ends with an error, or is closed early."""
+    before = {block.session_uid for block in bpy.data.user_map()}
+    try:
+        yield
+    except BaseException:
+        bpy.data.batch_remove([block for block in bpy.data.user_map() if block.session_uid not in before])
+        raise
+
+
+@contextmanager
+def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
+    """What is set in `owners`, of their own values, is afterwards as it was."""
+    with quiet():  # asked for its device, Cycles looks for all that there are, and says so
+        own = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
+        names = [(owner, prop.identifier) for owner, prop in own if not prop.is_readonly and prop.type != "COLLECTION"]
+        before = [(owner, name, _plain(getattr(owner, name))) for owner, name in names]
+    try:
+        yield
+    finally:
+        for _ in range(2):  # which values one of them may have depends on others
+            for owner, name, value in before:
+                if _plain(getattr(owner, name)) != value:
+                    with suppress(TypeError):
+                        setattr(owner, name, value)
+
+
+def _plain(value):
+    return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str | set | bpy.types.bpy_struct) else value

@@ -1,0 +1,42 @@
+"""What Blender writes to standard output and error."""
+
+import ctypes
+import os
+import sys
+import tempfile
+from contextlib import contextmanager, redirect_stdout, suppress
+
+# What Mesa's software OpenGL says of itself at every start; it draws well all the same.
+NOISE = b"EGL Error (0x3009)"
+
+
+def flush() -> None:
+    """Let go what Python and what Blender's C library hold back."""
+    for stream in filter(None, (sys.stdout, sys.stderr)):
+        with suppress(OSError):  # where it is full: what is to be read there is printed by streams.put
+            stream.flush()
+    (ctypes.cdll.ucrtbase if os.name == "nt" else ctypes.CDLL(None)).fflush(None)
+
+
+@contextmanager
+def quiet():
+    """Blender's own lines of progress, which it writes past Python and through it, go nowhere: stdout is the command's.
+    What it writes to stderr comes out afterwards, but for NOISE."""
+    flush()
+    kept = [os.dup(1), os.dup(2)]
+    with open(os.devnull, "w") as nowhere, tempfile.TemporaryFile() as errors:
+        try:
+            os.dup2(nowhere.fileno(), 1)
+            os.dup2(errors.fileno(), 2)
+            with redirect_stdout(nowhere):
+                yield
+        finally:
+            flush()
+            for number, copy in enumerate(kept, start=1):
+                os.dup2(copy, number)
+                os.close(copy)
+            errors.seek(0)
+            for line in errors:
+                if not line.startswith(NOISE):
+                    with suppress(OSError):  # a full stderr
+                        os.write(2, line)

@@ -1,0 +1,124 @@
+"""Images: bpy <-> NumPy."""
+
+import time as clock
+from contextlib import contextmanager
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.reporting import file_checks
+from .console import quiet
+
+# The values last read of each image, and when: a cache, never the truth.
+_values: dict[int, tuple[np.ndarray, float]] = {}
+MOST_IMAGES = 8
+LOOK_AGAIN = 1.0  # seconds between two looks at what has no cheap mark of change, where a look at each frame would take too long
+
+
+def read_values(image: bpy.types.Image) -> np.ndarray:
+    """The image's own values as (rows, columns, channels) float32, bottom row first, read-only: the same array as before
+    if they are the same. CrowdError if it has no pixels, or is more than one picture."""
+    if image.source not in ("FILE", "GENERATED"):
+        kind = {"TILED": "made of UDIM tiles", "MOVIE": "a movie", "SEQUENCE": "a sequence"}.get(image.source, "a render")
+        raise CrowdError(
+            f"The image {image.name} is {kind}, where a still is needed: set its Source to Single Image, or choose another image."
+        )
+    width, height = image.size
+    if not width * height or not image.has_data and not len(image.pixels):
+        path = bpy.path.abspath(image.filepath) or "no file"
+        raise CrowdError(f"The image {image.name} has no pixels ({path}): load or paint it again.")
+    shape, now = (height, width, image.channels), clock.monotonic()
+    before, looked = _values.pop(image.session_uid, (None, -np.inf))
+    if before is not None and before.shape == shape and now < looked + LOOK_AGAIN and playing():
+        values, now = before, looked
+    else:
+        values = np.empty(shape, np.float32)
+        image.pixels.foreach_get(values.ravel())
+        if before is not None and np.array_equal(before, values):
+            values = before
+        values.flags.writeable = False
+    while len(_values) >= MOST_IMAGES:
+        _values.pop(next(iter(_values)))
+    _values[image.session_uid] = values, now
+    return values
+
+
+def playing() -> bool:
+    """Whether an animation is played in a window."""
+    return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
+
+
+def forget() -> None:
+    """Drop the cache."""
+    _values.clear()
+
+
+def read_pixels(image: bpy.types.Image) -> np.ndarray:
+    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels, or some at NaN
+    or infinity."""
+    values = read_values(image)
+    check_finite(image, values[..., :3])
+    height, width, channels = values.shape
+    if channels < 3:
+        values = values[..., :1].repeat(3, axis=2)
+    pixels = np.full((height, width, 4), 255, np.uint8)
+    pixels[..., : values.shape[2]] = np.rint(values.clip(0, 1) * 255)
+    return pixels
+
+
+def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
+    """CrowdError if one of the image's `values` (rows, columns, channels) is NaN or infinite, which in bytes none can be."""
+    if image.is_float and not np.isfinite(values).all():
+        wrong = np.argwhere(~np.isfinite(values).all(axis=2))
+        raise CrowdError(
+            f"The image {image.name} holds {len(wrong)} pixels at NaN or infinity, the first at column {wrong[0][1]}, row "
+            f"{wrong[0][0]} from the bottom: paint them anew."
+        )
+
+
+def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
+    """A new packed image from (rows, columns, 3) uint8, bottom row first."""
+    rows, columns = pixels.shape[:2]
+    image = bpy.data.images.new(name, columns, rows)
+    values = np.ones((rows, columns, 4), np.float32)
+    values[..., :3] = pixels / np.float32(255)
+    image.pixels.foreach_set(values.ravel())
+    image.update()
+    image.pack()
+    return image
+
+
+def save_png(path: Path, pixels: np.ndarray) -> None:
+    """Write (rows, columns, 4) uint8, bottom row first, as a PNG with these very values."""
+    rows, columns = pixels.shape[:2]
+    image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
+    try:
+        image.pixels.foreach_set((pixels / np.float32(255)).ravel())
+        image.filepath_raw, image.file_format = str(path), "PNG"
+        with writing(path):
+            image.save()
+    finally:
+        bpy.data.images.remove(image)
+
+
+@contextmanager
+def writing(path: Path):
+    """In this block Blender writes the file `path`; CrowdError if it leaves nothing or a part, with or without saying so."""
+    try:
+        with quiet():
+            yield
+    except RuntimeError:
+        file_checks.check(path)
+        raise
+    file_checks.check(path)
+
+
+def load_pixels(path) -> np.ndarray:
+    """The picture in the file `path` as (rows, columns, 4) uint8, bottom row first."""
+    image = bpy.data.images.load(str(path))
+    try:
+        return read_pixels(image)
+    finally:
+        bpy.data.images.remove(image)

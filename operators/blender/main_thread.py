@@ -1,0 +1,50 @@
+"""Work for Blender's main thread. A render in a window asks for its frames from a thread of its own, where whatever makes,
+changes or removes data may meet the main thread drawing it, and crash."""
+
+import queue
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+
+PAUSE = 0.01  # seconds between two looks at what there is to do
+PATIENCE = 20.0  # seconds; the main thread may itself wait for the render to end, when it is stopped
+_waiting: queue.SimpleQueue[tuple[Future, Callable]] = queue.SimpleQueue()
+
+
+def on_main_thread(work: Callable):
+    """What `work()` returns or raises, done in the main thread; CrowdError if that finds no time for it."""
+    if threading.current_thread() is threading.main_thread():
+        return work()
+    task = Future()
+    _waiting.put((task, work))
+    try:
+        return task.result(PATIENCE)
+    except TimeoutError:
+        if task.cancel():
+            raise CrowdError("Blender was too busy to follow the render: render again, with Lock Interface on.") from None
+        return task.result()
+
+
+def _work() -> float:
+    while not _waiting.empty():
+        task, work = _waiting.get()
+        if task.set_running_or_notify_cancel():
+            try:
+                task.set_result(work())
+            except BaseException as error:  # it belongs to the thread that waits
+                task.set_exception(error)
+    return PAUSE
+
+
+def register():
+    if not bpy.app.background:  # there all renders run in the main thread
+        bpy.app.timers.register(_work, persistent=True)
+
+
+def unregister():
+    if bpy.app.timers.is_registered(_work):
+        bpy.app.timers.unregister(_work)

@@ -1,0 +1,80 @@
+"""What materials look like to the overlay: a base colour, or the image that gives it."""
+
+import bpy
+import numpy as np
+
+from . import image_data
+from .color_space import encoded
+
+GREY = (0.8, 0.8, 0.8)
+SIZE = 1024  # most pixels of an image along a side
+
+
+class Looks:
+    """Collects the materials of one character. found: their images."""
+
+    def __init__(self):
+        self.found: list[bpy.types.Image] = []
+        self._pictures = np.empty((0, 1, 1, 4), np.uint8)
+
+    def of(self, material: bpy.types.Material | None) -> tuple[float, float, float, float]:
+        """Linear base colour, and the layer of `images` that takes its place, or -1."""
+        if material is None:
+            return *GREY, -1.0
+        socket = _base_colour(material)
+        if socket is None:
+            return *material.diffuse_color[:3], -1.0
+        image = _image_behind(socket)
+        if image is None:
+            return *socket.default_value[:3], -1.0
+        if image not in self.found:
+            self.found.append(image)
+        return 1.0, 1.0, 1.0, float(self.found.index(image))
+
+    def images(self) -> np.ndarray:
+        """The images as (n, size, size, 4) uint8, sRGB, bottom row first: all as large as the largest, up to SIZE."""
+        if len(self._pictures) == len(self.found):
+            return self._pictures
+        size = min(SIZE, max((max(image.size) for image in self.found), default=1))
+        pictures = np.full((len(self.found), size, size, 4), 255, np.uint8)
+        for picture, image in zip(pictures, self.found, strict=True):
+            values = image_data.read_values(image)[..., : 3 if image.channels > 2 else 1]
+            # the nearest pixel of each; a scaled copy of the image would lack what is painted and not yet saved
+            rows, columns = ((np.arange(size) + 0.5) * n // size for n in values.shape[:2])
+            values = values[rows.astype(int)[:, None], columns.astype(int)]
+            picture[..., :3] = np.rint(255 * (encoded(values) if _is_linear(image) else values).clip(0, 1))
+        self._pictures = pictures
+        return pictures
+
+
+def _is_linear(image: bpy.types.Image) -> bool:
+    """Whether the image's own values are linear, and not sRGB."""
+    space = image.colorspace_settings
+    return image.is_float or space.is_data or space.name.startswith("Linear")
+
+
+def _base_colour(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
+    """The socket that gives the material's colour, if its surface is one shader."""
+    if material.node_tree is None:
+        return None
+    output = material.node_tree.get_output_node("ALL")
+    links = output.inputs["Surface"].links if output else ()
+    inputs = links[0].from_node.inputs if links else {}
+    socket = inputs.get("Base Color") or inputs.get("Color") if inputs else None
+    return socket if socket is not None and socket.type == "RGBA" else None
+
+
+def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
+    """The first image with pixels that the socket's links lead back to."""
+    waiting, seen = [socket], set()
+    while waiting:
+        for link in waiting.pop(0).links:
+            node = link.from_node
+            if node in seen:
+                continue
+            seen.add(node)
+            image = node.image if node.type == "TEX_IMAGE" else None
+            if image is not None and (image.has_data or len(image.pixels)):
+                return image
+            waiting.extend(node.inputs)
+    return None

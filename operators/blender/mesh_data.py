@@ -1,0 +1,122 @@
+"""Meshes and points: bpy <-> NumPy."""
+
+import bpy
+import numpy as np
+
+
+def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(points (n, 3) float32, triangles (m, 3) int32 vertex indices, corners (m, 3) int32 loop indices, faces (m,) int32
+    polygon index of each triangle) of the mesh, in its own space."""
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    mesh.calc_loop_triangles()
+    count = len(mesh.loop_triangles)
+    triangles, corners = np.empty((count, 3), np.int32), np.empty((count, 3), np.int32)
+    faces = np.empty(count, np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles.ravel())
+    mesh.loop_triangles.foreach_get("loops", corners.ravel())
+    mesh.loop_triangles.foreach_get("polygon_index", faces)
+    return points, triangles, corners, faces
+
+
+def new_mesh(name: str, points: np.ndarray, triangles: np.ndarray) -> bpy.types.Mesh:
+    """A mesh from points (n, 3) and triangles (m, 3)."""
+    mesh = bpy.data.meshes.new(name)
+    fill_mesh(mesh, points, triangles)
+    return mesh
+
+
+def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> None:
+    """Make `mesh` hold points (n, 3) and triangles (m, 3), and nothing else."""
+    mesh.clear_geometry()
+    mesh.vertices.add(len(points))
+    mesh.vertices.foreach_set("co", np.ascontiguousarray(points, np.float32).ravel())
+    mesh.loops.add(triangles.size)
+    mesh.loops.foreach_set("vertex_index", np.ascontiguousarray(triangles, np.int32).ravel())
+    mesh.polygons.add(len(triangles))
+    mesh.polygons.foreach_set("loop_start", np.arange(0, triangles.size, 3, dtype=np.int32))
+    mesh.update(calc_edges=True)
+
+
+# what an object that takes another's place keeps of it
+SHOWN = ("hide_render", "hide_viewport", "visible_camera", "visible_diffuse", "visible_glossy", "visible_transmission",
+         "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher", "pass_index", "color")  # fmt: skip
+
+
+def shows_plainly(item: bpy.types.Object) -> bool:
+    """Whether nothing of SHOWN, its colour left out, is set, so that its mesh shows alike as another object's."""
+    properties = bpy.types.Object.bl_rna.properties
+    return all(getattr(item, name) == properties[name].default for name in SHOWN if name != "color")
+
+
+def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
+    """An object of `mesh` that shows as `item` does, which is of another kind: a text or a curve cannot hold a mesh."""
+    copy = bpy.data.objects.new(item.name, mesh)
+    for name in SHOWN:
+        setattr(copy, name, getattr(item, name))
+    for key, value in item.items():
+        copy[key] = value
+    for slot, own in zip(copy.material_slots, item.material_slots, strict=False):
+        if own.link == "OBJECT":
+            slot.link, slot.material = "OBJECT", own.material
+    return copy
+
+
+KINDS = {(np.dtype(np.float32), 1): "FLOAT", (np.dtype(np.int32), 1): "INT", (np.dtype(np.float32), 2): "FLOAT_VECTOR"}
+
+
+def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
+    """Make `mesh` one loose vertex for each row of `columns` (m,) or (m, 3), float32 or int32, with the point attributes
+    that they name; "position" (m, 3) is the vertices' own, in the mesh's space."""
+    mesh.clear_geometry()
+    mesh.vertices.add(len(columns["position"]))
+    for name, values in columns.items():
+        if name == "position":
+            attribute, field = mesh.attributes["position"], "vector"
+        else:
+            attribute = mesh.attributes.new(name, KINDS[values.dtype, values.ndim], "POINT")
+            field = "vector" if values.ndim == 2 else "value"
+        attribute.data.foreach_set(field, np.ascontiguousarray(values).ravel())
+    mesh.update_tag()
+
+
+def world_points(evaluated: bpy.types.Object) -> np.ndarray:
+    """Vertices (n, 3) float64 of an evaluated object's mesh, world space; none where it has no mesh, as hair has not."""
+    try:
+        mesh = evaluated.to_mesh()
+    except RuntimeError:
+        return np.empty((0, 3))
+    try:
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        mesh.vertices.foreach_get("co", points.ravel())
+    finally:
+        evaluated.to_mesh_clear()
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    return points @ matrix[:3, :3].T + matrix[:3, 3]
+
+
+def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
+    """(points (n, 3) float64, triangles (m, 3) int32) of an evaluated object's mesh, world space; none where it has no
+    mesh, as hair has not."""
+    try:
+        mesh = evaluated.to_mesh()
+    except RuntimeError:
+        return np.empty((0, 3)), np.empty((0, 3), np.int32)
+    try:
+        points, triangles, _, _ = read_triangles(mesh)
+    finally:
+        evaluated.to_mesh_clear()
+    matrix = np.array(evaluated.matrix_world, np.float64)
+    return points @ matrix[:3, :3].T + matrix[:3, 3], triangles
+
+
+def world_polygons(evaluated: bpy.types.Object, matrix: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(points (n, 3) float64 in the world, each face's vertex indices) of an evaluated object with this matrix (4, 4)."""
+    mesh = evaluated.to_mesh()
+    try:
+        points = np.empty((len(mesh.vertices), 3), np.float32)
+        mesh.vertices.foreach_get("co", points.ravel())
+        polygons = [np.array(polygon.vertices) for polygon in mesh.polygons]
+    finally:
+        evaluated.to_mesh_clear()
+    return points @ matrix[:3, :3].T + matrix[:3, 3], polygons

@@ -1,0 +1,89 @@
+"""What every operator does alike."""
+
+import time as clock
+
+from ...crowd_lod.errors import FAULTS, sentence
+from ...crowd_lod.progress import finished
+
+TICK = 0.1  # seconds of work between two drawings of the window
+
+
+def left_words(progress: float, seconds: float) -> str:
+    """How long the rest will about take, if `seconds` brought the work as far as `progress`, 0 to 1; "" in the first two."""
+    if seconds < 2 or not progress > 0:
+        return ""
+    left = seconds * (1 - progress) / progress
+    unit, words = next(each for each in ((3600, "h"), (60, "min"), (1, "s")) if left >= 1.5 * each[0] or each[0] == 1)
+    return f", about {left / unit:,.0f} {words} left"
+
+
+class Reporting:
+    """Mix-in: `run(context)` does the work and returns the message for the status bar; an ordinary fault is
+    reported and the operator is cancelled."""
+
+    bl_options = {"REGISTER", "UNDO"}
+
+    def execute(self, context):
+        try:
+            message = self.run(context)
+        except FAULTS as fault:
+            self.report({"ERROR"}, sentence(fault))
+            return {"CANCELLED"}
+        self.report({"INFO"}, message)
+        return {"FINISHED"}
+
+
+class Stepwise(Reporting):
+    """Mix-in for work of more than two seconds: `steps(context)` is a generator that yields its progress from 0 to 1
+    and returns the message. In a window it runs a step at each timer tick, with a progress bar, and Esc ends it: the
+    generator's own clean-up must leave the scene as it was. Without a window it runs in one go."""
+
+    def run(self, context):
+        return finished(self.steps(context))
+
+    def invoke(self, context, event):
+        self._steps, self._started = self.steps(context), clock.monotonic()
+        self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
+        context.window_manager.progress_begin(0, 100)
+        context.window_manager.modal_handler_add(self)
+        context.workspace.status_text_set(f"{self.bl_label}: Esc to cancel")
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        if event.type == "ESC":
+            self._end(context)
+            self.report({"WARNING"}, f"{self.bl_label} was cancelled; nothing was changed.")
+            return {"CANCELLED"}
+        if event.type != "TIMER":
+            return {"RUNNING_MODAL"}
+        try:
+            until = clock.monotonic() + TICK
+            while True:  # small steps together: each tick draws the window
+                progress = next(self._steps)
+                if clock.monotonic() >= until:
+                    break
+        except StopIteration as end:
+            self._end(context)
+            self.report({"INFO"}, end.value)
+            return {"FINISHED"}
+        except FAULTS as fault:
+            self._end(context)
+            self.report({"ERROR"}, sentence(fault))
+            return {"CANCELLED"}
+        except BaseException:
+            self._end(context)
+            raise
+        context.window_manager.progress_update(100 * progress)
+        left = left_words(progress, clock.monotonic() - self._started)
+        context.workspace.status_text_set(f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel")
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context):
+        """Blender's window is closed amid the work: afterwards there is no scene left to clean up."""
+        self._end(context)
+
+    def _end(self, context):
+        self._steps.close()
+        context.window_manager.event_timer_remove(self._timer)
+        context.window_manager.progress_end()
+        context.workspace.status_text_set(None)

@@ -1,0 +1,80 @@
+"""Objects as renders evaluate them: what the viewport alone hides is shown, modifiers are those of renders."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+
+import bpy
+
+from .rig_dependencies import curves_of, players_of
+
+# Settings of modifiers: of the viewport, of renders.
+PAIRS = {"show_viewport": "show_render", "levels": "render_levels", "viewport_resolution": "resolution", "steps": "render_steps"}
+OF_RENDERS = {render: viewport for viewport, render in PAIRS.items()}
+
+
+@contextmanager
+def as_rendered(
+    objects: Iterable[bpy.types.Object],
+) -> Iterator[tuple[bpy.types.Scene, dict[bpy.types.Object, bpy.types.Object]]]:
+    """(a scene, the object in it that stands for each of `objects`): itself where viewport and renders show it alike, else a
+    copy. Scene and copies are gone afterwards."""
+    stage, made, actors = bpy.data.scenes.new("Crowd LOD stage"), [], {}
+    made.append(stage)
+    try:
+        for item in dict.fromkeys(objects):
+            actors[item] = item if _alike(item) else _copy(item, made)
+            stage.collection.objects.link(actors[item])
+        yield stage, actors
+    finally:
+        bpy.data.batch_remove(made)
+
+
+def _pairs(modifier: bpy.types.Modifier) -> list[tuple[str, str]]:
+    return [(viewport, render) for viewport, render in PAIRS.items() if hasattr(modifier, viewport) and hasattr(modifier, render)]
+
+
+def _curves(item: bpy.types.Object, player) -> list[bpy.types.FCurve]:
+    """The curves that `player` plays on the object, or its drivers, of what viewport and renders may have apart."""
+    curves = item.animation_data.drivers if player is None else curves_of(player)
+    apart = {"hide_viewport", *PAIRS, *OF_RENDERS}
+    return [curve for curve in curves if curve.data_path.rpartition(".")[2] in apart]
+
+
+def _players(item: bpy.types.Object) -> list:
+    """What plays actions on the object itself, and None for its drivers."""
+    return [None, *(each for each in players_of([item]) if each.id_data == item)] if item.animation_data else []
+
+
+def _alike(item: bpy.types.Object) -> bool:
+    if item.hide_viewport or any(_curves(item, player) for player in _players(item)):
+        return False
+    values = [(getattr(m, viewport), getattr(m, render)) for m in item.modifiers for viewport, render in _pairs(m)]
+    return all(viewport == render for viewport, render in values)
+
+
+def _copy(item: bpy.types.Object, made: list[bpy.types.ID]) -> bpy.types.Object:
+    """A copy of the object, put into `made` with its actions, that a viewport shows as renders show the object."""
+    copy = item.copy()
+    made.append(copy)
+    if copy.override_library:
+        copy.make_local()
+    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+        collection.objects.unlink(copy)
+    copy.hide_viewport = False
+    for modifier in copy.modifiers:
+        for viewport, render in _pairs(modifier):
+            setattr(modifier, viewport, getattr(modifier, render))
+    for player in _players(copy):
+        if not _curves(copy, player):
+            continue
+        if player is not None:
+            handle, player.action = player.action_slot_handle, player.action.copy()
+            made.append(player.action)
+            player.action_slot = next(slot for slot in player.action.slots if slot.handle == handle)
+        for curve in _curves(copy, player):
+            start, dot, name = curve.data_path.rpartition(".")
+            if name in OF_RENDERS:
+                curve.data_path = f"{start}{dot}{OF_RENDERS[name]}"
+            else:
+                curve.mute = True
+    return copy

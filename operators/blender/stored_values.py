@@ -1,0 +1,60 @@
+"""What a file holds of ours, read back: a script, a hand or another version may have put anything there."""
+
+from collections.abc import Sequence
+
+import bpy
+from idprop.types import IDPropertyArray, IDPropertyGroup
+
+from ...crowd_lod.errors import CrowdError
+
+NUMBERS = {"INT": "a whole number", "FLOAT": "a number"}
+INF = float("inf")
+
+
+def read(block: bpy.types.ID | IDPropertyGroup, key: str, kind: type, remedy: str, counts: Sequence[int] = (), bounds=(-INF, INF)):
+    """The custom property `key` of `block`: a value of the `kind` (str, int, float, bool), or a list of as many as one of
+    `counts` says; numbers within `bounds`. CrowdError, which ends with the `remedy`, if it is missing or anything else."""
+    value = block.get(key)
+    values = value.to_list() if isinstance(value, IDPropertyArray) else value
+    if not counts and _is(values, kind, bounds):
+        return values
+    if counts and isinstance(values, list) and len(values) in counts and all(_is(each, kind, bounds) for each in values):
+        return values
+    asked = {str: "a text", int: "whole numbers", float: "numbers", bool: "true or false"}[kind]
+    many = f", {' or '.join(map(str, counts))} of them" if counts else ""
+    raise CrowdError(
+        f'The custom property "{key}" of {block.name} is {"missing" if value is None else repr(values)}, and must be '
+        f"{asked}{_range(*bounds)}{many}: {remedy}."
+    )
+
+
+def _is(value, kind: type, bounds: tuple[float, float]) -> bool:
+    allowed = {float: (int, float), int: int}.get(kind, kind)
+    if not isinstance(value, allowed) or isinstance(value, bool) != (kind is bool):
+        return False
+    return kind in (str, bool) or bounds[0] <= value <= bounds[1]
+
+
+def _range(least: float, most: float) -> str:
+    return f" from {least:g} to {most:g}" if most < 1e30 else f" of at least {least:g}" if least > -1e30 else ""
+
+
+def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
+    """CrowdError if a setting, of these `names` or of all, has a value that Blender would let nobody set: one out of its range,
+    NaN, a choice or a kind of data that there is not. What was measured of groups is not looked at: see populate.groups_of."""
+    known = settings.bl_rna.properties
+    for setting in [known[name] for name in names] or known[1:]:  # the first is Blender's own
+        where = f"The setting {setting.name} of {settings.id_data.name}"
+        try:
+            value = getattr(settings, setting.identifier)
+        except UnicodeDecodeError:
+            raise CrowdError(f"{where} holds bytes that are no text: set it anew.") from None
+        if setting.type == "ENUM" and value not in setting.enum_items:
+            raise CrowdError(f"{where} has no known value: choose one of {', '.join(item.name for item in setting.enum_items)}.")
+        elif setting.type in NUMBERS:
+            bounds = setting.hard_min, setting.hard_max
+            for number in value if setting.is_array else (value,):
+                if not bounds[0] <= number <= bounds[1]:
+                    raise CrowdError(f"{where} is {number:g}: set it to {NUMBERS[setting.type]}{_range(*bounds)}.")
+        elif setting.type == "POINTER" and not isinstance(value, (type(None), getattr(bpy.types, setting.fixed_type.identifier))):
+            raise CrowdError(f"{where} is {value!r}: choose one of the kind {setting.fixed_type.name}.")

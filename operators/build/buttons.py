@@ -1,0 +1,96 @@
+"""The buttons of the render set-up: Build, Bake, Remove."""
+
+from collections.abc import Callable, Iterator
+
+import bpy
+
+from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.progress import share, standing
+from ..blender import cleanup, frame_stepping, scene_data
+from ..blender.operator import Reporting, Stepwise
+from ..crowd import lights
+from ..crowd.scene_crowd import frame_of, groups_of, measure_groups, store_groups, trajectory_of
+from ..lod_meshes.make_lods import make_levels
+from .bake import bake
+from .frame_update import update
+from .hidden_characters import hide_characters, told_of_characters
+from .render_setup import build, remove_build, told_of_cast
+
+
+def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Iterator[float]:
+    """`work()`, a build or a bake of `scene`, with all that comes before where it is not done yet: the groups' measures
+    and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
+    settings, layer = scene.crowd_lod, scene.view_layers[0]
+    layer.update()
+    known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
+    groups = known or measure_groups(scene)
+    trajectory = trajectory_of(scene, groups)
+    yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
+    around = lights.read_surroundings(scene, layer.depsgraph, scene_data.time_of(scene))
+    # what is wrong is said before the work begins
+    frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
+    done = False
+    try:
+        with cleanup.all_or_nothing():
+            if made:
+                yield from share(make_levels(scene), 0.0, 0.3)
+            elif not known:
+                store_groups(settings, groups)
+            found = yield from share(work(), 0.3 if made else 0.0, 1.0)
+            hide_characters(scene)
+            update(scene, layer.depsgraph)
+            done = True
+            return found
+    finally:
+        if not done:
+            store_groups(settings, known)
+            settings.dropped = dropped
+
+
+class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
+    """Build the render set-up: instances of each LOD's collections that follow camera and frame"""
+
+    bl_idname = "crowd_lod.build"
+    bl_label = "Build"
+
+    def steps(self, context):
+        scene = context.scene
+        if not len(scene.crowd_lod.groups):
+            trajectory_of(scene)  # says to populate first
+        cast = yield from prepared(scene, lambda: build(scene))
+        frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
+        seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
+        return " ".join(filter(None, (f"{seen}.", told_of_cast(scene, cast), told_of_characters(scene))))
+
+
+class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
+    """Build, with the points of all the scene's frames in the file: it then renders where Crowd LOD is not installed"""
+
+    bl_idname = "crowd_lod.bake"
+    bl_label = "Bake"
+
+    def steps(self, context):
+        scene = context.scene
+        frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+        cast = yield from prepared(scene, lambda: bake(scene, frames))
+        baked = f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        return " ".join(filter(None, (baked, told_of_cast(scene, cast), told_of_characters(scene), frame_stepping.unbaked(scene))))
+
+
+class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
+    """Remove the render set-up; LOD meshes and settings stay"""
+
+    bl_idname = "crowd_lod.remove_build"
+    bl_label = "Remove Build"
+
+    @classmethod
+    def poll(cls, context):
+        cls.poll_message_set("The scene has no build.")
+        return context.scene.crowd_lod.build is not None
+
+    def run(self, context):
+        remove_build(context.scene.crowd_lod)
+        return "The build is removed."
+
+
+CLASSES = (CROWDLOD_OT_build, CROWDLOD_OT_bake, CROWDLOD_OT_remove_build)

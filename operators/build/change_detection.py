@@ -1,0 +1,58 @@
+"""Whether a build still shows what it would be made from: then its characters stay as they are."""
+
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+
+from ..blender import mesh_data
+from ..blender.rig_dependencies import curves_of, custom, players_of, read_columns, stance
+from ..lod_meshes.source_mesh import text_digest
+
+CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
+
+
+def made_of(homes: Iterable[bpy.types.Collection], played: list[float]) -> str:
+    """A hash of what the characters of a build are made from, the LODs in `homes`, and of how rigs play, but for what is in the meshes:
+    LODs and build share those."""
+    items = {item: None for home in homes for item in home.objects}
+    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), _slots(item), _properties(item)] for item in items]
+    places = [(home.name, tuple(home.instance_offset), [item.name for item in home.objects]) for home in homes]
+    return text_digest(places, played, looks, [_holds(item) for item in items], stance(*items))
+
+
+def shown_by(top: bpy.types.Collection) -> str:
+    """A hash of the collections and objects in the build `top`, and of what its rigs play."""
+    inside = [(child.name, [item.name for item in child.objects]) for child in top.children_recursive]
+    items = {item: None for child in top.children_recursive for item in child.objects}
+    actions = {player.action: player for player in players_of(items) if player.action is not None}
+    keys = [
+        (
+            action.name,
+            [(curve.data_path, curve.array_index, read_columns(curve.keyframe_points, CORNERS)) for curve in curves_of(player)],
+        )
+        for action, player in actions.items()
+    ]
+    strips = [[strip.action and strip.action.name for track in item.animation_data.nla_tracks for strip in track.strips]
+              for item in items if item.animation_data]  # fmt: skip
+    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), _slots(item), _properties(item)] for item in items]
+    return text_digest(inside, keys, strips, looks, [_holds(item) for item in items])
+
+
+def _holds(item: bpy.types.Object) -> tuple:
+    """Where the object stands, what it shows, and what moves it."""
+    modifiers = [(m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None)) for m in item.modifiers]
+    named = [(*each, other and other.name) for *each, other in modifiers]
+    sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()
+    places = np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist()
+    return item.name, item.data and item.data.name_full, sizes, item.parent and item.parent.name, item.parent_bone, places, named
+
+
+def _slots(item: bpy.types.Object) -> list:
+    return [(slot.link, slot.material and slot.material.name_full) for slot in item.material_slots]
+
+
+def _properties(item: bpy.types.Object) -> list:
+    linked = [home and home.name_full for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)]
+    inputs = [(key, repr(m[key])) for m in item.modifiers if m.type == "NODES" for key in m.keys()]
+    return [*custom(item), item.lightgroup, linked, inputs]

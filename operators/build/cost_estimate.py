@@ -1,0 +1,203 @@
+"""What builds of a scene would cost: at full detail, with LODs by ratio, and by tolerance."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number as figure
+from ...crowd_lod.levels.assignment import LevelPolicy, deviations
+from ...crowd_lod.levels.cost_model import NAMES, Actors, Price, Work, price, work_of
+from ...crowd_lod.planning.frame import Frame, plan
+from ...crowd_lod.planning.frame_range import evenly
+from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.planning.shadows import surround
+from ...crowd_lod.progress import share
+from ..blender import frame_stepping, scene_data
+from ..blender.operator import Stepwise
+from ..crowd import lights
+from ..crowd.scene_crowd import bias_of, characters_of, groups_of, home_of, policy_of, trajectory_of
+from ..lod_meshes.selection import MOST_FRAMES, cast_of
+from .frame_update import members
+from .scaled_textures import bytes_of, shown_images
+
+FULL = "Full Detail"
+CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
+COVERS = 0.15  # of the square about its bounding sphere in the picture that a character covers, roughly
+
+
+@dataclass(frozen=True)
+class Choice:
+    """LODs that a scene may have. triangles: (G, K) float64, of each group's LODs."""
+
+    policy: LevelPolicy
+    triangles: np.ndarray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """works: of each choice of LODs, by its name in the interface, what its build gives the `engine` to do in the frames
+    `looked_at`, of those of the shot, `frames`."""
+
+    works: dict[str, Work]
+    engine: str
+    frames: Sequence[int]
+    looked_at: Sequence[int]
+
+    @cached_property
+    def prices(self) -> dict[str, Price]:
+        """What each choice costs."""
+        return {name: price(work, self.engine) for name, work in self.works.items()}
+
+    @property
+    def rows(self) -> list[tuple[str, str, str, str]]:
+        """(choice, memory, file, time) of each, as text; time as a part of that at full detail."""
+        whole = self.prices[FULL]
+        return [
+            (name, f"{figure(own.memory / 1e6)} MB", f"{figure(own.file / 1e6)} MB", f"{own.share(whole).seconds:.0%}")
+            for name, own in self.prices.items()
+        ]
+
+    @property
+    def as_json(self) -> dict:
+        """The prices as plain data: MB, and time as a part of that at full detail."""
+        whole = self.prices[FULL]
+        return {
+            name: {
+                "memory_mb": round(own.memory / 1e6, 1),
+                "file_mb": round(own.file / 1e6, 2),
+                "time_share": round(own.share(whole).seconds, 3),
+            }
+            for name, own in self.prices.items()
+        }
+
+    @property
+    def table(self) -> str:
+        """The rows under their heads, a line each, columns between tabs."""
+        head = f"{NAMES[self.engine]}, {self.frames[0]} to {self.frames[-1]}", "Memory", "File", "Time"
+        return "\n".join("\t".join(row) for row in (head, *self.rows))
+
+    @property
+    def sentence(self) -> str:
+        told = "; ".join(f"{name}: memory {memory}, file {file}, time {time}" for name, memory, file, time in self.rows)
+        return f"The crowd takes in {NAMES[self.engine]}, frames {self.frames[0]} to {self.frames[-1]}: {told}."
+
+
+def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
+    """The choices of LODs of `scene`, by their names: none, those by its settings' ratios, and those of the LOD meshes that there
+    are by its tolerance. CrowdError if LOD meshes are not made."""
+    settings, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
+    made = [group.triangles for group in groups]
+    if not made or not all(made):
+        raise CrowdError(f"The LOD meshes of {scene.name} are not made: press Make LOD Meshes, then Estimate Cost.")
+    full = np.array([each[0] for each in made], np.float64)[:, None]
+    found = {FULL: Choice(LevelPolicy(()), full)}
+    for choice, name in CHOICES.items():
+        with nullcontext() if choice == settings.choice else suppress(CrowdError):  # the other's settings may be anything
+            policy = policy_of(settings, choice)
+            if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy) is not None):
+                found[name] = Choice(policy, np.array([each[: policy.count] for each in made], np.float64))
+            elif choice == "BY_RATIO":
+                found[name] = Choice(policy, full * np.round(settings.ratios[: policy.count], 6))
+    return found
+
+
+def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False) -> Iterator[float]:
+    """Plan up to MOST_FRAMES of the `frames` (those that the scene renders, if none) with each choice of LODs, and find what
+    their builds cost the scene's engine; yields the progress and returns the Estimate. known: of a bake of these frames; else of
+    builds that may show any frame, and, of the scene's own choice, of a bake, too, which holds less."""
+    render = scene.render
+    frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
+    looked_at = evenly(frames, MOST_FRAMES)
+    trajectory, choices = trajectory_of(scene), choices_of(scene)
+    library = cast_of(scene, trajectory)
+    owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(library.first(trajectory.gaits)))
+    shown = {name: [] for name in choices}
+    bias, samples = bias_of(scene.crowd_lod, trajectory.world.area), _samples(scene)
+    rays = []
+    with frame_stepping.stepped(scene) as at:
+        for done, number in enumerate(looked_at):
+            time = scene_data.remapped(render, number)
+            yield from share(approach(trajectory, time), done / len(looked_at), (done + 0.5) / len(looked_at))
+            eyes, around, shutter = lights.read_moment(scene, time, at)
+            for name, choice in choices.items():
+                frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
+                frame = surround(frame, trajectory, eyes, shutter, around)
+                shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
+            rays.append(samples * covered(frame, trajectory, scene))
+            yield (done + 1) / len(looked_at)
+    works, mine, pictures = {}, CHOICES[scene.crowd_lod.choice], shown_images(scene)
+    full = [(image, 0) for own in pictures.values() for image, _ in own]
+    for name, choice in choices.items():
+        stored = float((choice.triangles[:, 1:] * (np.diff(choice.triangles, axis=1) != 0)).sum())  # a last LOD is stored once
+        actors = Actors(
+            choice.triangles,
+            owner,
+            library.posed == 0,
+            stored,
+            finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
+        )
+        for baked in (known,) if known or name != mine else (False, True):
+            work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
+            held = np.array(shown[name]).any(axis=0) if baked else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
+            images = bytes_of(_images(scene, pictures, held, owner) if name == mine else full)
+            work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
+            works[f"{name}, Baked" if baked and not known else name] = work
+    return Estimate(works, scene_data.engine_of(scene), frames, looked_at)
+
+
+def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
+    """(K, N) how many agents of the frame show each LOD, of `count`, of each character."""
+    size = int(library.first(trajectory.gaits)[-1])
+    found = np.zeros((count, size), np.int64)
+    for name, agents in members(frame).items():
+        if len(agents):
+            numbers = library.shown(trajectory.gaits, frame.crowd, trajectory.seconds(frame.time), agents)
+            found[int(name.rpartition(" ")[2])] += np.bincount(numbers, minlength=size)
+    return found
+
+
+def _images(scene: bpy.types.Scene, pictures: dict, held: np.ndarray, owner: np.ndarray) -> Iterator[tuple[bpy.types.Image, int]]:
+    """The images of `pictures`, of each LOD's object, that a build of `scene` shows which holds the LODs `held` (K, N) of characters
+    of the groups `owner` (N,)."""
+    for g, (name, _, _) in enumerate(characters_of(scene)):
+        for k in np.flatnonzero(held[:, owner == g].any(axis=1)):
+            for item in home_of(scene.crowd_lod.levels.children[k], g, name).objects:
+                yield from pictures[item]
+
+
+def _samples(scene: bpy.types.Scene) -> int:
+    return scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
+
+
+def covered(frame: Frame, trajectory: Trajectory, scene: bpy.types.Scene) -> float:
+    """Pixels of the picture that the frame's agents cover, about."""
+    camera, crowd, agents = frame.camera, frame.crowd, frame.buckets.order
+    render = scene.render
+    pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
+    radius = np.array([group.radius for group in trajectory.groups])[crowd.group[agents]]
+    away = np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + radius]) - np.asarray(camera.origin)[:, None]
+    distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
+    squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
+    return float(min(pixels, COVERS * squares.sum()))
+
+
+class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
+    """Find what builds at full detail, by ratio and by tolerance cost: memory, file, and time, of the frames that are rendered"""
+
+    bl_idname = "crowd_lod.estimate"
+    bl_label = "Estimate Cost"
+
+    def steps(self, context):
+        found = yield from estimate(context.scene)
+        context.scene.crowd_lod.estimate = found.table
+        return found.sentence
+
+
+CLASSES = (CROWDLOD_OT_estimate,)

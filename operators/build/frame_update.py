@@ -1,0 +1,286 @@
+"""The build follows frame and camera: each frame's agents are written to its points."""
+
+import sys
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd.agents import Crowd
+from ...crowd_lod.crowd.leave_outs import FLAT
+from ...crowd_lod.culling.camera import Camera, differs
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.planning.frame import Frame
+from ..blender import cameras, frame_stepping, mesh_data, scene_data
+from ..blender.main_thread import on_main_thread
+from ..crowd import lights
+from ..crowd.scene_crowd import frame_of, trajectory_of
+from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, libraries_of, made_from, points_of
+
+
+def members(frame: Frame) -> dict[str, np.ndarray]:
+    """The agents (m,) intp of each bucket, by its name, in the frame."""
+    kinds = zip(UNSEEN_BY, (frame.buckets, frame.shadow, frame.mirrored), strict=True)
+    nobody = np.empty(0, np.intp)
+    return {
+        f"{name} {k}": nobody if buckets is None else buckets[k]
+        for name, buckets in kinds
+        for k in range(len(frame.buckets.counts))
+    }
+
+
+@dataclass(frozen=True)
+class Held:
+    """What a frame holds while its shutter is open: who shows which character. crowd: that of the frame; time: its own, frames of
+    the animation; ends: without motion blur none, else when the shutter opens and closes, in frames of the timeline from that
+    frame, and the crowd then."""
+
+    crowd: Crowd
+    time: float
+    ends: tuple[tuple[float, Crowd], ...] = ()
+
+
+def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
+    """What the frame `number` of the timeline holds; crowd: at that frame."""
+    render = scene.render
+    length, time = render.motion_blur_shutter, scene_data.remapped(render, number)
+    if not render.use_motion_blur or not length:
+        return Held(crowd, time)
+    opens = cameras.OPENS[render.motion_blur_position] * length
+    parts = -opens, length - opens
+    return Held(
+        crowd, time, tuple((part, trajectory.at(scene_data.remapped(render, number + part)) if part else crowd) for part in parts)
+    )
+
+
+def columns_of(
+    trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library, tilt: bool
+) -> dict[str, np.ndarray]:
+    """The point attributes of `agents` (m,) as they stand in `crowd`, by name: see `columns_by_bucket`."""
+    return columns_by_bucket(trajectory, crowd, held, [agents], library, tilt)[0]
+
+
+def columns_by_bucket(
+    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], library: Library, tilt: bool
+) -> list[dict[str, np.ndarray]]:
+    """Of each of the `buckets` the point attributes of its agents (m,) as they stand in `crowd`, by name; see scene.write_points.
+
+    position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase and group;
+    pose, which of the `library`'s characters each shows, of the frame that is `held`; looks, a number in [0, 1) of the agent's own for materials to
+    vary by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
+    the blur would draw it all across the picture.
+    """
+    ids = np.concatenate(buckets).astype(np.int32, copy=False)  # all are looked up together: few lookups, and not of few
+    agents = ids.astype(np.intp)
+
+    def of(column: np.ndarray) -> np.ndarray:
+        return column.take(agents, mode="clip")  # several times as fast as column[agents]
+
+    place = np.empty((len(agents), 3), np.float32)
+    stays = _jumped(trajectory, crowd, held.crowd, agents)
+    for axis, name in enumerate("xyz"):
+        if name == "z" and FLAT in trajectory.left_out:
+            place[:, axis] = crowd.z[0]
+            continue
+        there = of(getattr(crowd, name))
+        place[:, axis] = there if stays is None else np.where(stays, of(getattr(held.crowd, name)), there)
+    heading, seconds = of(crowd.heading), trajectory.seconds(held.time)
+    columns = {"position": place, "heading": heading, "phase": trajectory.gaits.phase(held.crowd, seconds, agents)}
+    columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
+    columns["pose"] = library.shown(trajectory.gaits, held.crowd, seconds, agents)
+    if tilt and trajectory.heights is not None:
+        pitch, roll = trajectory.heights.tilt(of(crowd.x), of(crowd.y), heading)
+        columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
+    found, at = [], 0
+    for bucket in buckets:
+        found.append({name: values[at : at + len(bucket)] for name, values in columns.items()})
+        at += len(bucket)
+    return found
+
+
+def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray) -> np.ndarray | None:
+    """(m,) bool: the agents that are half a map away from where they are held, as only one that wraps around can be; None
+    where none can."""
+    if crowd is held or trajectory.machine.edge != "wrap":
+        return None
+    width, depth = trajectory.world.area.size
+    aside, along = (np.abs(getattr(crowd, name)[agents] - getattr(held, name)[agents]) for name in "xy")
+    return (aside > width / 2) | (along > depth / 2)
+
+
+def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd, tilt: bool) -> None:
+    """Write the agents of the frame's buckets, as they stand in `crowd`, to the point objects of the build `top`. An
+    older build, or a user, may have none for the unseen."""
+    points = points_of(top)
+    shown = {name: agents for name, agents in members(frame).items() if name in points}
+    shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
+    for library, names in libraries_of(top, points, shown, trajectory):
+        made = columns_by_bucket(trajectory, crowd, held, [shown[name] for name in names], library, tilt)
+        for name, columns in zip(names, made, strict=True):
+            mesh_data.write_points(points[name].data, columns)
+
+
+def _empty(mesh: bpy.types.Mesh) -> bool:
+    """Whether that is what was written: it has the attributes, but no points."""
+    return not len(mesh.vertices) and "id" in mesh.attributes
+
+
+def empty(top: bpy.types.Collection) -> None:
+    """Take all points out of the build `top`, also where what it holds of ours is spoilt."""
+    for points in top.objects:
+        if LEVEL in points and points.type == "MESH":
+            points.data.clear_geometry()
+            points.data.update_tag()
+
+
+Shutter = Sequence[tuple[float, Sequence[Camera]]]  # of cameras.read_shutter
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """The frame that a scene renders now. number: its time on the timeline; planned: by scene and view layer, what the first
+    time of its open shutter has made of it, which holds for all."""
+
+    number: float
+    planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held, Shutter]] = field(default_factory=dict)
+
+
+_rendering: dict[int, Rendering] = {}  # by the scene's session_uid
+_told: set[int] = set()  # the session_uids of the scenes of whose camera this render has said that it was not foreseen
+# The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender crashes where anything is removed
+# while it renders scenes that compositing nodes show.
+_stages: list[bpy.types.Scene] = []
+
+
+@bpy.app.handlers.persistent
+def rendering(scene: bpy.types.Scene, *_) -> None:
+    """render_pre."""
+    _rendering[scene.session_uid] = Rendering(scene.frame_current + scene.frame_subframe)
+
+
+@bpy.app.handlers.persistent
+def rendered(scene: bpy.types.Scene, *_) -> None:
+    """render_post, render_cancel."""
+    _rendering.pop(scene.session_uid, None)
+
+
+@bpy.app.handlers.persistent
+def ended(*_) -> None:
+    """render_complete, render_cancel."""
+    _told.clear()
+    if _stages:
+        with suppress(CrowdError):
+            on_main_thread(partial(bpy.data.batch_remove, _stages[:]))
+        _stages.clear()
+
+
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre: what is rendered, and read on the way, goes with its file."""
+    _rendering.clear()
+    _stages.clear()
+    _told.clear()
+
+
+def shutter_frame(scene: bpy.types.Scene, now: Rendering | None) -> float:
+    """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself. While
+    Blender renders it is the frame rendered: shutters of a frame and longer overlap, and time alone does not tell."""
+    time = scene.frame_current + scene.frame_subframe
+    if not scene.render.use_motion_blur:
+        return time
+    if now is not None and abs(time - now.number) <= scene.render.motion_blur_shutter:
+        return now.number
+    return float(np.floor(time + opening(scene.render)))
+
+
+def opening(render: bpy.types.RenderSettings) -> float:
+    """The part of a frame by which the shutter opens before it. Blender's engines ask for times that a float32 has
+    rounded: a frame's own time stays its own."""
+    opens = cameras.OPENS[render.motion_blur_position] if render.use_motion_blur else 0.0
+    return opens + (-1e-4 if opens == 1.0 else 1e-4)
+
+
+def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Show the scene's current time in its build: a pure function of frame and sub-frame.
+
+    With motion blur every time within a frame's shutter shows that frame's buckets and poses, at the positions of its
+    own time: an agent that changed its object, or its instance, while the shutter is open would lose its blur.
+    """
+    top = scene.crowd_lod.build
+    if BAKED in top:
+        return
+    known = _rendering.get(scene.session_uid)
+    if known is None and depsgraph.mode == "RENDER":  # another scene's compositing nodes show this one, at the same frame
+        known = next(iter(_rendering.values()), None)
+    number, time, own = shutter_frame(scene, known), scene_data.time_of(scene), (scene.session_uid, depsgraph.view_layer_eval.name)
+    blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"  # a viewport shows no blur
+    kept = known.planned if blurred and known is not None and known.number == number else {}
+    if own not in kept:
+        kept[own] = _planned(scene, depsgraph, number, time, blurred)
+    trajectory, frame, held, shutter = kept[own]
+    _compare(scene, depsgraph, number, time, shutter)
+    write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time), scene.crowd_lod.tilt)
+
+
+def _planned(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, blurred: bool
+) -> tuple[Trajectory, Frame, Held, Shutter]:
+    """The frame `number` of the timeline, and what it holds, `blurred` all that its shutter sees, and the cameras of that;
+    `depsgraph` is at `time`."""
+    check_levels(scene)
+    trajectory = trajectory_of(scene)
+    top = scene.crowd_lod.build
+    if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(top).keys():
+        raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
+    if top.get(MADE_FROM, made := made_from(scene)) != made:
+        raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
+    whole = scene_data.remapped(scene.render, number)
+    with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
+        if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
+            film, own = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph), []
+        else:
+            film, own = cameras.camera_at(scene, whole, at), [whole]
+        shutter = cameras.read_shutter(scene, whole, at) if blurred else []
+        around = lights.read_surroundings(scene, depsgraph, whole, [part for part, _ in shutter] or own, at)
+    frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
+    return trajectory, frame, held_by(scene, trajectory, number, frame.crowd), shutter
+
+
+def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, shutter: Shutter) -> None:
+    """Say, once a render, that the cameras at `time` are not those that the `shutter` of the frame `number` was planned with:
+    a render cannot step its scene, and what moves them may be there alone."""
+    planned = next((eyes for when, eyes in shutter if abs(when - time) < 1e-4), ())
+    if not planned or scene.session_uid in _told:
+        return
+    camera = cameras.bound_camera(scene, scene_data.remapped(scene.render, number))
+    if any(map(differs, planned, cameras.cameras_from(scene, camera, depsgraph))):
+        _told.add(scene.session_uid)
+        print(
+            f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} moves as only the scene's own frames "
+            "show (drivers, physics, other add-ons), so agents at the picture's edges may be missing: bake, and render that.",
+            file=sys.stderr,
+        )
+
+
+@bpy.app.handlers.persistent
+def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
+    if scene.crowd_lod.build is None or frame_stepping.is_stepped(scene):
+        return
+    try:
+        on_main_thread(lambda: _show(scene, depsgraph))
+    except CrowdError as error:
+        print(f"Crowd LOD, frame {scene.frame_current}: {error}", file=sys.stderr)
+
+
+def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    try:
+        update(scene, depsgraph)
+    except CrowdError:
+        empty(scene.crowd_lod.build)  # the crowd of another frame would be a wrong picture
+        raise

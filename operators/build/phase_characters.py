@@ -1,0 +1,192 @@
+"""What the build's agents instance: of each LOD of each character group a copy for each phase class, moved by a rig that all LODs
+share; or, where no rig can show the group, the LOD's meshes in even poses of its action."""
+
+from collections.abc import Container, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.progress import share
+from ..blender import mesh_data
+from ..blender.ownership import OWNED
+from ..blender.render_evaluation import as_rendered
+from ..blender.rig_dependencies import action_range
+from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
+from ..lod_meshes.deviation import SOLID
+from . import rigs
+from .scaled_textures import scale_textures
+
+POSES = 32  # of a group that no rig can show, in a cycle of its action
+
+Wanted = Sequence[Container[int]]  # of each LOD the characters of a Library that it has
+
+
+@dataclass(frozen=True)
+class Cast:
+    """The characters that a build shows, in no scene yet. posed: (G,) intp, see Library. collections: of each LOD its characters,
+    each a collection's name and objects; sorted by name they stand in the order of the Library. rigs: what moves them; names:
+    what each new block is to be called, as soon as those of an earlier build have gone. notes: sentences on what they
+    do not show as it is. wanted: those that there are, None for all. stands_for: of each object the LOD's that it shows; images: bytes of
+    the characters' images, unscaled and as they are, where they are scaled."""
+
+    posed: np.ndarray
+    collections: list[list[tuple[str, list[bpy.types.Object]]]]
+    rigs: list[bpy.types.Object] = field(default_factory=list)
+    names: dict[bpy.types.ID, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+    wanted: Wanted | None = None
+    stands_for: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
+    images: tuple[int, int] | None = None
+
+
+@dataclass
+class _Actors:
+    """One group while it is made: its number and name, its LODs' collections, and where they act, see as_rendered."""
+
+    g: int
+    name: str
+    objects: list[bpy.types.Object]
+    homes: list[bpy.types.Collection]
+    stage: bpy.types.Scene
+    actors: dict[bpy.types.Object, bpy.types.Object]
+
+
+def read_library(scene: bpy.types.Scene) -> Iterator[float]:
+    """Find out which groups of `scene` rigs can show; yields the progress and returns ((G,) intp, see Library; of each group its
+    Model, or None; sentences on what does not show as it is; of the data-blocks made for it, what they are to be called). Closed early, it leaves nothing behind."""
+    characters, levels = characters_of(scene), scene.crowd_lod.levels.children
+    count, measured = policy_of(scene.crowd_lod).count, groups_of(scene.crowd_lod)
+    posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
+    try:
+        for g, (name, objects, _) in enumerate(characters):
+            first, last = action_range(objects)
+            homes = [home_of(level, g, name) for level in levels[:count]]
+            model, reason = None, ""
+            if first == last:
+                posed[g] = 1
+            else:
+                with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
+                    size = measured[g].diagonal or 2 * measured[g].radius
+                    making = rigs.modelled(name, homes, actors, stage, size, made)
+                    model, reason = yield from share(making, g / len(characters), (g + 1) / len(characters))
+            if reason and model is None:
+                posed[g], reason = POSES, f"{name} is shown in {POSES} posed meshes, whose limbs have no blur: {reason}."
+            if reason:
+                notes.append(reason)
+            models.append(model)
+            yield (g + 1) / len(characters)
+        done = True
+    finally:
+        if not done:
+            bpy.data.batch_remove(list(made))
+    return posed, models, notes, made
+
+
+def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple | None = None) -> Iterator[float]:
+    """Make the characters that agents of `scene` may show, those `wanted` or all of LODs that the policy has; yields the progress, 0 to 1, and returns the
+    Cast. read: what read_library found, which then belongs to it. Closed early, it leaves nothing behind."""
+    if read is None:
+        read = yield from share(read_library(scene), 0.0, 0.5)
+    posed, models, notes, made = read
+    characters, levels = characters_of(scene), scene.crowd_lod.levels.children
+    count, trajectory = policy_of(scene.crowd_lod).count, trajectory_of(scene)
+    first, finest = Library(posed).first(trajectory.gaits), policy_of(scene.crowd_lod).finest or [0] * len(characters)
+    cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
+    cast.names.update(made)
+    try:
+        for g, (name, objects, _) in enumerate(characters):
+            homes = [home_of(level, g, name) for level in levels[:count]]
+            with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
+                group = _Actors(g, name, objects, homes, stage, actors)
+                for number in range(first[g], first[g + 1]):
+                    of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]
+                    if wanted is None:  # without them the others would not be found by their number
+                        for left_out in cast.collections[: finest[g]]:
+                            left_out.append((f"{number:05d} {name} left out", []))
+                    if of_levels:
+                        own = number - int(first[g])
+                        if models[g] is None:
+                            _pose(cast, group, number, own / posed[g], of_levels)
+                        else:
+                            _rig(cast, group, number, own, of_levels, models[g], trajectory)
+                    yield 0.5 + 0.5 * number / first[-1]
+        if scene.crowd_lod.scale_textures:
+            *images, told = yield from scale_textures(scene, cast.stands_for, cast.names)
+            cast = replace(cast, images=tuple(images), notes=[*notes, *told])
+        done = True
+    finally:
+        if not done:
+            bpy.data.batch_remove(list(cast.names))
+    idle = [block for block in made if not block.users]  # of groups of which nobody is shown
+    for block in idle:
+        del cast.names[block]
+    bpy.data.batch_remove(idle)
+    for block in cast.names:
+        block[OWNED] = True
+    return cast
+
+
+def _rig(
+    cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], model: rigs.Model, trajectory: Trajectory
+) -> None:
+    """Put the `number`-th character, the group's `own`-th, which a rig moves, into the collections of LODs of `cast`."""
+    gaits = trajectory.gaits
+    pace, which = divmod(own, gaits.classes)
+    rate = float(gaits.distinct[group.g][pace]) * trajectory.seconds_per_frame
+    title = f"{group.name} {number:05d}"
+    made = rigs.perform(model, title, rate, which / gaits.classes, action_range(group.objects))
+    cast.rigs.extend(made.values())
+    cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
+    copies, shown = [], None
+    for k in of_levels:
+        if group.homes[k] != shown:  # a group with fewer LODs than others shows its last in their place
+            copies, shown = [rigs.dress(item, model, made) for item in group.homes[k].objects], group.homes[k]
+            cast.stands_for.update(zip(copies, shown.objects, strict=True))
+            cast.names.update((copy, f"{item.name} {number:05d}") for copy, item in zip(copies, shown.objects, strict=True))
+        cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
+
+
+def _pose(cast: Cast, group: _Actors, number: int, phase: float, of_levels: list[int]) -> None:
+    """Put the `number`-th character, a pose of the group at `phase`, into the collections of LODs of `cast`."""
+    first, last = action_range(group.objects)
+    frame = first + (last - first) * phase
+    group.stage.frame_set(int(frame // 1), subframe=frame % 1)
+    depsgraph = group.stage.view_layers[0].depsgraph
+    stills, shown = [], None
+    for k in of_levels:
+        if group.homes[k] != shown:
+            shown = group.homes[k]
+            stills = [
+                _still(cast, item, shown, group.actors[item].evaluated_get(depsgraph), depsgraph, number) for item in shown.objects
+            ]
+        cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", stills))
+
+
+def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evaluated, depsgraph, number: int) -> bpy.types.Object:
+    """A copy of the LOD object `item`, in the collection `home`, as `evaluated`, that keeps slots, visibility and custom
+    properties. What has no faces, hair, moves with its parent but keeps its shape. It stands about the collection's offset as it
+    will about the origin: geometry nodes instance collections without their offsets."""
+    mesh = None
+    if item.type in SOLID:
+        mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
+    matrix = Matrix.Translation(-home.instance_offset) @ evaluated.matrix_world
+    still = item.copy() if mesh is None or item.type == "MESH" else mesh_data.mesh_like(item, mesh)
+    cast.names[still], cast.stands_for[still] = f"{item.name} {number:05d}", item
+    still.animation_data_clear()
+    still.constraints.clear()
+    still.parent = None
+    still.matrix_world = matrix
+    if mesh is None:
+        return still
+    still.modifiers.clear()
+    skew = still.matrix_basis.inverted_safe() @ matrix  # what location, rotation and scale cannot say
+    if np.abs(np.array(skew) - np.eye(4)).max() > 1e-5:
+        mesh.transform(skew)
+    still.data = mesh
+    cast.names[mesh] = cast.names[still]
+    still.vertex_groups.clear()  # done with, and half of the memory
+    return still

@@ -1,0 +1,420 @@
+"""The render set-up: a point object a bucket, whose instances, by geometry nodes, show the characters of their phase classes."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Gaits, Library
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number as figure
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender import scene_data, stored_values
+from ..blender.collection_caches import note_change
+from ..blender.ownership import OWNED, remove_owned
+from ..crowd.scene_crowd import groups_of, home_of, policy_of, trajectory_of
+from ..lod_meshes.make_lods import TINTS
+from .change_detection import made_of, shown_by
+from .hidden_characters import unhide_characters
+from .nodes import baked, instances, trees
+from .phase_characters import Cast, Wanted, make_cast
+
+# Custom properties. Of a point object: its LOD and its bucket; in builds from before there were rigs its poses, and their rates.
+LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
+LIBRARY = "crowd_lod_library"  # of the collection of all characters, and of a LOD's collection in it
+RIGS = "crowd_lod_rigs"  # of the collection of all rigs in that
+MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
+POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"  # of the build's collection: see Library, and _played
+MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"  # of the build's collection: see _made_of; what it does not show
+BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (build/nodes/baked.py), the first and the last frame
+
+REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
+
+UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds of buckets
+
+
+def library_of(top: bpy.types.Collection, points: bpy.types.Object, gaits: Gaits) -> Library:
+    """What the point object `points` of the build `top` shows, of groups that play their actions by `gaits`."""
+    groups = len(gaits.rates)
+    if POSED in top:
+        return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
+    if POSES not in points:  # from before there were poses
+        return Library(np.ones(groups, np.intp))
+    rates = np.ones((groups, 1))
+    if RATES in points:
+        rates = np.array(stored_values.read(points, RATES, float, REMEDY, range(groups, 4 * groups + 1, groups))).reshape(
+            groups, -1
+        )
+    return Library(np.array(stored_values.read(points, POSES, int, REMEDY, (groups,), (1, np.inf))), np.isfinite(rates).sum(axis=1))
+
+
+def libraries_of(
+    top: bpy.types.Collection, points: dict[str, bpy.types.Object], names: Iterable[str], trajectory: Trajectory
+) -> list[tuple[Library, list[str]]]:
+    """Of the point objects `names` of the build `top`, from `points`, those that show the same Library, with it. CrowdError if
+    the build's rigs play otherwise than agents of `trajectory` do."""
+    names, gaits = list(names), trajectory.gaits
+    if PLAYED in top and np.ravel(top[PLAYED]).tolist() != _played(trajectory):
+        raise CrowdError("Agents walk at other paces, or frame rates, than the characters of the build: press Build again.")
+    if POSED in top:
+        return [(library_of(top, points[names[0]], gaits), names)] if names else []
+    return [(library_of(top, points[name], gaits), [name]) for name in names]
+
+
+def _played(trajectory: Trajectory) -> list[float]:
+    """What rigs depend on that play as agents of `trajectory` do."""
+    gaits = trajectory.gaits
+    own = trajectory.seconds_per_frame, gaits.classes, *np.concatenate(gaits.distinct)
+    return [float(each) for each in own]
+
+
+@dataclass(frozen=True)
+class Bucket:
+    """A point object of the build. name: no other has it; level: the LOD that it shows; unseen_by: what does not see it,
+    of camera, shadow, diffuse, glossy, transmission and volume_scatter (Object.visible_...)."""
+
+    name: str
+    level: int
+    unseen_by: tuple[str, ...] = ()
+
+
+def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
+    """The buckets that a build of `scene` has: by LOD what the camera sees, and those of whom it sees the shadow or the
+    reflection alone. They are hidden from camera rays and from no other: what a surface scatters towards a lamp, Cycles
+    counts as the lamp's light, too."""
+    count = policy_of(scene.crowd_lod).count
+    return [Bucket(f"{name} {k}", k, hidden) for name, hidden in UNSEEN_BY.items() for k in range(count)]
+
+
+def check_levels(scene: bpy.types.Scene) -> int:
+    """The number of LODs, if the scene's LOD meshes are those of its settings."""
+    settings = scene.crowd_lod
+    if settings.levels is None:
+        raise CrowdError(f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of Detail panel.")
+    levels, count = settings.levels.children, policy_of(settings).count
+    made = len(levels[0].children) if levels else 0
+    if len(levels) < count or made != len(settings.groups):
+        raise CrowdError(
+            f"The LOD meshes of {scene.name} ({len(levels)} LODs of {made} character groups) do not fit the settings "
+            f"({count} of {len(settings.groups)}): press Make LOD Meshes and Build again."
+        )
+    for level in levels[:count]:
+        for g, group in enumerate(settings.groups):
+            home_of(level, g, group.name)
+    return count
+
+
+def made_from(scene: bpy.types.Scene) -> str:
+    """What tells the scene's LOD meshes from others, at a glance."""
+    objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
+    sizes = [f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH"]
+    return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
+
+
+def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Iterator[float]:
+    """Put one point object a bucket, and the characters that they show, or those `wanted`, into a collection of the scene; yields
+    the progress.
+
+    What an earlier build made stays, with all that the user changed or added there, but for the characters: those are new,
+    and returned, unless nothing that they depend on has changed. Closed early, it leaves the scene as it was.
+    """
+    scene_data.check_own(scene)
+    check_levels(scene)
+    check_build(scene)
+    cast = None if wanted is not None else _as_it_is(scene)
+    if cast is None:
+        cast = yield from make_cast(scene, wanted)
+    top = install(scene, cast)
+    if wanted is None:
+        top[MADE_OF], top[NOTES] = _made_of(scene, top), "\n".join(cast.notes)
+    return cast
+
+
+def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
+    """Hashes that tell whether the characters of the build `top` are as they would be made now."""
+    levels = scene.crowd_lod.levels.children
+    homes = [home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children]
+    return f"{made_of(homes, _played(trajectory_of(scene)))} {policy_of(scene.crowd_lod).finest} {scene.crowd_lod.scale_textures} {shown_by(top)}"
+
+
+def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
+    """What the scene's build shows, without its characters, if these are as they would be made now. Posed meshes and scaled images are
+    always made anew."""
+    top = scene.crowd_lod.build
+    if (
+        top is None
+        or scene.crowd_lod.scale_textures
+        or scene_data.shared(scene, "build")
+        or MADE_OF not in top
+        or np.any(np.ravel(top.get(POSED, 1)))
+    ):
+        return None
+    if top[MADE_OF] != _made_of(scene, top):
+        return None
+    return Cast(np.array(top[POSED], np.intp), [], notes=str(top.get(NOTES, "")).splitlines())
+
+
+def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
+    """Put the characters and, where there are none yet, point objects into the build of `scene`: its collection."""
+    settings = scene.crowd_lod
+    upgrade()
+    top = _own(scene)
+    if top is None:
+        top = settings.build = bpy.data.collections.new("Crowd LOD Build")
+        top[OWNED] = True
+        scene.collection.children.link(top)
+    top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), _played(trajectory_of(scene))
+    for key in (BAKED, MADE_OF):
+        top.pop(key, None)
+    if cast.collections:
+        _shelve(scene, top, cast)
+    made = points_of(top)
+    for bucket in buckets_of(scene):
+        points = made.pop(bucket.name, None) or _points(top, bucket)
+        points[LEVEL], points[BUCKET] = bucket.level, bucket.name
+        for key in (POSES, RATES):
+            points.pop(key, None)
+    bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
+    dress_all(scene)
+    return top
+
+
+def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
+    """Sentences on what of the characters' motion the build does not show as it is; "" where all is."""
+    found = list(cast.notes)
+    settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
+    limited = [group.name for group in settings.groups if group.finest]
+    if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
+        found.append("Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again.")
+    elif settings.choice == "BY_TOLERANCE" and settings.memory_tolerance:
+        pixels = figure(settings.memory_tolerance)
+        found.append(f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the frames that were looked at.")
+        if limited:
+            found.append(f"Nearer than there these look coarser, for their finest LODs are not built: {', '.join(limited)}.")
+    if slides:
+        found.append(
+            f"The state machine has more speeds than characters are made for: feet slide by up to {slides:.0%} of the way."
+        )
+    return " ".join(found)
+
+
+def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """The scene's build. A linked copy of a scene begins with that of the other, which stays the other's: it is let go."""
+    if scene_data.shared(scene, "build"):
+        scene_data.let_go(scene, "build")
+    return scene.crowd_lod.build
+
+
+def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
+    """A new point object."""
+    mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
+    points = bpy.data.objects.new(mesh.name, mesh)
+    mesh[OWNED] = points[OWNED] = True
+    points.color = (*TINTS[bucket.level], 1.0)  # instances are drawn in the object colour of their instancer
+    for ray in bucket.unseen_by:
+        setattr(points, f"visible_{ray}", False)  # their instances, too
+    top.objects.link(points)
+    return points
+
+
+def dress_all(scene: bpy.types.Scene) -> None:
+    """Give the point objects of the scene's build our modifier, with its inputs. A build from before there were poses
+    shows each group's LOD itself, as it then did."""
+    top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
+    stored_values.check(scene.crowd_lod)
+    inputs = {"Turn": float(scene_data.rotation(scene.crowd_lod.forward))}
+    if BAKED in top:
+        inputs["Rate"], inputs["Opens"], *_ = baked_of(top)
+        tree = baked.baked()
+    else:
+        tree = instances.instances()
+    shelves = _shelves(top)
+    for points in points_of(top).values():
+        level = _level(points, LEVEL)
+        if level not in shelves and (levels is None or level >= len(levels.children)):
+            continue
+        modifier = next((m for m in points.modifiers if m.type == "NODES" and trees.is_ours(m.node_group)), None)
+        modifier = modifier or points.modifiers.new("Crowd LOD", "NODES")
+        modifier.node_group = tree
+        characters = shelves[level] if level in shelves else levels.children[level]
+        for name, value in {**inputs, "Characters": characters}.items():
+            scene_data.set_node_input(modifier, name, value)
+        points.update_tag()
+
+
+def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+    """Put the characters into the build, in place of those that it has."""
+    library = _library_of(top)
+    if library is None:
+        library = _library(top, "Crowd LOD Characters", LIBRARY, -1)
+        library.hide_render = library.hide_viewport = True  # else a view layer that the user adds later would show them
+        for view_layer in scene.view_layers:
+            view_layer.update()  # a scene that was never evaluated has no layer collections yet
+            exclude(view_layer.layer_collection, library)
+    shelves, levels = _shelves(top), len(cast.collections)
+    gone, spare = bpy.data.collections.new("Crowd LOD"), {}
+    scene.collection.children.link(gone)  # what the user put into characters is to stay in this scene
+    for level, shelf in list(shelves.items()):
+        spare[level] = _emptied(shelf, gone)
+        if level >= levels:
+            gone.children.link(shelves.pop(level))
+    for level, characters in enumerate(cast.collections):
+        if level not in shelves:
+            shelves[level], spare[level] = _library(library, f"Crowd LOD {level} characters", LIBRARY, level), []
+        for home in spare[level][len(characters) :]:
+            shelves[level].children.unlink(home)
+            gone.children.link(home)
+    rigs = next((child for child in library.children if RIGS in child), None) or _library(library, "Crowd LOD Rigs", RIGS, True)
+    for rig in [item for item in rigs.objects if item.get(OWNED)]:
+        rigs.objects.unlink(rig)
+        gone.objects.link(rig)
+    remove_owned(gone)
+    for rig in cast.rigs:
+        rigs.objects.link(rig)
+    for level, characters in enumerate(cast.collections):
+        homes = spare[level][: len(characters)]
+        for home in homes:
+            home.name = "Crowd LOD character"  # none keeps what another is to be called
+        for number, (name, items) in enumerate(characters):
+            home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
+            home.name, home[OWNED] = name, True
+            for item in items:
+                home.objects.link(item)
+            if number >= len(homes):
+                shelves[level].children.link(home)
+    note_change(top, library, rigs, *shelves.values())
+    for block, name in cast.names.items():
+        block.name = name
+
+
+def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
+    """Move the characters in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes
+    seconds to remove thousands. Not so those where the user has put something."""
+    left = []
+    for home in list(shelf.children):
+        if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
+            for item in list(home.objects):
+                if gone.objects.get(item.name) is None:  # a group's last LOD may stand in place of another, too
+                    gone.objects.link(item)
+                home.objects.unlink(item)
+            left.append(home)
+        else:
+            shelf.children.unlink(home)
+            gone.children.link(home)
+    return left
+
+
+def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> bpy.types.Collection:
+    made = bpy.data.collections.new(name)
+    made[OWNED], made[key] = True, level
+    parent.children.link(made)
+    return made
+
+
+def exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
+    """Exclude the `collection` from the view layer, wherever it is in `layer`."""
+    for child in layer.children:
+        if child.collection == collection:
+            child.exclude = True
+        exclude(child, collection)
+
+
+def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
+    """Of each view layer, by its name, what says whether the scene's build is in it (`exclude`): none where the user has
+    moved it out of the scene."""
+    found = {}
+    for layer in scene.view_layers:
+        places = [layer.layer_collection]
+        while places:
+            place = places.pop()
+            places += place.children
+            if place.collection == scene.crowd_lod.build:
+                found[layer.name] = place
+    return found
+
+
+def show_in(scene: bpy.types.Scene, names: Sequence[str]) -> None:
+    """Show the scene's build in the view layers `names` and in no other; what else is set of them stays."""
+    for name, place in layers_of(scene).items():
+        if place.exclude != (name not in names):
+            place.exclude = not place.exclude
+
+
+def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
+    """CrowdError if `scene` has no view layer of one of the `names`."""
+    for name in names:
+        if name not in scene.view_layers:
+            known = ", ".join(layer.name for layer in scene.view_layers)
+            raise CrowdError(f"The scene {scene.name} has no view layer {name}: give one of {known}.")
+
+
+def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:
+    """The collection of all characters of the build `top`."""
+    return next((child for child in top.children if LIBRARY in child), None)
+
+
+def remove_build(settings) -> None:
+    """Remove the build: points, characters, rigs, and the node groups that nothing else uses."""
+    top, settings.build = _own(settings.id_data), None
+    if top is not None:
+        unhide_characters(top)
+        remove_owned(top)
+    for kind in (baked.NAME, instances.NAME):  # the one holds the other
+        tree = trees.made(kind)
+        if tree is not None and not tree.users:
+            bpy.data.node_groups.remove(tree)
+
+
+@bpy.app.handlers.persistent
+def upgrade(*_) -> None:
+    """load_post: where the file holds our node groups in another version, rebuild them, and give the builds that use
+    them their inputs, unless these are spoilt: then Build says so."""
+    if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
+        both = trees.made(baked.NAME)
+        if both is not None:
+            both[trees.VERSION] = 0  # it holds the other, whose sockets are new
+        instances.instances()
+        if both is not None:
+            baked.baked()
+        for scene in bpy.data.scenes:
+            with suppress(CrowdError):
+                if scene.crowd_lod.build is not None:
+                    dress_all(scene)
+
+
+def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
+    """The point objects of the build `top` by bucket. (In a file from before there were buckets, by LOD.)"""
+    found = {}
+    for item in top.objects:
+        if LEVEL in item and item.type == "MESH":
+            level = _level(item, LEVEL)
+            found[stored_values.read(item, BUCKET, str, REMEDY) if BUCKET in item else f"LOD {level}"] = item
+    return found
+
+
+def _level(block: bpy.types.ID, key: str) -> int:
+    """The LOD that the custom property `key`, LEVEL or LIBRARY, of a block of the build names."""
+    return stored_values.read(block, key, int, REMEDY, bounds=(0, MOST_LEVELS - 1))
+
+
+def check_build(scene: bpy.types.Scene) -> None:
+    """CrowdError if what the scene's build holds of ours cannot be read, before any work is done."""
+    top = scene.crowd_lod.build
+    if top is not None:
+        points_of(top), _shelves(top)
+        if BAKED in top:
+            baked_of(top)
+
+
+def baked_of(top: bpy.types.Collection) -> list[float]:
+    """Rate, Opens, first and last frame of the baked build `top`."""
+    return stored_values.read(top, BAKED, float, REMEDY, (4,))
+
+
+def _shelves(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
+    """The collections of each LOD's characters of the build `top`."""
+    inside = [child for child in top.children_recursive if LIBRARY in child and child != _library_of(top)]
+    return {_level(child, LIBRARY): child for child in inside}

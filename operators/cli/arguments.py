@@ -1,0 +1,140 @@
+"""What the commands take: names, arguments, help."""
+
+import argparse
+from pathlib import Path
+
+import bpy
+
+from ... import sample_scenes
+from ...crowd_lod import __version__
+from ...crowd_lod.crowd.agents import MOST_AGENTS
+from ..batch.preview import ENGINES
+
+
+def parser(program: str) -> argparse.ArgumentParser:
+    """What reads the command line of `program`: the name of the command as `does`, and its arguments."""
+    checkout = "In a checkout ./crowd-lod also takes test, bench and package; --python 3.11 before the command takes Blender 4.5."
+    made = argparse.ArgumentParser(
+        prog=program,
+        description="Plan and preview level of detail for crowds.",
+        epilog=checkout if program == "crowd-lod" else None,
+    )
+    made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
+    commands = made.add_subparsers(required=True, metavar="COMMAND")
+
+    command = _command(
+        commands,
+        program,
+        "preview",
+        "render each frame by LOD and from above, with a table and a plan",
+        "preview plaza --frames 1:120 --step 10 --out plaza_preview",
+    )
+    _shot(command, program)
+    command.add_argument(
+        "--out", type=_path, metavar="DIR", help="the folder for pictures, tables and report (default: SCENE_preview)"
+    )
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
+    command.add_argument("--width", type=int, metavar="PIXELS", help="width of the pictures (default: the scene's)")
+    command.add_argument("--engine", choices=[name.lower() for name in ENGINES], help="what draws them (default: the scene's)")
+    command.add_argument(
+        "--color",
+        choices=("lod", "material", "state", "group", "reason"),
+        help="tint by LOD, or true materials; the last three with the engine overlay alone (default: the scene's)",
+    )
+
+    command = _command(
+        commands,
+        program,
+        "build",
+        "write the scene with its render set-up as a .blend file",
+        "build plaza --bake --frames 1:120 --out plaza_built.blend",
+    )
+    _scene(command, program)
+    command.add_argument("--bake", action="store_true", help="put all frames into the file: it renders without Crowd LOD")
+    command.add_argument("--frames", metavar="A:B|LIST", help="the frames to bake (default: those that the scene renders)")
+    command.add_argument(
+        "--render-only",
+        action="store_true",
+        help="with --bake: leave out characters and LODs that no frame shows; less memory and file",
+    )
+    command.add_argument(
+        "--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)"
+    )
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+
+    command = _command(
+        commands,
+        program,
+        "verify",
+        "render frames with and without culling and LODs, and compare them pixel by pixel",
+        "verify plaza --frames 1,60 --out plaza_verify",
+    )
+    _shot(command, program)
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures and tables (default: SCENE_verify)")
+    command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="width of the pictures (default: 320)")
+    command.add_argument("--samples", type=int, default=4, metavar="N", help="samples of each pixel (default: 4)")
+    command.add_argument("--bounces", type=int, default=0, metavar="N", help="once more with the sky and N bounces (default: 0)")
+
+    command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
+    command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
+
+    about = "tables of error, run time and extreme cases"
+    reports = commands.add_parser("report", help=about, description=about.capitalize() + ".").add_subparsers(
+        required=True, metavar="REPORT"
+    )
+    command = _command(
+        reports, program, "error", "plot error against run time of a scene, with tables", "report error plaza --out plaza_error"
+    )
+    _scene(command, program)
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for plots and tables (default: SCENE_error)")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--repeats", type=int, default=7, metavar="N", help="runs of which a time is the median (default: 7)")
+    command = _command(
+        reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
+    )
+    command.add_argument(
+        "--most", type=int, default=MOST_AGENTS, metavar="N", help="agents of the largest case (default: 10 million)"
+    )
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="other agents of the same cases")
+    command.add_argument("--out", type=_path, metavar="FILE", help="write the table to a Markdown file as well")
+    command = _command(reports, program, "cull", "judge the culling of random cameras, by lens", "report cull --pairs 1000000")
+    command.add_argument("--pairs", type=int, default=1_000_000, metavar="N", help="pairs of camera and agent (default: 1 million)")
+    command.add_argument("--seed", type=int, default=0, metavar="N", help="other cameras and agents")
+    return made
+
+
+def _command(commands, program: str, name: str, about: str, example: str) -> argparse.ArgumentParser:
+    command = commands.add_parser(
+        name, help=about, description=f"{about[0].upper()}{about[1:]}.", epilog=f"example: {program} {example}"
+    )
+    command.set_defaults(does=name)
+    command.add_argument("--quiet", action="store_true", help="no progress bar")
+    command.add_argument("--json", action="store_true", help="print the result as JSON, for machines: the last line of stdout")
+    return command
+
+
+def _path(text: str) -> Path:
+    """What a shell's empty variable leaves names no path: Path would take it for the current folder."""
+    if not text:
+        raise argparse.ArgumentTypeError("names nothing")
+    return Path(text)
+
+
+def _scene(command: argparse.ArgumentParser, program: str) -> None:
+    names = " or ".join(sample_scenes.NAMES)
+    command.add_argument(
+        "scene",
+        metavar="SCENE",
+        nargs="?" if program.startswith("blender") else None,
+        help=f"a .blend file, or the name of a sample, {names}"
+        + ("; without it the file that is open" if program.startswith("blender") else ""),
+    )
+
+
+def _shot(command: argparse.ArgumentParser, program: str) -> None:
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")

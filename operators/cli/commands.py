@@ -1,0 +1,322 @@
+"""The commands: one implementation for the shell and for `blender --command crowd_lod`."""
+
+import contextlib
+import json
+import os
+import sys
+import threading
+import time as clock
+from pathlib import Path
+
+import bpy
+
+from ... import sample_scenes
+from ...crowd_lod.crowd.agents import MOST_AGENTS
+from ...crowd_lod.errors import FAULTS, CrowdError, sentence
+from ...crowd_lod.format import printable
+from ...crowd_lod.planning.frame_range import parse_frames
+from ...crowd_lod.progress import share
+from ...crowd_lod.reporting import files, interrupt, standard_streams
+from ...crowd_lod.validation import extreme_cases
+from ...crowd_lod.validation.render_proof import to_text
+from ..batch import error_report
+from ..batch.preview import COLOURS, Preview, preview
+from ..batch.verify import Verify, verify
+from ..blender import console, frame_stepping
+from ..build import bake, render_setup
+from ..build.buttons import prepared
+from ..build.cost_estimate import estimate
+from ..build.hidden_characters import told_of_characters
+from .arguments import parser
+
+
+def from_blender(argv: list[str]) -> int:
+    """`blender [FILE] --command crowd_lod ARGV`: the exit code. Without a SCENE the file that is open is meant."""
+    interrupt.heed()
+    status = _run(argv, "blender -b [FILE] --command crowd_lod")
+    if "--json" in argv:  # what Blender still has to say would come after it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+    return status
+
+
+def main(argv: list[str] | None = None) -> int:
+    """`crowd-lod ARGV` in the shell, once cli/start.py has seen to Ctrl-C: the exit code."""
+    from ... import register, unregister
+
+    interrupt.heed()
+    register()
+    try:
+        return _run(sys.argv[1:] if argv is None else argv, "crowd-lod")
+    finally:
+        unregister()
+
+
+def _run(argv: list[str], program: str) -> int:
+    with standard_streams.ready():
+        return _tell(argv, program)
+
+
+def _tell(argv: list[str], program: str) -> int:
+    try:
+        standard_streams.put("")  # a closed stream is no place for a result
+        try:
+            args = parser(program).parse_args(argv)
+        except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
+            standard_streams.put("")
+            return int(end.code or 0)
+        with interrupt.work():
+            result = COMMANDS[args.does](args, [program, *map(printable, argv)])
+        console.flush()  # what Blender holds back would come after the JSON
+        standard_streams.put(json.dumps(result, allow_nan=False) if args.json else result["summary"])
+    except FAULTS as fault:
+        print(f"crowd-lod: {sentence(fault)}", file=sys.stderr)
+        return 1
+    return 0 if result.get("ok", True) else 1
+
+
+def open_scene(name: str | None) -> bpy.types.Scene:
+    """Open the .blend file, or make the sample, called `name`; None is what is open already."""
+    if name in sample_scenes.NAMES:
+        # an empty file of the user's own start-up: the factory's would switch this extension off while it runs
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+        scene = bpy.context.scene
+        scene.name = name
+        sample_scenes.make(name, scene)
+    elif name is not None:
+        path = Path(name)
+        if not path.is_file():
+            raise CrowdError(
+                f"There is no file {name}, and no sample of that name: give a .blend file, or one of {', '.join(sample_scenes.NAMES)}."
+            )
+        try:
+            with console.quiet():
+                bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+        except RuntimeError as error:
+            raise CrowdError(f"Blender cannot open {name}: {_first_line(error)}") from None
+    return bpy.context.scene
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0].removeprefix("Error: ")
+
+
+def _stem(args) -> str:
+    """What files that are made of the command's scene are called after."""
+    return Path(args.scene or bpy.data.filepath or "scene").stem
+
+
+def _frames(args, settings) -> list[int]:
+    """The frames that the command names, or else the scene."""
+    text, step = (getattr(settings if getattr(args, name) is None else args, name) for name in ("frames", "step"))
+    return parse_frames(text, step)
+
+
+def _preview(args, command: list[str]) -> dict:
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    if args.seed is not None:
+        settings.seed = _within("seed", args.seed, 0, 2**31 - 1)
+    if args.width is not None:
+        _within("width", args.width, 16, 8192)
+    if args.tolerance is not None:
+        if not 0 < args.tolerance < float("inf"):
+            raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
+        settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
+    stem = _stem(args)
+    folder = files.absolute(args.out or Path(f"{stem}_preview"))
+    engine = (args.engine or settings.engine).upper()
+    colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
+    if engine != "OVERLAY" and colour not in COLOURS:
+        raise CrowdError(
+            f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."
+        )
+    wanted = Preview(
+        frames=_frames(args, settings),
+        folder=folder,
+        width=args.width or settings.width,
+        engine=engine,
+        colour=colour,
+    )
+    plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
+    rows = plan["frames"]
+    told = "".join(f"{each}\n" for each in (plan["trouble_says"], *plan["preview"]["notes"]) if each)
+    least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
+    return {
+        "out": printable(folder),
+        "frames": rows,
+        "seconds": plan["seconds"],
+        "trouble": plan["trouble"],
+        "summary": (
+            f"{len(rows)} frames of {rows[0]['agents']:,} agents in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
+            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{told}{printable(folder)}"
+        ),
+    }
+
+
+def _verify(args, command: list[str]) -> dict:
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    stem = _stem(args)
+    wanted = Verify(
+        frames=_frames(args, settings),
+        folder=files.absolute(args.out or Path(f"{stem}_verify")),
+        width=_within("width", args.width, 16, 8192),
+        samples=_within("number of samples", args.samples, 1, 4096),
+        bounces=_within("number of bounces", args.bounces, 0, 64),
+    )
+    result = _finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
+    out = printable(wanted.folder)
+    return {**result, "out": out, "summary": f"{to_text(result)}\n{out}"}
+
+
+def _within(what: str, value: int, least: int, most: int) -> int:
+    """The value; CrowdError names what lies outside its range."""
+    if not least <= value <= most:
+        raise CrowdError(f"The {what} is {value}; give a whole number from {least} to {most}.")
+    return value
+
+
+def _report_error(args, command: list[str]) -> dict:
+    repeats = _within("number of repeats", args.repeats, 1, 1000)
+    scene = open_scene(args.scene)
+    if args.seed is not None:
+        scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
+    stem = _stem(args)
+    folder = files.absolute(args.out or Path(f"{stem}_error"))
+    result = _finish(error_report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
+    tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
+    out = printable(folder)
+    summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), out)))
+    return {**result, "tables": tables, "out": out, "summary": summary}
+
+
+def _report_extremes(args, command: list[str]) -> dict:
+    most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
+    rows = _finish(error_report.cases(most, seed, args.out and files.absolute(args.out)), "extreme cases", args.quiet)
+    found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
+    return {"cases": found, "summary": extreme_cases.to_text(rows)}
+
+
+def _report_cull(args, command: list[str]) -> dict:
+    pairs, seed = _within("number of pairs", args.pairs, 1, 10**9), _within("seed", args.seed, 0, 2**31 - 1)
+    rows = _finish(error_report.lenses(pairs, seed), "culling's audit", args.quiet)
+    return {"lenses": rows, "summary": error_report.lenses_text(rows)}
+
+
+def _build(args, command: list[str]) -> dict:
+    stem = _stem(args)
+    path = _blend(args.out or Path(f"{stem}_built.blend"))
+    if args.frames is not None and not args.bake:
+        raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
+    if args.render_only and not args.bake:
+        raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
+    frames = None if args.frames is None else parse_frames(args.frames)
+    with files.staged_file(path) as part:
+        scene = open_scene(args.scene)
+        if args.seed is not None:
+            scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
+        if args.bake and frames is None:
+            frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+        render_setup.check_layers(scene, args.view_layer or ())
+        predicted = []
+
+        def work():
+            predicted.append((yield from share(estimate(scene, frames or (), args.bake), 0.0, 0.3)))
+            if not args.quiet:
+                print(predicted[0].sentence, file=sys.stderr)
+            return (yield from share(bake.bake(scene, frames) if args.bake else render_setup.build(scene), 0.3, 1.0))
+
+        cast = _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+        if args.view_layer:
+            render_setup.show_in(scene, args.view_layer)
+        points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
+        told = render_setup.told_of_cast(scene, cast), told_of_characters(scene), args.bake and frame_stepping.unbaked(scene)
+        if args.render_only:
+            told = *told, bake.keep_what_renders(scene)
+        _save(part, path, compress=True)
+    size = path.stat().st_size
+    started = clock.perf_counter()
+    with console.quiet():
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    seconds = clock.perf_counter() - started
+    what = (
+        f"{len(frames)} frames baked, {sum(points.values()):,} points"
+        if args.bake
+        else f"built, {sum(points.values()):,} points now"
+    )
+    return {
+        "out": printable(path),
+        "frames": frames,
+        "points": points,
+        "bytes": size,
+        "predicted": predicted[0].as_json,
+        "load_seconds": round(seconds, 3),
+        "image_bytes": cast.images,
+        "summary": "\n".join(filter(None, (f"{what}; {size / 1e6:,.1f} MB, opened in {seconds:.2f} s.", *told, printable(path)))),
+    }
+
+
+def _sample(args, command: list[str]) -> dict:
+    path = _blend(args.out or Path(f"{args.name}.blend"))
+    with files.staged_file(path) as part:
+        open_scene(args.name)
+        _save(part, path)
+    return {"out": printable(path), "summary": printable(path)}
+
+
+def _blend(path: Path) -> Path:
+    """The path, absolute; CrowdError if it is no .blend file's, or has no folder, before any work is done for it."""
+    if path.suffix != ".blend":
+        raise CrowdError(f"The file {printable(path.name)} must end in .blend.")
+    path = files.absolute(path)
+    parent = os.path.dirname(os.path.realpath(path))
+    if not os.path.isdir(parent):
+        raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
+    return path
+
+
+def _save(part: Path, path: Path, compress: bool = False) -> None:
+    """Write what is open to the file `part`, which is to become `path`."""
+    try:
+        with console.quiet():
+            bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True, compress=compress)
+    except RuntimeError as error:
+        raise CrowdError(f"The file {printable(path)} cannot be written: {_first_line(error)}.") from None
+
+
+def _finish(steps, what: str, quiet: bool):
+    """Run the generator of progress to its end with a bar on stderr; what it returns."""
+    with contextlib.ExitStack() as stack:
+        stack.callback(steps.close)
+        bar = None
+        if not quiet:
+            with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
+                from tqdm import tqdm
+
+                tqdm.set_lock(threading.RLock())  # its own is of processes, and one of Python's would complain that it is left
+                looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+                stack.callback(setattr, interrupt, "line", interrupt.line)
+                bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
+                interrupt.line = "\n"
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as end:
+                return end.value
+            if bar is not None:
+                bar.update(100 * progress - bar.n)
+
+
+COMMANDS = {
+    "preview": _preview,
+    "build": _build,
+    "verify": _verify,
+    "sample": _sample,
+    "error": _report_error,
+    "extremes": _report_extremes,
+    "cull": _report_cull,
+}
+
+
+if __name__ == "__main__":
+    sys.exit(main())

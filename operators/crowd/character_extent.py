@@ -1,0 +1,200 @@
+"""How far a character reaches in renders: its vertices, the hair's thickness, and what materials displace it by."""
+
+import time as clock
+from collections.abc import Iterator
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import bounding_sphere
+from ...crowd_lod.errors import CrowdError
+from ..blender import cleanup, mesh_data
+from ..blender.references import reached
+from ..blender.render_evaluation import as_rendered
+from ..blender.rig_dependencies import armatures_of
+
+# The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
+MOST_POSES = 120
+TICK = 0.25  # seconds of measuring at a time
+OFF_GROUND = 0.02  # of a character's height: nearer to the ground it stands on it
+THIN = 0.01  # metres: the radius of hair that has none of its own
+
+
+def frames_of(first: float, last: float) -> np.ndarray:
+    """The times, in frames, at which an action from `first` to `last` is measured."""
+    return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
+
+
+def posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Iterator[float]:
+    """Yields the progress, with nothing of its own in the file then, and returns how far all objects reach in renders, (n, 4)
+    as `extent` has it, at each of the `frames`."""
+    poses = []
+    while len(poses) < len(frames):
+        with cleanup.scratch(), as_rendered(objects) as (stage, actors):
+            for item in armatures_of(objects):
+                stage.collection.objects.link(item)
+            until = clock.monotonic() + TICK
+            for frame in frames[len(poses) :]:
+                stage.frame_set(int(frame // 1), subframe=float(frame % 1))
+                depsgraph = stage.view_layers[0].depsgraph
+                poses.append(np.concatenate([extent(actor, depsgraph) for actor in actors.values()]))
+                if clock.monotonic() >= until:
+                    break
+        yield len(poses) / len(frames)
+    return poses
+
+
+def lowest(poses: list[np.ndarray], origin: float) -> float:
+    """Metres from the height `origin` up to the lowest point of all `poses`, each (n, 4); 0 where that is next to nothing,
+    as in a step."""
+    heights = np.concatenate(poses)[:, 2]
+    if not len(heights) or not np.isfinite(heights).all():
+        return 0.0
+    lowest = float(heights.min())
+    return lowest - origin if abs(lowest - origin) > OFF_GROUND * (heights.max() - lowest) else 0.0
+
+
+def bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
+    """(centre, radius) of the sphere about `origin`, (3,), that holds the objects in all `poses`, each (n, 4), and between them.
+
+    Between two frames a vertex leaves the straight line by up to an eighth of its acceleration, which the second
+    difference of three poses is near; twice that is added.
+    """
+    points, reach = np.split(np.concatenate(poses), [3], axis=1)
+    if not len(points):
+        raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
+    if not np.isfinite(points).all():
+        raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
+    centre, radius = bounding_sphere(points - origin, reach[:, 0])
+    threes = zip(poses, poses[1:], poses[2:], strict=False)
+    bends = (np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
+    return centre, radius + float(max(bends, default=0.0)) / 4
+
+
+def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """(n, 4) float64: points in the world, metres, and the distance from each within which the object shows, too, as
+    `depsgraph` has evaluated it."""
+    evaluated = actor.evaluated_get(depsgraph)
+    points = [_with(mesh_data.world_points(evaluated), 0.0)]
+    if actor.type == "CURVES":  # nodes may turn it into anything, and a pose keeps them
+        for instance in depsgraph.object_instances:
+            if (instance.parent or instance.object).original == actor.original:
+                points.append(_shape(instance.object, np.array(instance.matrix_world, np.float64)))
+    found = np.concatenate(points)
+    found[:, 3] += displaced(evaluated)
+    return found
+
+
+def _with(points: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
+    return np.column_stack([points, np.broadcast_to(reach, len(points))])
+
+
+def _shape(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
+    """(n, 4), as `extent` has it, of the hair, the mesh or the points that an instance with the `matrix` (4, 4) shows."""
+    data = item.data
+    place = data.attributes.get("position") if hasattr(data, "attributes") else None
+    if place is None or not len(place.data):
+        return np.empty((0, 4))
+    points = _values(place, "vector", 3)
+    reach = np.zeros(len(points))
+    if isinstance(data, bpy.types.Curves | bpy.types.PointCloud):
+        radius = data.attributes.get("radius")
+        reach = np.full(len(points), THIN) if radius is None else _values(radius, "value", 1)[:, 0]
+        reach = np.abs(reach) * np.linalg.norm(matrix[:3, :3], 2)
+    if isinstance(data, bpy.types.Curves):
+        # Cycles draws hair through its points; between two of them it stays within these and their handles
+        along = np.zeros_like(points)
+        along[1:-1] = (points[2:] - points[:-2]) / 6
+        ends = [_values(data.attributes[n], "vector", 3) for n in ("handle_left", "handle_right") if n in data.attributes]
+        points = np.concatenate([points, points + along, points - along, *ends])
+        reach = np.tile(reach, 3 + len(ends))
+    return _with(points @ matrix[:3, :3].T + matrix[:3, 3], reach)
+
+
+def _values(attribute: bpy.types.Attribute, name: str, width: int) -> np.ndarray:
+    values = np.empty((len(attribute.data), width), np.float32)
+    attribute.data.foreach_get(name, values.ravel())
+    return values.astype(np.float64)
+
+
+def displaced(evaluated: bpy.types.Object) -> float:
+    """Metres by which its materials displace the surface of an evaluated object at most, as far as that is known."""
+    data = getattr(evaluated.data, "materials", None) or ()
+    materials = {*data, *(slot.material for slot in evaluated.material_slots)} - {None}
+    stretch = np.linalg.norm(np.array(evaluated.matrix_world)[:3, :3], 2)
+    return max((max(1.0, stretch) * (displacement(material) or 0.0) for material in materials), default=0.0)
+
+
+def displacement(material: bpy.types.Material) -> float | None:
+    """By how much the material displaces a surface at most; None where its nodes do not bound that, nor the user."""
+    if material.displacement_method == "BUMP" or material.node_tree is None:
+        return 0.0
+    ends = [node.inputs["Displacement"] for node in material.node_tree.nodes if node.type == "OUTPUT_MATERIAL"]
+    found = [_shift(end) for end in ends if end.is_linked]
+    if None in found:
+        return material.max_vertex_displacement or None
+    return max(found, default=0.0)
+
+
+def _shift(socket: bpy.types.NodeSocket) -> float | None:
+    """The longest vector that comes into the socket "Displacement"."""
+    node, _ = _source(socket)
+    if node is None or node.mute or node.type not in ("DISPLACEMENT", "VECTOR_DISPLACEMENT"):
+        return None
+    whole = node.type == "VECTOR_DISPLACEMENT"
+    ranges = [_range(node.inputs[name]) for name in ("Vector" if whole else "Height", "Midlevel", "Scale")]
+    if None in ranges:
+        return None
+    height, middle, scale = ranges
+    off = max(abs(high - low) for high in height for low in middle)
+    return (3**0.5 if whole else 1.0) * off * max(map(abs, scale))
+
+
+def _source(socket: bpy.types.NodeSocket) -> tuple[bpy.types.Node | None, bpy.types.NodeSocket | None]:
+    """The node and its output that feed the socket, or none."""
+    while socket.is_linked:
+        link = socket.links[0]
+        if link.from_node.type != "REROUTE":
+            return link.from_node, link.from_socket
+        socket = link.from_node.inputs[0]
+    return None, None
+
+
+def _range(socket: bpy.types.NodeSocket) -> tuple[float, float] | None:
+    """(least, most) of the numbers that come into the socket; None where nothing bounds them."""
+    node, output = _source(socket)
+    if node is None:
+        return None if socket.is_linked else _ends(socket.default_value)
+    if node.mute:
+        return None
+    if node.type in ("VALUE", "RGB"):
+        return _ends(output.default_value)
+    if node.type == "TEX_IMAGE":
+        return None if node.image is not None and node.image.is_float else (0.0, 1.0)
+    if node.type == "VALTORGB" and node.color_ramp.interpolation != "CARDINAL":
+        own = slice(3, 4) if output.name == "Alpha" else slice(3)
+        return 0.0, max(max(element.color[own]) for element in node.color_ramp.elements)
+    if node.type == "CLAMP" or (node.type == "MAP_RANGE" and node.clamp and node.data_type == "FLOAT"):
+        names = ("Min", "Max") if node.type == "CLAMP" else ("To Min", "To Max")
+        ends = [_range(node.inputs[name]) for name in names]
+        return None if None in ends else (min(min(end) for end in ends), max(max(end) for end in ends))
+    if node.type == "MATH" and node.use_clamp:
+        return 0.0, 1.0
+    return None
+
+
+def _ends(value) -> tuple[float, float]:
+    values = [float(each) for each in value][:3] if hasattr(value, "__len__") else [float(value)]
+    return min(values), max(values)
+
+
+def unknown(objects: list[bpy.types.Object]) -> Iterator[str]:
+    """What the extent of a character's `objects` leaves out, since a render alone knows it: sentences' ends."""
+    for item in objects:
+        found = sorted(reached(item), key=lambda block: block.name)
+        trees = [block for block in found if isinstance(block, bpy.types.GeometryNodeTree)]
+        if any(node.bl_idname == "GeometryNodeIsViewport" and not node.mute for tree in trees for node in tree.nodes):
+            yield f"the nodes of {item.name} ask whether they are in a viewport"
+        for material in found:
+            if isinstance(material, bpy.types.Material) and displacement(material) is None:
+                yield f"nothing bounds the height by which {material.name} displaces {item.name}"

@@ -1,0 +1,24 @@
+"""The sample scenes, as buttons and for the commands."""
+
+import bpy
+
+from ... import sample_scenes
+from ..blender.operator import Reporting
+
+
+class CROWDLOD_OT_sample(Reporting, bpy.types.Operator):
+    """Make the sample scene, beside your own, and show it"""
+
+    bl_idname = "crowd_lod.sample"
+    bl_label = "Sample Scene"
+
+    name: bpy.props.EnumProperty(name="Sample", items=[(n, n.capitalize(), "") for n in sample_scenes.NAMES])
+
+    def run(self, context):
+        scene = bpy.data.scenes.new(self.name.capitalize())
+        sample_scenes.make(self.name, scene)
+        context.window.scene = scene
+        return f"The scene {scene.name} is made; your own is in the scene selector."
+
+
+CLASSES = (CROWDLOD_OT_sample,)

@@ -1,0 +1,429 @@
+"""From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
+
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd import state_machine as machines
+from ...crowd_lod.crowd.agents import MOST_GROUPS, Group, populate
+from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number
+from ...crowd_lod.levels.assignment import MOST_LEVELS, Bias, LevelPolicy
+from ...crowd_lod.planning.frame import Frame, plan
+from ...crowd_lod.planning.shadows import Surroundings, surround
+from ...crowd_lod.progress import aside, finished, share
+from ..blender import image_data, scene_data, stored_values
+from ..blender.cameras import read_cameras, read_shutter
+from ..blender.character_objects import may_have_faces, parts
+from ..blender.operator import Stepwise
+from ..blender.ownership import OWNED
+from ..blender.rig_dependencies import action_range
+from .character_extent import bounds, frames_of, lowest, posing, unknown
+from .settings_versions import VERSION
+from .stuck_agents import find
+
+MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
+# Trajectories by the digest of all they depend on: a cache, never the truth.
+_trajectories: dict[bytes, Trajectory] = {}
+MOST_TRAJECTORIES = 4
+GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
+OF_LEVELS = (
+    "vertices",
+    "triangles",
+    "deviations",
+    "bounds",
+    "rms",
+    "worst",
+    "diagonal",
+    "shaded",
+)  # what is known of a group's LOD meshes
+# Of each scene what was asked last: (numbers and texts, the images' values, the trajectory).
+_latest: dict[int, tuple] = {}
+
+
+def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
+    """(name, objects with a shape, origin in world metres) of each character group, in natural order of their names.
+
+    A group is a child collection of the characters' collection, or one of its objects with all that is parented to it.
+    """
+    stored_values.check(scene.crowd_lod)
+    top = scene.crowd_lod.characters
+    if top is None:
+        raise CrowdError(
+            f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
+        )
+    groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in top.children]
+    own = set(top.objects)
+    for root in top.objects:
+        if root.parent not in own:
+            below = [item for item in root.children_recursive if not item.get(OWNED)]  # LODs hang on the same armature
+            groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
+    if not groups:
+        raise CrowdError(f"The collection {top.name} is empty: put the characters in it, one child collection or object each.")
+    names = [name for name, _, _ in groups]
+    for name, objects, _ in groups:
+        if names.count(name) > 1:
+            raise CrowdError(f"Two character groups in {top.name} are called {name}: rename one of them.")
+        if not any(map(may_have_faces, objects)):
+            raise CrowdError(f"The character group {name} in {top.name} holds no mesh with faces: give it one, or take it out.")
+    if len(groups) > MOST_GROUPS:
+        raise CrowdError(f"The collection {top.name} holds {len(groups)} character groups; use at most {MOST_GROUPS}.")
+    return sorted(groups, key=lambda group: group[0].casefold())
+
+
+def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
+    """What `measuring_groups` measures, in one go."""
+    return finished(measuring_groups(scene))
+
+
+def measuring_groups(scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float]] = {}) -> Iterator[float]:
+    """Measure every character group's bounding sphere, stride and period; what is known of its LOD meshes is kept, and of groups in
+    `reaches` (lowest, centre, radius). Yields the progress, 0 to 1, and returns the groups."""
+    settings = scene.crowd_lod
+    fps = scene.render.fps / scene.render.fps_base
+    known = {}
+    with suppress(CrowdError):  # what is spoilt is measured anew
+        known = {group.name: group for group in groups_of(settings)}
+    measured, characters = [], characters_of(scene)
+    for g, (name, objects, origin) in enumerate(characters):
+        first, last = action_range(objects)
+        on_ground = stands(settings, name)
+        if name in reaches:
+            low, centre, radius = reaches[name]
+        else:
+            poses = yield from share(posing(objects, frames_of(first, last)), g / len(characters), (g + 1) / len(characters))
+            low = lowest(poses, origin[2])
+            centre, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), poses)
+        stride = _custom(settings.characters, name, "stride")
+        found = Group(name, centre, radius, stride, (last - first) / fps, lowest=low, on_ground=on_ground)
+        lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
+        measured.append(replace(found, **lods))
+    return tuple(measured)
+
+
+def stands(settings, name: str) -> bool:
+    """Whether the group called `name` is to stand on its lowest point."""
+    entry = settings.groups.get(name)
+    return entry is None or entry.on_ground
+
+
+def store_groups(settings, groups: tuple[Group, ...]) -> None:
+    """Keep the measured groups in the scene's settings; groups of the same name keep their own thresholds
+    and the finest LOD that they build."""
+    own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest) for g in settings.groups}
+    settings.groups.clear()
+    settings.version = VERSION
+    for group in groups:
+        entry = settings.groups.add()
+        for name in ("name", "centre", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):  # see set_down
+            setattr(entry, name, getattr(group, name))
+        for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
+            values = getattr(group, name)
+            setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
+        entry.shaded = (*group.shaded, *[-1] * (MOST_LEVELS - len(group.shaded)))
+        if group.name in own:
+            entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest = own[group.name]
+
+
+def set_down(entry: bpy.types.PropertyGroup, _) -> None:
+    """Update of a group's on_ground: its sphere and its LODs are about its new feet."""
+    entry.centre += -entry.lowest if entry.on_ground else entry.lowest
+    if entry.lowest:
+        with suppress(CrowdError):  # there are no characters; nothing shows LODs then
+            _place_levels(entry.id_data)
+
+
+def _place_levels(scene: bpy.types.Scene) -> None:
+    """Let the LODs of each group of `scene` stand about its feet."""
+    settings = scene.crowd_lod
+    levels = settings.levels.children if settings.levels is not None and not scene_data.shared(scene, "levels") else ()
+    origins = {name: origin for name, _, origin in characters_of(scene)} if levels else {}
+    feet = {group.name: group.feet for group in groups_of(settings)}
+    for home in (home for level in levels for home in level.children):
+        name = home.get(GROUP)
+        if name in origins and name in feet:
+            home.instance_offset = (*origins[name][:2], origins[name][2] + feet[name])
+
+
+def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
+    """The custom property `key` of the group called `name`, or 0."""
+    owner = top.children.get(name) or top.objects.get(name)
+    if key not in owner:
+        return 0.0
+    return float(stored_values.read(owner, key, float, "set a number of metres, or remove it", bounds=(0, FARTHEST)))
+
+
+def machine_of(settings) -> machines.StateMachine:
+    """The state machine of the settings; the chapter's where none is chosen."""
+    if settings.machine is None:
+        return machines.load_preset("chapter")
+    return machines.parse(settings.machine.as_string(), settings.machine.name)
+
+
+def world_of(settings, machine: machines.StateMachine) -> LabelMap:
+    """The label map of the settings."""
+    (x, y, z), (width, depth) = settings.centre, settings.size
+    area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
+    _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
+    if settings.map_image is None:
+        return edge_map(area, machine.labels)
+    pixels = image_data.read_pixels(settings.map_image)[..., :3]
+    return LabelMap(labels_from_colours(pixels, machine.label_colours, machine.labels, settings.map_image.name), area)
+
+
+def heights_of(settings, area: Area) -> HeightMap | None:
+    """The height map of the settings, or None."""
+    if settings.height_image is None:
+        return None
+    values, scale = image_data.read_values(settings.height_image)[..., :1], settings.height_scale
+    image_data.check_finite(settings.height_image, values)
+    highest = float(np.abs(values).max()) * abs(scale) + abs(area.z)
+    _check_reach(f"The ground of the height map {settings.height_image.name}", highest, "pixels or the setting Height")
+    return HeightMap(values[..., 0] * np.float32(scale), area)
+
+
+def check_maps(settings) -> None:
+    """CrowdError if the state machine or a map of the settings cannot be used, before any work is done for them."""
+    stored_values.check(settings)
+    area = world_of(settings, machine_of(settings)).area
+    heights_of(settings, area), bias_of(settings, area)
+
+
+def _check_reach(what: str, reach: float, setting: str) -> None:
+    if reach > FARTHEST:
+        raise CrowdError(
+            f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions are too coarse to show a walk: "
+            f"change its {setting} so that it stays within {FARTHEST:,.0f} m."
+        )
+
+
+def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
+    """`groups` with spheres that hold characters which lean with the slopes of `heights`.
+
+    A lean of t takes a sphere's centre, up to now `centre` above the feet, 2 sin(t / 2) of that away; the sphere is
+    widened by as much, for the steepest slope that the map may have anywhere.
+    """
+    rows, columns = heights.heights.shape
+    width, depth = heights.area.size
+    relief = heights.heights.astype(np.float64)
+    along_x = np.abs(np.diff(relief, axis=1)).max(initial=0) * columns / width
+    along_y = np.abs(np.diff(relief, axis=0)).max(initial=0) * rows / depth
+    away = 2 * np.sin(np.arctan(np.hypot(along_x, along_y)) / 2) * (1 + 1e-6)  # pitch and roll are float32
+    return tuple(replace(group, radius=float(group.radius + abs(group.centre) * away)) for group in groups)
+
+
+def groups_of(settings) -> tuple[Group, ...]:
+    """The measured groups of the settings."""
+    return tuple(_group(g, count_of(settings)) for g in settings.groups)
+
+
+def _group(entry, count: int) -> Group:
+    """What the settings' `entry` holds of a group, with at most `count` LODs."""
+    made = sum(n > 0 for n in entry.triangles[:count])
+    measured = made if entry.diagonal else 0
+    shaded = [np.inf if each > 1e30 else each for each in entry.shaded[:measured]]  # Blender keeps no infinity
+    group = Group(
+        entry.name,
+        entry.centre,
+        entry.radius,
+        entry.stride,
+        entry.period,
+        vertices=tuple(entry.vertices[:made]),
+        triangles=tuple(entry.triangles[:made]),
+        deviations=tuple(entry.deviations[:measured]),
+        # a file of before bounds has none
+        bounds=tuple(map(max, entry.bounds[:measured], entry.deviations[:measured])),
+        rms=tuple(entry.rms[:measured]),
+        worst=tuple(entry.worst[:measured]),
+        diagonal=entry.diagonal,
+        shaded=tuple(shaded) if all(each >= 0 for each in shaded) else (),
+        lowest=entry.lowest,
+        on_ground=entry.on_ground,
+    )
+    sizes = (
+        group.radius,
+        group.stride,
+        group.period,
+        group.diagonal,
+        *group.deviations,
+        *group.bounds,
+        *group.rms,
+        *group.vertices,
+    )
+    if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.centre, group.lowest, *group.worst]).all():
+        raise CrowdError(f"What was measured of the character group {group.name} is spoilt: press Populate, and Make LOD Meshes.")
+    return group
+
+
+def count_of(settings, choice: str = "") -> int:
+    """The number of LODs, or if the settings had the `choice`: as many as are set, or by tolerance as many as were worth making,
+    1 before they are made."""
+    if (choice or settings.choice) == "BY_RATIO":
+        return settings.level_count
+    return len(settings.levels.children) if settings.levels is not None else 1
+
+
+def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collection:
+    """The collection of the character group `name`, the g-th, in the collection `level` of all groups' LODs of one level."""
+    home = level.children[g] if g < len(level.children) else None
+    if home is None or not home.objects or home.get(GROUP, name) != name:
+        raise CrowdError(f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again.")
+    return home
+
+
+def policy_of(settings, choice: str = "") -> LevelPolicy:
+    """The LOD policy of the settings, or if they had the `choice`; by tolerance a LOD begins where its deviation shows so many
+    pixels."""
+    tolerant = (choice or settings.choice) == "BY_TOLERANCE"
+    own = [_thresholds(group, settings) if group.own_thresholds and not tolerant else () for group in settings.groups]
+    return LevelPolicy(
+        thresholds=(0.0,) * (count_of(settings, choice) - 1) if tolerant else _thresholds(settings, settings),
+        group_thresholds=tuple(own) if any(own) else (),
+        metric="PIXELS" if tolerant else settings.metric,
+        tolerance=round(max(settings.tolerance, settings.memory_tolerance), 6) if tolerant else None,
+        finest=tuple(group.finest for group in settings.groups) if tolerant and settings.memory_tolerance else (),
+        margin=settings.margin if settings.margin_kind == "FIXED" else None,
+        drop_lost=settings.drop_lost,
+        shading=tolerant and settings.shading_counts,
+    )
+
+
+def _thresholds(owner, settings) -> tuple[float, ...]:
+    """The thresholds that `owner`, the settings or a group, has for the metric and the count of `settings`."""
+    chosen = owner.sizes if settings.metric == "PIXELS" else owner.thresholds
+    return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
+
+
+def bias_of(settings, area: Area) -> Bias | None:
+    """The painted detail map of the settings over the area, if they have one. The byte 128 is the middle, 0.5."""
+    if settings.bias_image is None:
+        return None
+    grey = image_data.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
+    return Bias(np.interp(grey, (0, 128, 255), (0, 0.5, 1)), area)
+
+
+def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:
+    """The crowd of the scene over time, kept as long as nothing it depends on changes; of `groups`, or of those that
+    the settings hold."""
+    settings = scene.crowd_lod
+    stored_values.check(
+        settings, ("map_image", "height_image", "machine")
+    )  # read at each call; all else where something has changed
+    groups = groups or groups_of(settings)
+    if not groups:
+        raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
+    seconds = scene.render.fps_base / scene.render.fps
+    # the pixels are compared, not trusted; all that is made of them is made again only where they differ
+    images = [image and image_data.read_values(image) for image in (settings.map_image, settings.height_image)]
+    text = settings.machine and settings.machine.as_string()
+    numbers = (*settings.centre, *settings.size, settings.height_scale, settings.count, settings.seed, settings.first_frame)
+    asked = text, numbers, settings.tilt, groups, seconds
+    before = _latest.get(scene.session_uid)
+    if before is not None and before[0] == asked and all(a is b for a, b in zip(before[1], images, strict=True)):
+        return before[2]
+    stored_values.check(settings)
+    machine = machine_of(settings)
+    world = world_of(settings, machine)
+    heights = heights_of(settings, world.area)
+    crowd = (settings.count, settings.seed, settings.first_frame, settings.tilt)
+    key = (machine.text, world.area, world.labels.shape, groups, *crowd, seconds)
+    relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
+    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + relief).digest()
+    if digest not in _trajectories:
+        if settings.tilt and heights is not None:
+            groups = leaning(groups, heights)
+        start = populate(settings.count, settings.seed, len(groups), machine, world)
+        while len(_trajectories) >= MOST_TRAJECTORIES:
+            _trajectories.pop(next(iter(_trajectories)))
+        _trajectories[digest] = Trajectory(start, machine, world, groups, seconds, settings.first_frame, heights=heights)
+    while len(_latest) >= MOST_TRAJECTORIES:
+        _latest.pop(next(iter(_latest)))
+    _latest[scene.session_uid] = asked, images, _trajectories[digest]
+    return _trajectories[digest]
+
+
+def frame_of(
+    scene: bpy.types.Scene,
+    depsgraph: bpy.types.Depsgraph,
+    time: float | None = None,
+    camera: Camera | Sequence[Camera] | None = None,
+    trajectory: Trajectory | None = None,
+    around: Surroundings | None = None,
+    shutter: Sequence[tuple[float, Sequence[Camera]]] | None = None,
+) -> Frame:
+    """The plan of the crowd at `time` (the scene's own if None; see scene.time_of) from `camera`, one or the eyes (the
+    active ones as `depsgraph` has them); with motion blur, of all that its `shutter` sees, which is read if None. trajectory:
+    the scene's, where it is at hand. around: with it, agents that the camera does not see and that still matter are looked for."""
+    if time is None:
+        time = scene_data.time_of(scene)
+    trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
+    eyes = camera or read_cameras(scene, depsgraph)
+    shutter = read_shutter(scene, time) if shutter is None else shutter
+    bias = bias_of(settings, trajectory.world.area)
+    frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
+    return frame if around is None else surround(frame, trajectory, eyes, shutter, around)
+
+
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre: drop the caches, which are of the file's crowds and images."""
+    _trajectories.clear()
+    _latest.clear()
+    image_data.forget()
+
+
+def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
+    """A sentence on the groups that are moved to stand on the ground, and one on those that would have to be."""
+    for moved, begin in ((True, "Moved to stand on the ground"), (False, "Off the ground (see Stand on Ground)")):
+        found = [group for group in groups if group.lowest and group.on_ground == moved]
+        far = [
+            f"{number(abs(group.lowest) * scene_data.metres(scene))} m {'below' if group.lowest < 0 else 'above'}"
+            for group in found
+        ]
+        told = [f"{group.name} (lowest point {each} its origin)" for group, each in zip(found, far, strict=True)]
+        if told:
+            yield f"{begin}: {', '.join(told)}."
+
+
+def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
+    """A sentence on what renders may show of characters beyond their measured spheres."""
+    found = [f"of {name}, {what}" for name, objects, _ in characters_of(scene) for what in dict.fromkeys(unknown(objects))]
+    if found:
+        margin = number(MARGIN * max(group.radius for group in groups))
+        yield (
+            f"Renders may show more than was measured: {'; '.join(found)}. If something is missing at the picture's border, "
+            f"set Margin to Fixed, {margin} or more."
+        )
+
+
+class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
+    """Measure the characters and place the crowd at its first frame"""
+
+    bl_idname = "crowd_lod.populate"
+    bl_label = "Populate"
+
+    def steps(self, context):
+        settings = context.scene.crowd_lod
+        check_maps(settings)
+        groups = yield from measuring_groups(context.scene)
+        trajectory = trajectory_of(context.scene, groups)
+        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+        warnings = [troubles.sentence] if troubles.found else []
+        warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
+        store_groups(settings, groups)
+        _place_levels(context.scene)
+        settings.overlay, settings.trouble = True, troubles.sentence
+        for warning in warnings:
+            self.report({"WARNING"}, warning)
+        said = [] if troubles.found else [troubles.sentence]
+        return " ".join(filter(None, (f"{len(trajectory.start):,} agents in {len(groups)} character groups.", *warnings, *said)))
+
+
+CLASSES = (CROWDLOD_OT_populate,)

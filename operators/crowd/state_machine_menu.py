@@ -1,0 +1,33 @@
+"""The state machines that ship with Crowd LOD, as a menu."""
+
+import bpy
+
+from ...crowd_lod.crowd.state_machine import load_preset, preset_names
+from ..blender.operator import Reporting
+
+
+class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
+    """Load this state machine into a text block of its own, and use it"""
+
+    bl_idname = "crowd_lod.machine_preset"
+    bl_label = "State Machine Preset"
+
+    name: bpy.props.EnumProperty(name="Preset", items=[(n, n.capitalize(), "") for n in preset_names()])
+
+    def run(self, context):
+        machine = load_preset(self.name)
+        text = bpy.data.texts.new(f"{self.name}.json")
+        text.from_string(machine.text)
+        context.scene.crowd_lod.machine = text
+        return f"{text.name}: {len(machine.states)} states; its labels are {', '.join(machine.labels)}."
+
+
+class CROWDLOD_MT_machine_presets(bpy.types.Menu):
+    bl_label = "Presets"
+
+    def draw(self, context):
+        for name in preset_names():
+            self.layout.operator("crowd_lod.machine_preset", text=name.capitalize()).name = name
+
+
+CLASSES = (CROWDLOD_OT_machine_preset, CROWDLOD_MT_machine_presets)

@@ -1,0 +1,260 @@
+"""The candidates for the LODs of one character: made from it, measured, and known again while nothing that they depend on changes."""
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import replace
+
+import bpy
+from idprop.types import IDPropertyGroup
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.selection import guessed
+from ...crowd_lod.progress import share, standing
+from ..blender import mesh_data, stored_values
+from ..blender.material_colors import Looks
+from ..blender.ownership import OWNED
+from ..blender.rig_dependencies import armatures_of, stance
+from ..crowd.character_extent import displaced
+from . import attribute_transfer, methods
+from . import source_mesh as sources
+from .deviation import Measure, compare, poses
+from .pose_deformation import skin_of
+
+# LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
+# (Okabe and Ito), and white. Linear RGB.
+TINTS = (
+    (0.80, 0.03, 0.03),
+    (0.04, 0.60, 0.06),
+    (0.05, 0.12, 0.85),
+    (0.78, 0.35, 0.00),
+    (0.09, 0.46, 0.81),
+    (0.87, 0.78, 0.05),
+    (0.60, 0.19, 0.38),
+    (0.85, 0.85, 0.85),
+)
+# Custom properties of a LOD's collection of one character group: the hash of what it was made from, which candidate it is,
+# and how many objects it has; of the finest, what was measured of those that were made. Of its objects: the hash of what was
+# made; how, why so, and the milliseconds it took.
+DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
+AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
+# Of Group, a value a LOD
+COLUMNS = {"vertices": int, "triangles": int, "deviations": float, "bounds": float, "rms": float, "worst": float}
+REACH = "reach"  # of what was measured: where the group stands, by how much materials displace it, its lowest point, centre, radius
+# Modifiers whose settings say all that they do; of others, such as physics, groups are measured again.
+PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
+LOST = 4.0  # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
+VERSION = 18  # of the code that makes LOD meshes: another one makes them anew
+
+
+def _untouched(home: bpy.types.Collection) -> bool:
+    """Whether all that was made in `home` is there, and as it was made."""
+    objects = [item for item in home.objects if item.get(OWNED)]
+    return len(objects) == home[SIZE] and all(item.get(AS_MADE) == _as_made(item) for item in objects)
+
+
+def _as_made(item: bpy.types.Object) -> str:
+    """A hash of what the user may edit in a LOD's object; its own mesh where that was made for it."""
+    looks = [modifier.type for modifier in item.modifiers], item.data.name_full if WAY not in item else ""
+    if WAY not in item:
+        return repr(looks)
+    item.update_from_editmode()
+    return sources.digest(item.data, looks, item.vertex_groups.keys())
+
+
+class Ladder:
+    """The candidates for the LODs of one character group, by number: those of `ratios` of its triangles.
+
+    read() gives the `digest` of what they are made from; recall() what was measured of such before, find() what was made, in the collection
+    of all LODs, but for those `taken` by another group of the same objects; make() makes one, measure() measures it as well. read(),
+    make() and measure() yield their progress. rows: what was measured, a value for each of `kinds`; reach: the group's lowest point,
+    centre and radius, if they are known; found: the collections that there are, `made` those made now. settle() leaves of these only
+    the collections chosen, and removes what they were made from. place: four numbers, where the group stands and how.
+    """
+
+    def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], settings, place: Sequence[float]):
+        self.name, self.objects, self.ratios, self.way = name, objects, ratios, settings.way
+        self.looks = Looks() if settings.choice == "BY_TOLERANCE" and settings.shading_counts else None
+        self.kinds = dict(COLUMNS) | ({"shaded": float} if self.looks else {})
+        self.place = [*place, *map(displaced, objects)]
+        self.reach: tuple[float, float, float] | None = None
+        self.sources: list[sources.Source] = []
+        self.rows: dict[int, tuple] = {}
+        self.found: dict[int, bpy.types.Collection] = {}
+        self.made: dict[int, bpy.types.Collection] = {}
+        self.sizes: dict[int, tuple[int, int]] = {}
+        self.by, self.diagonal = Measure(name, objects), 0.0
+
+    def read(self) -> Iterator[float]:
+        digests = []
+        for number, item in enumerate(self.objects):
+            source = sources.read_source(item)
+            self.sources.append(source)
+            digests.append(_object_digest(item, source))
+            yield (number + 1) / len(self.objects)
+        if not any(source.mesh for source in self.sources):
+            raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
+        self.digest = sources.text_digest(digests, self.ratios, self.way, VERSION, *["shading"] * bool(self.looks))
+        shown = [source for source in self.sources if source.mesh]
+        triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
+        for source, own in zip(shown, triangles, strict=True):
+            source.share = own / sum(triangles)
+
+    def recall(self, earlier: bpy.types.Collection | None) -> None:
+        for home in self._homes(earlier):
+            if isinstance(home.get(MEASURED), IDPropertyGroup):
+                with suppress(CrowdError):  # what is spoilt is made and measured anew
+                    self._remember(home[MEASURED])
+
+    def find(self, earlier: bpy.types.Collection | None, taken: set[bpy.types.Collection]) -> None:
+        for home in self._homes(earlier) if self.rows else ():
+            with suppress(CrowdError):
+                k = stored_values.read(home, CANDIDATE, int, "")
+                if k not in self.found and home not in taken and _untouched(home):
+                    self.found[k] = home
+
+    def held(self, earlier: bpy.types.Collection | None, some: Sequence[int]) -> bool:
+        """Whether there was one of the candidates `some`."""
+        return any(home.get(CANDIDATE) in some for home in self._homes(earlier))
+
+    def _homes(self, earlier: bpy.types.Collection | None) -> list[bpy.types.Collection]:
+        levels = earlier.children if earlier is not None else ()
+        return [home for level in levels for home in level.children if home.get(DIGEST) == self.digest]
+
+    def _remember(self, found: IDPropertyGroup) -> None:
+        some = stored_values.read(found, CANDIDATE, int, "", range(1, len(self.ratios) + 1), (0, len(self.ratios) - 1))
+        columns = [stored_values.read(found, *column, "", (len(some),)) for column in self.kinds.items()]
+        self.diagonal = stored_values.read(found, "diagonal", float, "")
+        self.rows = dict(zip(some, zip(*columns, strict=True), strict=True)) if 0 in some else {}
+        reach = stored_values.read(found, REACH, float, "", (len(self.place) + 3,))
+        plain = all(item.type == "MESH" and PLAIN.issuperset(m.type for m in item.modifiers) for item in self.objects)
+        self.reach = tuple(reach[-3:]) if plain and reach[:-3] == self.place else None
+
+    def make(self, k: int) -> Iterator[float]:
+        if not self.made:
+            for source in self.sources:
+                yield from standing(skin_of(source, poses(self.objects)), 0.0)
+        home, sizes = bpy.data.collections.new(f"{self.name} LOD {k}"), []
+        for number, source in enumerate(self.sources):
+            progress = number / len(self.sources)
+            sizes.append((yield from _level_object(source, home, k, self.ratios[k], self.way, progress)))
+        home[DIGEST], home[CANDIDATE], home[SIZE] = self.digest, k, len(sizes)
+        self.found[k] = self.made[k] = home
+        self.sizes[k] = tuple(map(sum, zip(*sizes, strict=True)))
+
+    def measure(self, k: int) -> Iterator[float]:
+        yield from share(self.make(k), 0.0, 0.7)
+        found = yield from share(self.by.level(list(self.found[k].objects), k), 0.7, 1.0)
+        self.rows[k], self.diagonal = (*self.sizes[k], *found), self.by.diagonal
+        if self.looks:
+            worst = found[-1]
+            self.rows[k] += (compare(self.objects, list(self.found[k].objects), worst, self.diagonal, self.looks) if k else 0.0,)
+
+    def columns(self, some: Sequence[int]) -> dict:
+        """What a Group has of the candidates `some`."""
+        return dict(zip(self.kinds, zip(*(self.rows[k] for k in some), strict=True), strict=True)) | {"diagonal": self.diagonal}
+
+    def lost(self) -> list[float]:
+        """Of the candidates measured, by which part of the character's size they deviate, times their triangles."""
+        triangles, bounds = (list(self.kinds).index(name) for name in ("triangles", "bounds"))
+        return [row[triangles] * row[bounds] / self.diagonal for k, row in self.rows.items() if k and row[bounds] > 0]
+
+    def guess(self, group: Group, usual: Sequence[float]) -> Group:
+        """The group with what is known of its candidates, and guessed of the others; usual: what characters have `lost`."""
+        whole = self.rows[0][list(self.kinds).index("triangles")]
+        own = {
+            name: [self.rows[k][at] if k in self.rows else 0 for k in range(len(self.ratios))] for at, name in enumerate(self.kinds)
+        }
+        for name in ("bounds", *self.kinds.keys() & {"shaded"}):
+            known = {k: own[name][k] for k in self.rows}
+            own[name] = guessed(self.ratios, known, min(usual, default=LOST) * self.diagonal / whole)
+        own["triangles"] = [own["triangles"][k] or max(1, round(ratio * whole)) for k, ratio in enumerate(self.ratios)]
+        return replace(group, diagonal=self.diagonal, **{name: tuple(values) for name, values in own.items()})
+
+    def settle(self, chosen: list[bpy.types.Collection]) -> None:
+        some = sorted(self.rows)
+        chosen[0][MEASURED] = {CANDIDATE: some, REACH: [*self.place, *self.reach], **self.columns(some)}
+        bpy.data.batch_remove([source.mesh for source in self.sources if source.mesh])
+        doomed = [home for home in self.made.values() if home not in chosen]
+        objects = [item for home in doomed for item in home.objects]
+        data = {item.data for item in objects if WAY in item}
+        bpy.data.batch_remove([*objects, *doomed, *data])
+
+
+def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
+    """A hash of all that LODs take from the object."""
+    blocks = source.keys and item.data.shape_keys.key_blocks
+    looks = (
+        [getattr(item, name) for name in mesh_data.SHOWN if name not in ("hide_render", "hide_viewport", "color")],
+        [slot.material and slot.material.name_full for slot in item.material_slots],
+        [(name, blocks[name].slider_min, blocks[name].slider_max) for name in source.keys],
+    )
+    if source.mesh is None:
+        return sources.text_digest(stance(item), looks)
+    active = [layer.active_render for layer in source.mesh.uv_layers], source.mesh.attributes.default_color_name
+    return sources.digest(source.mesh, stance(item), looks, active, source.groups)
+
+
+def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, way: str, progress: float):
+    """Put the LOD `level` of the source into `home`; yields `progress` and returns (vertices, triangles) of its mesh."""
+    item, name = source.item, f"{source.item.name} LOD {level}"
+    if source.mesh is None or (level == 0 and ratio == 1 and item.type == "MESH"):
+        # the character's own data; the counts are of what is drawn, modifiers applied
+        copy = _copy(item)
+        _place(copy, name, home, level)
+        copy[AS_MADE] = _as_made(copy)
+        mesh = source.mesh
+        return (len(mesh.vertices), len(mesh.loops) - 2 * len(mesh.polygons)) if mesh else (0, 0)
+    made = yield from standing(methods.make(source, ratio, way, name), progress)
+    copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
+    for modifier in list(copy.modifiers):
+        if modifier.type not in sources.FOLLOWED:
+            copy.modifiers.remove(modifier)
+    copy.data = made.mesh
+    for slot in copy.material_slots:
+        slot.link = "DATA"
+    attribute_transfer.set_weights(copy, source.groups, _rigs(item, source.groups), made.weights)
+    attribute_transfer.set_normals(made.mesh)
+    attribute_transfer.set_keys(copy, source)
+    attribute_transfer.mark_active(made.mesh, source.mesh)
+    _place(copy, name, home, level)
+    copy[WAY], copy[WHY], copy[MILLISECONDS] = made.way, " ".join([made.why, *source.notes]), made.milliseconds
+    copy[AS_MADE] = _as_made(copy)
+    return len(made.mesh.vertices), len(made.mesh.loops) - 2 * len(made.mesh.polygons)
+
+
+def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:
+    """Those of the vertex groups that armatures of `item` follow, by armature; of armatures with a bone of one name together."""
+    rigs: list[set[str]] = []
+    for armature in armatures_of([item]):
+        bones = {bone.name for bone in armature.data.bones if bone.use_deform}.intersection(groups)
+        apart = [other for other in rigs if not other & bones]
+        rigs = [*apart, bones.union(*(other for other in rigs if other & bones))]
+    return rigs
+
+
+def _place(copy: bpy.types.Object, name: str, home: bpy.types.Collection, level: int) -> None:
+    home.objects.link(copy)
+    copy.name = name
+    copy.color = (*TINTS[level], 1.0)
+    copy.hide_render = copy.hide_viewport = False
+
+
+def _copy(item: bpy.types.Object) -> bpy.types.Object:
+    copy = item.copy()
+    if copy.override_library:
+        copy.make_local()
+    for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
+        copy.pop(name, None)
+    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+        collection.objects.unlink(copy)
+    return copy
+
+
+def _stand_in(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
+    """A mesh object in place of `item`, which is of another kind: it goes where that goes, and follows its armature."""
+    copy = mesh_data.mesh_like(item, mesh)
+    copy.constraints.new("COPY_TRANSFORMS").target = item
+    for armature in armatures_of([item]):
+        copy.modifiers.new(armature.name, "ARMATURE").object = armature
+    return copy

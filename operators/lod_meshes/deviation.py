@@ -1,0 +1,303 @@
+"""How far each LOD's surface lies from the character's, over the poses of its action: skinning errs in motion."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import share
+from ...crowd_lod.simplification.hausdorff import Moving, interval
+from ..blender import cleanup, mesh_data
+from ..blender.material_colors import Looks
+from ..blender.operator import Stepwise
+from ..blender.render_evaluation import as_rendered
+from ..blender.rig_dependencies import action_range, armatures_of
+from ..crowd.scene_crowd import characters_of, groups_of, home_of, store_groups
+from .shaded_pictures import bodies_of, within
+from .surface import Surface, has_area, moving, same_faces, spread
+
+SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
+EVENLY, POSES = 6, 12  # poses spread over the action, its ends included, and with those least like any before
+AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T  # the origin and a point on each axis
+LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
+JOINTS = 500  # points of a mesh by which its poses are told apart
+SAMPLES = 5_000  # points of each surface whose root mean square distance is told
+
+Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles (m, 3)
+
+
+class Posed:
+    """A character and its LODs in a scene of their own, as they are rendered. As a context: the scene is gone afterwards.
+
+    objects: the character's. levels: the objects of each LOD.
+    """
+
+    def __init__(self, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]):
+        self._staged = as_rendered([item for each in (objects, *levels) for item in each])
+        self.stage, actors = self._staged.__enter__()
+        self.character, *self.levels = [[actors[item] for item in each] for each in (objects, *levels)]
+
+    def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
+        """(the character's surface, each LOD's) at `frame`, world space; None where there is no face."""
+        character, *levels = (_surface(*shape) for shape in self.shapes(frame))
+        return character, levels
+
+    def shapes(self, frame: float) -> list[Shape]:
+        """The character's points and triangles, and each LOD's, at `frame`, world space."""
+        self.stage.frame_set(int(frame // 1), subframe=float(frame % 1))
+        depsgraph = self.stage.view_layers[0].depsgraph
+        return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._staged.__exit__(*error)
+
+
+def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
+    """(points (n, 3) float64, world space, triangles (m, 3)) of all objects together."""
+    points, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int32)], 0
+    for item in objects:
+        corners, faces = mesh_data.world_triangles(item.evaluated_get(depsgraph))
+        points.append(corners)
+        triangles.append(faces + count)
+        count += len(corners)
+    return np.concatenate(points), np.concatenate(triangles)
+
+
+def _surface(points: np.ndarray, triangles: np.ndarray) -> Surface | None:
+    """The surface: neither faces without area nor loose vertices are one."""
+    used, triangles = np.unique(triangles[has_area(points[triangles])], return_inverse=True)
+    return Surface(points[used], triangles.reshape(-1, 3)) if len(triangles) else None
+
+
+def poses(objects: Sequence[bpy.types.Object]) -> list[float]:
+    """The frames at which LODs of the character `objects` are measured: some evenly, and those at which its joints are farthest
+    from where they are at any before."""
+    first, last = action_range(objects)
+    times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, LOOKED_AT))
+    if len(times) <= POSES:
+        return times.tolist()
+    chosen = np.linspace(0, len(times) - 1, EVENLY).round().astype(int).tolist()
+    joints = _joints(objects, times)
+    near = np.min([_apart(joints, joints[k]) for k in chosen], axis=0)
+    while len(chosen) < POSES and near.max() > 0:
+        chosen.append(int(near.argmax()))
+        near = np.minimum(near, _apart(joints, joints[chosen[-1]]))
+    return times[sorted(chosen)].tolist()
+
+
+def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
+    """The farthest that any of `joints` (poses, n, 3) lies from where it is in one pose (n, 3): (poses,) metres."""
+    return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
+
+
+def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarray:
+    """Where the bones and objects of a character are at `times`, but for its way as a whole: (times, n, 3) metres, three points
+    of each bone, four of each object, and how far each shape key moves what it moves most."""
+    found = []
+    with cleanup.scratch():
+        stage = bpy.data.scenes.new("Crowd LOD poses")
+        rigs, items = armatures_of(objects), [item.copy() for item in objects]
+        for item in (*rigs, *items):
+            stage.collection.objects.link(item)
+        reaches = [_reaches(item) for item in items]
+        for item in items:
+            item.hide_viewport = False
+            item.modifiers.clear()  # from here on only where it is matters
+        for time in times.tolist():
+            stage.frame_set(int(time // 1), subframe=float(time % 1))
+            depsgraph = stage.view_layers[0].depsgraph
+            places = [_placed(item, depsgraph) @ AXES for item in items]
+            for rig in rigs:
+                bones = rig.evaluated_get(depsgraph).pose.bones
+                matrices, lengths = np.empty((len(bones), 4, 4), np.float32), np.empty((len(bones), 1, 1), np.float32)
+                bones.foreach_get("matrix", matrices.ravel())
+                bones.foreach_get("length", lengths.ravel())
+                places += list(
+                    _placed(rig, depsgraph)
+                    @ matrices.transpose(0, 2, 1)
+                    @ (AXES * [[1], [1], [1], [0]] * lengths + AXES * [[0], [0], [0], [1]])
+                )
+            places = np.array(places)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
+            moved = [
+                item.evaluated_get(depsgraph).data.shape_keys for item, reach in zip(items, reaches, strict=True) if len(reach)
+            ]
+            values = np.array([key.value for keys in moved for key in keys.key_blocks[1:]])
+            keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
+            found.append(np.concatenate([places - places.mean(axis=0), keyed]))
+    return np.array(found)
+
+
+def _reaches(item: bpy.types.Object) -> np.ndarray:
+    """The farthest that each shape key of a mesh but the first moves a vertex at the value 1, (k,) metres."""
+    found = []
+    for key in item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ():
+        at = np.empty((2, len(key.data), 3), np.float32)
+        for each, points in zip((key, key.relative_key), at, strict=True):
+            each.data.foreach_get("co", points.ravel())
+        found.append(float(np.linalg.norm(at[0] - at[1], axis=1).max(initial=0)))
+    return np.array(found)
+
+
+def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    return np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)
+
+
+class Measure:
+    """What LODs of the character `objects`, of the group `name`, are measured by: the character in all poses, read when first needed.
+    Their steps yield, of a whole of 1, the part done."""
+
+    def __init__(self, name: str, objects: Sequence[bpy.types.Object]):
+        self.name, self.objects, self.character = name, objects, None
+
+    def read(self) -> Iterator[float]:
+        """Read the character, unless that is done. CrowdError if it has no face in any pose."""
+        if self.character is not None:
+            return
+        self.frames = poses(self.objects)
+        shapes = yield from _shapes(self.objects, self.frames)
+        shown = [each.points for each in (_surface(*shape) for shape in shapes) if each]
+        if not shown:
+            raise CrowdError(f"The character {self.name} shows no face in any pose of its action: check its modifiers.")
+        self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
+        self.character = _Acting(shapes)
+
+    def level(self, objects: Sequence[bpy.types.Object], k: int) -> Iterator[float]:
+        """Measure LOD k, all `objects` together against all of the character's, in all poses; returns (deviation, bound, root mean
+        square, frame of the worst pose), metres. CrowdError if either has no face in any pose."""
+        yield from share(self.read(), 0.0, 0.2)
+        shapes = yield from share(_shapes(objects, self.frames), 0.2, 0.4)
+        found = _measured(self.character, _Acting(shapes), self.frames)
+        if found is None:
+            raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
+        yield 1.0
+        return found
+
+
+def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Iterator[float]:
+    """Yields the part done and returns what the objects are at each of the frames."""
+    found = []
+    with Posed(objects, ()) as posed:
+        for frame in frames:
+            found += posed.shapes(frame)
+            yield len(found) / len(frames)
+    return found
+
+
+def measure(group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]) -> Iterator[float]:
+    """`group`, whose character is `objects`, with the deviations of its LODs, whose meshes are `levels`, and their bounds, see Measure;
+    a generator that yields the progress, 0 to 1, and returns the group."""
+    by, found = Measure(group.name, objects), []
+    for k, level in enumerate(levels):
+        found.append((yield from share(by.level(level, k), k / len(levels), (k + 1) / len(levels))))
+    deviations, bounds, rms, worst = zip(*found, strict=True)
+    return replace(group, deviations=deviations, bounds=bounds, rms=rms, worst=worst, diagonal=by.diagonal, shaded=())
+
+
+class _Acting:
+    """A character or a LOD in all poses. runs: of poses in which its faces are the same, of each run first that which is least unlike
+    the others. Quads are cut as in that."""
+
+    def __init__(self, shapes: Sequence[Shape]):
+        self.shapes, self.runs = shapes, []
+        self._moving: dict[tuple[int, ...], Moving | None] = {}
+        for k, (points, triangles) in enumerate(shapes):
+            for run in self.runs:
+                if len(points) == len(shapes[run[0]][0]) and same_faces(shapes[run[0]][1], triangles):
+                    run.append(k)
+                    break
+            else:
+                self.runs.append([k])
+        for run in self.runs:
+            some = np.array([shapes[k][0][:: max(1, len(shapes[k][0]) // JOINTS)] for k in run])
+            some -= some.sum(axis=1, keepdims=True) / max(some.shape[1], 1)
+            run.insert(0, run.pop(int(np.argmin([_apart(some, one).max() for one in some]))))
+
+    def moving(self, poses: list[int]) -> Moving | None:
+        """The surface in `poses` of one run; None without a face."""
+        key = tuple(poses)
+        if key not in self._moving:
+            self._moving[key] = moving([self.shapes[k][0] for k in poses], self.shapes[poses[0]][1])
+        return self._moving[key]
+
+
+def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tuple[float, float, float, float] | None:
+    """(deviation, bound, root mean square, frame of the worst pose) of a LOD in the poses at `frames`; None where there is none that
+    shows both."""
+    found, bound = [], 0.0
+    for run in character.runs:
+        for poses in ([k for k in run if k in each] for each in other.runs):
+            pair = [each.moving(poses) if poses else None for each in (character, other)]
+            if None in pair:
+                continue
+            if all(np.array_equal(*each) for each in zip(*((m.points, m.triangles) for m in pair), strict=True)):
+                found.append((0.0, 0.0, frames[poses[0]]))
+                continue
+            own = interval(*pair)
+            pose = poses[own.pose]
+            found.append(
+                (own.measured, spread(*(_surface(*each.shapes[pose]) for each in (character, other)), SAMPLES), frames[pose])
+            )
+            bound = max(bound, own.bound)
+    if not found:
+        return None
+    most, rms, frame = max(found)
+    return most, float(bound), rms, frame
+
+
+def compare(
+    objects: Sequence[bpy.types.Object], level: Sequence[bpy.types.Object], frame: float, diagonal: float, looks: Looks
+) -> float:
+    """What the shaded pictures of a LOD, whose objects are `level`, and of the character `objects` say at `frame`, see Group.shaded.
+    diagonal: metres, of the character's bounding box; looks: of all objects."""
+    with Posed(objects, [level]) as posed:
+        posed.shapes(frame)
+        depsgraph = posed.stage.view_layers[0].depsgraph
+        bodies = [bodies_of(each, depsgraph, looks) for each in (posed.character, *posed.levels)]
+        return np.inf if None in bodies else within(*bodies, looks.images(), diagonal)
+
+
+def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
+    """The mesh objects of each LOD of the group `name`, the g-th, in the collection that Make LOD Meshes has made."""
+    return [[o for o in home_of(level, g, name).all_objects if o.type in SOLID] for level in levels.children]
+
+
+def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
+    """Measure the LOD meshes of `scene` as they are now, edited or not; yields the progress, 0 to 1."""
+    settings = scene.crowd_lod
+    characters = characters_of(scene)
+    if settings.levels is None:
+        raise CrowdError(f"The scene {scene.name} has no LOD meshes to measure: press Make LOD Meshes.")
+    known = {group.name: group for group in groups_of(settings)}
+    measured = []
+    for g, (name, objects, _) in enumerate(characters):
+        if name not in known:
+            raise CrowdError(
+                f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
+            )
+        meshes = meshes_of(settings.levels, g, name)
+        own = yield from share(measure(known[name], objects, meshes), g / len(characters), (g + 1) / len(characters))
+        if settings.shading_counts:
+            looks, others = Looks(), zip(meshes[1:], own.worst[1:], strict=True)
+            own = replace(own, shaded=(0.0, *(compare(objects, *other, own.diagonal, looks) for other in others)))
+        measured.append(own)
+    store_groups(settings, tuple(measured))
+
+
+class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
+    """Measure again how far each LOD lies from its character, after you have edited LOD meshes"""
+
+    bl_idname = "crowd_lod.measure_levels"
+    bl_label = "Measure LOD Meshes"
+
+    def steps(self, context):
+        yield from measure_levels(context.scene)
+        return f"The LODs of {len(context.scene.crowd_lod.groups)} character groups are measured."
+
+
+CLASSES = (CROWDLOD_OT_measure_levels,)

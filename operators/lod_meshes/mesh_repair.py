@@ -1,0 +1,104 @@
+"""What is mended of a mesh before it is decimated: loose vertices, parts without area, borders that lie on each other."""
+
+from contextlib import contextmanager
+
+import bmesh
+import bpy
+import numpy as np
+
+from ...crowd_lod.simplification.components import parts_of
+from ..blender import mesh_data
+from .surface import has_area
+
+
+def mend(mesh: bpy.types.Mesh, split_sharp: bool) -> None:
+    """Remove vertices and edges without a face, and sew borders that lie on each other, as where an importer has split a
+    mesh along its UV seams: apart they would gape when decimated. split_sharp: whether they are to look split as before."""
+    points, triangles = mesh_data.read_triangles(mesh)[:2]
+    target = _sewn(points, triangles)
+    joined = np.flatnonzero(target != np.arange(len(points)))
+    if not len(joined):
+        return drop_loose(mesh)
+    with _edited(mesh) as body:
+        body.verts.ensure_lookup_table()
+        if split_sharp:
+            for edge in body.edges:
+                edge.smooth = edge.smooth and not edge.is_boundary
+        bmesh.ops.weld_verts(body, targetmap={body.verts[int(v)]: body.verts[int(target[v])] for v in joined})
+        _delete_loose(body)
+
+
+def drop_flat_parts(mesh: bpy.types.Mesh) -> None:
+    """Remove loose parts of which nothing shows, for they have no area: a LOD would spend triangles on them, and deviate there."""
+    points, triangles, _, faces = mesh_data.read_triangles(mesh)
+    part = parts_of(len(points), triangles)[triangles[:, 0]]
+    shown = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
+    if shown.all() or not shown.any():
+        return
+    with _edited(mesh) as body:
+        body.faces.ensure_lookup_table()
+        bmesh.ops.delete(body, geom=[body.faces[i] for i in np.unique(faces[~shown])], context="FACES")
+        _delete_loose(body)
+
+
+def drop_loose(mesh: bpy.types.Mesh) -> None:
+    """Remove the mesh's vertices and edges without a face."""
+    corners = np.empty(len(mesh.loops), np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    if len(np.unique(corners)) == len(mesh.vertices):
+        return
+    with _edited(mesh) as body:
+        _delete_loose(body)
+
+
+def _delete_loose(body: bmesh.types.BMesh) -> None:
+    bmesh.ops.delete(body, geom=[e for e in body.edges if not e.link_faces], context="EDGES")
+    bmesh.ops.delete(body, geom=[v for v in body.verts if not v.link_faces], context="VERTS")
+
+
+@contextmanager
+def _edited(mesh: bpy.types.Mesh):
+    """The mesh to be edited, and then put back."""
+    body = bmesh.new()
+    try:
+        body.from_mesh(mesh)
+        yield body
+        body.to_mesh(mesh)
+    finally:
+        body.free()
+
+
+def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """For each of the points (n,) the one that it is to be joined to. Only border edges are joined, of which just two lie
+    at the same place, run against each other, and have triangles that do not lie on each other, as those of a card's two
+    sides do."""
+    count = len(points)
+    half = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2).astype(np.int64)
+    low, high = half.min(axis=1), half.max(axis=1)
+    _, first, times = np.unique(low * count + high, return_index=True, return_counts=True)
+    border = first[times == 1]
+    target = np.arange(count)
+    if not len(border):
+        return target
+    a, b, c = (points[triangles[:, i]].astype(np.float64) for i in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-30)
+    _, place = np.unique(points[half[border]].reshape(-1, 3), axis=0, return_inverse=True)
+    place = place.reshape(-1, 2).astype(np.int64)
+    key = place.min(axis=1) * count + place.max(axis=1)
+    _, index, times = np.unique(key, return_inverse=True, return_counts=True)
+    order = np.argsort(index, kind="stable")
+    order = order[times[index[order]] == 2].reshape(-1, 2)
+    against = place[order[:, 0], 0] == place[order[:, 1], 1]
+    facing = (normal[border[order[:, 0]] // 3] * normal[border[order[:, 1]] // 3]).sum(axis=1)
+    one, other = half[border[order[against & (facing > -0.99)]]].transpose(1, 0, 2)
+    for _ in range(8):  # corners where several seams meet
+        before = target.copy()
+        for v, w in zip(one.T, other[:, ::-1].T, strict=True):
+            least = np.minimum(target[v], target[w])
+            np.minimum.at(target, v, least)
+            np.minimum.at(target, w, least)
+        target = target[target]
+        if (target == before).all():
+            break
+    return target

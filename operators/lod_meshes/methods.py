@@ -1,0 +1,202 @@
+"""The two ways to a LOD's mesh, fast and precise, and the choice between them by measured error."""
+
+import time as clock
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.simplification.decimate import decimating
+from ..blender import mesh_data
+from .attribute_transfer import barycentric, charts_of, dress, nearest_vertices, shade, weights_of
+from .mesh_repair import drop_loose
+from .shaded_pictures import similarity
+from .source_mesh import Source, evaluated_mesh, read_weights, staged
+from .surface import Surface, roughly, scattered
+
+SAMPLES = 4_000  # points of each surface that the two ways are compared at
+UV_OFF = 0.05  # distance in UV space from which on a point counts as off
+MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
+KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
+TWICE = 2.0  # times as far away a way may be that keeps that
+ALIKE = 0.01  # difference in similarity that tells two pictures apart
+SLACK = 1.1  # how many times the precise way's distance the fast way's may be
+NEAR_ENOUGH = 5e-4  # of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
+MISSED = 1.1  # times the triangles asked for that are worth a word
+MOST_PRECISE = 300_000  # triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there
+
+
+@dataclass
+class Made:
+    """A LOD's mesh (its caller's to remove), with the weights as read_weights gives them. way: FAST, PRECISE or WHOLE;
+    why: sentences; milliseconds: that it took to make."""
+
+    mesh: bpy.types.Mesh
+    weights: tuple[np.ndarray, np.ndarray, np.ndarray]
+    way: str
+    why: str
+    milliseconds: float
+
+
+def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
+    """Make the mesh of about `ratio` of the source's triangles in the way asked for, AUTO, FAST or PRECISE; yields between
+    its steps and returns the Made."""
+    triangles = source.geometry[1]
+    if max(4, round(ratio * len(triangles))) >= len(triangles):
+        mesh = source.mesh.copy()
+        mesh.name = name
+        return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
+    if way == "PRECISE":
+        precise = _precise(source, ratio, name, "The precise way was asked for.")
+        return precise if precise.mesh.polygons else (yield from _fast(source, ratio, name, _without(precise)))
+    fast = yield from _fast(source, ratio, name, "The fast way was asked for.")
+    if way == "FAST":
+        return fast
+    if len(triangles) > MOST_PRECISE:
+        fast.why = (
+            f"Fast, as the mesh has {len(triangles):,} triangles, more than the {MOST_PRECISE:,} that the precise way is tried on."
+        )
+        return fast
+    yield
+    precise = _precise(source, ratio, name, "")
+    if not precise.mesh.polygons:
+        fast.why = _without(precise)
+        return fast
+    yield
+    one = yield from errors(source, fast.mesh)
+    two = yield from errors(source, precise.mesh)
+    if one.as_near_as(two):  # else pictures, which take a while, decide nothing
+        one, two = (
+            replace(each, similar=similarity(source, made.mesh)) for each, made in zip((one, two), (fast, precise), strict=True)
+        )
+    better, reason = chosen(one, two)
+    best, other = (fast, precise) if better else (precise, fast)
+    best.why = (
+        f"{best.way.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
+        f"surface, and shows {one.area:.0%} of its area, in {fast.milliseconds:.0f} ms; the precise way "
+        f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
+    )
+    bpy.data.meshes.remove(other.mesh)
+    wanted = round(ratio * len(triangles))
+    if len(best.mesh.polygons) > MISSED * wanted:
+        best.why += f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, parts of it would go."
+    return best
+
+
+@dataclass(frozen=True)
+class Errors:
+    """What is wrong with a LOD's mesh. near: symmetric Hausdorff distance as part of the source's diagonal, the largest at rest and in
+    the poses that tell most; off: largest part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF; area: of
+    its silhouette, as part of the source's; similar: structural similarity of its picture, where it was looked at."""
+
+    near: float
+    off: float
+    area: float = 1.0
+    similar: float = 1.0
+
+    def as_near_as(self, other: "Errors") -> bool:
+        """Whether the two hardly differ in distance."""
+        near = self.near + NEAR_ENOUGH, other.near + NEAR_ENOUGH
+        return max(near) <= SLACK * min(near)
+
+
+def chosen(fast: Errors, precise: Errors) -> tuple[bool, str]:
+    """(whether the fast way is to be taken, why)."""
+    kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
+    near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
+    if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
+        return kept[0], "it shows as much as the character"
+    if fast.off <= max(MOST_OFF, precise.off):
+        if abs(fast.similar - precise.similar) > ALIKE and fast.as_near_as(precise):
+            return (
+                fast.similar > precise.similar,
+                f"its picture is more similar ({max(fast.similar, precise.similar):.2f} for {min(fast.similar, precise.similar):.2f})",
+            )
+        better = fast.near <= SLACK * precise.near + NEAR_ENOUGH
+        return better, "it is no worse" if better else "it is closer"
+    # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
+    better = precise.off > MOST_OFF and fast.near * fast.off < precise.near * precise.off
+    return better, "it is closer, by more than its UVs are farther off" if better else "its UVs are closer"
+
+
+def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
+    """By quadric edge collapse, and what it loses carried over; yields between its steps and returns the Made."""
+    start = clock.perf_counter()
+    about = charts_of(source).seams, source.posed[0], source.share
+    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, *about)
+    spent = clock.perf_counter() - start
+    yield
+    start = clock.perf_counter()
+    mesh = yield from dress(name, result, source)
+    mesh.validate()
+    weights = weights_of(result, source)
+    return Made(mesh, weights, "FAST", why, 1000 * (spent + clock.perf_counter() - start))
+
+
+def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
+    """By Blender's Decimate modifier, which keeps the layers itself."""
+    start = clock.perf_counter()
+    item = bpy.data.objects.new(name, source.mesh)
+    try:
+        modifier = item.modifiers.new("Decimate", "DECIMATE")
+        modifier.ratio, modifier.use_collapse_triangulate = ratio, True
+        with staged(item) as depsgraph:
+            mesh = evaluated_mesh(item, depsgraph)
+    finally:
+        bpy.data.objects.remove(item)
+    mesh.name = name
+    mesh.validate()  # a closed part may have become two triangles on each other
+    drop_loose(mesh)
+    if mesh.polygons:
+        shade(mesh, source)
+    return Made(mesh, read_weights(mesh), "PRECISE", why, 1000 * (clock.perf_counter() - start))
+
+
+def _without(precise: Made) -> str:
+    """Why the precise way, which has left nothing of a mesh of many small parts, is not taken; its mesh is removed."""
+    bpy.data.meshes.remove(precise.mesh)
+    return "Fast, as the precise way leaves no face."
+
+
+def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
+    """Yields between its steps and returns the Errors of a LOD's mesh. In the poses its points move with the source's nearest ones: good
+    enough for a choice."""
+    points, triangles, corners, _ = mesh_data.read_triangles(mesh)
+    diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
+    made = Surface(points, triangles)
+    distance = roughly(source.surface, made, SAMPLES)
+    skin, surfaces = source.posed
+    if surfaces:
+        follows = nearest_vertices(source, points)
+    for j, surface in enumerate(surfaces):
+        yield
+        distance = max(distance, roughly(surface, Surface(skin.at(j, points.T, follows).T, triangles), SAMPLES))
+    yield
+    off = uv_error(source, mesh, made, corners)
+    yield
+    return Errors(distance / diagonal, off, made.shown / source.surface.shown)
+
+
+def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:
+    """The largest part, over the UV maps, of the mesh's `surface` whose UVs are off by more than UV_OFF from those of the
+    nearest point of the source; corners (m, 3): of its triangles."""
+    if not mesh.uv_layers or not surface.area.any():
+        return 0.0
+    face, mine = scattered(surface.area, SAMPLES)
+    at, hit, _ = source.surface.nearest(surface.at(face, mine))
+    there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
+    theirs = barycentric(at, *(source.geometry[0][there[:, i]].astype(np.float64) for i in range(3))).clip(0, 1)
+    worst = 0.0
+    for layer in mesh.uv_layers:
+        one, other = (_uvs(m.uv_layers[layer.name]) for m in (mesh, source.mesh))
+        gap = np.einsum("nk,nkd->nd", mine, one[corners[face]]) - np.einsum("nk,nkd->nd", theirs, other[there_corners])
+        worst = max(worst, float((np.linalg.norm(gap, axis=1) > UV_OFF).mean()))
+    return worst
+
+
+def _uvs(layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
+    """The layer's UVs, (loops, 2) float32."""
+    uvs = np.empty((len(layer.uv), 2), np.float32)
+    layer.uv.foreach_get("vector", uvs.ravel())
+    return uvs

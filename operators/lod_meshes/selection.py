@@ -1,0 +1,104 @@
+"""The LODs of a scene by tolerance: the candidates, and where the shot has its agents."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.culling.radar import radar
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.levels.selection import LADDER, Shot, View, cheapest, choose, counting, priced, within
+from ...crowd_lod.planning.frame_range import evenly, parse_frames
+from ..blender import scene_data
+from ..blender.cameras import cameras_at
+from ..blender.rig_dependencies import action_range
+from ..crowd.scene_crowd import bias_of, characters_of, trajectory_of
+
+MOST_FRAMES = 9  # of the shot, evenly, that are looked at
+
+
+def ratios_of(settings) -> list[float]:
+    """The parts of the triangles that the LODs to be made keep: those that are set, or by tolerance all candidates."""
+    if settings.choice == "BY_TOLERANCE":
+        LevelPolicy((0.0,), "PIXELS", tolerance=round(settings.tolerance, 6))  # refuses a wrong one
+        return list(LADDER)
+    ratios = [round(r, 6) for r in settings.ratios[: settings.level_count]]
+    for k in range(1, len(ratios)):
+        if ratios[k] >= ratios[k - 1]:
+            raise CrowdError(f"The ratio of LOD {k}, {ratios[k]:g}, is not below that of LOD {k - 1}, {ratios[k - 1]:g}: lower it.")
+    return ratios
+
+
+def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
+    """Of each group the Shot of up to MOST_FRAMES of the frames; yields the part done.
+
+    A group that none shows may be anywhere within the camera's clip range.
+    """
+    settings = scene.crowd_lod
+    frames = parse_frames(settings.frames, settings.step)
+    chosen = evenly(frames, MOST_FRAMES)
+    trajectory = trajectory_of(scene, groups)
+    bias, cameras = bias_of(settings, trajectory.world.area), cameras_at(scene, chosen)
+    centre, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
+    library, gaits = cast_of(scene, trajectory), trajectory.gaits
+    first, found = library.first(gaits), [[] for _ in groups]
+    for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
+        crowd = trajectory.at(frame)
+        visible, distance = radar(crowd, eyes, centre, radius)
+        if bias is not None:
+            distance = distance * bias.at(crowd.x, crowd.y)
+        for g, each in enumerate(found):
+            agents = np.flatnonzero(visible & (crowd.group == g))
+            if len(agents):
+                own, shown = distance[agents], library.shown(gaits, crowd, trajectory.seconds(frame), agents) - first[g]
+                each.append(View(eyes[0], float(own.min()), float(own.max()), own, shown))
+        yield done / len(chosen)
+    anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
+    return [
+        Shot(each or anywhere, int(own), scene_data.engine_of(scene), scene.crowd_lod.shading_counts)
+        for each, own in zip(found, np.diff(first), strict=True)
+    ]
+
+
+def cast_of(scene: bpy.types.Scene, trajectory: Trajectory) -> Library:
+    """The characters that a build of `scene` has, where rigs can show all groups that move."""
+    ranges = [action_range(objects) for _, objects, _ in characters_of(scene)]
+    return Library(np.array([first == last for first, last in ranges], np.intp))
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """keep: of each group the candidates to keep; dropped: why the others are not, a sentence each, by their numbers; finest: of each
+    group the finest of those kept that builds have; tolerance: pixels, what LODs deviate so that they fit in memory, 0 without such a
+    limit."""
+
+    keep: list[list[int]]
+    dropped: list[dict[int, str]]
+    finest: list[int]
+    tolerance: float = 0.0
+
+
+def chosen(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None]) -> Chosen:
+    """The candidates that are Chosen of the `groups`, which have what is known of theirs, or guessed: of groups without a shot all."""
+    settings = scene.crowd_lod
+    tolerance, keep, dropped, memory = round(settings.tolerance, 6), [], [], 0.0
+    for group, shot in zip(groups, shots, strict=True):
+        kept, reasons, dear = list(range(len(group.triangles))), {}, {}
+        if shot is not None:
+            own = counting(group, tolerance, shot)
+            kept, reasons = choose(own, tolerance, shot.views, scene_data.metres(scene))
+            kept, dear = cheapest(own, kept, tolerance, shot)
+            if settings.memory:
+                memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory
+        keep.append(kept)
+        dropped.append(reasons | dear)
+    if settings.memory and memory > 1e6 * settings.memory:
+        reached, keep, built = within(groups, tolerance, shots, 1e6 * settings.memory)
+        finest = [kept.index(own[0]) for kept, own in zip(keep, built, strict=True)]
+        return Chosen(keep, [{}] * len(keep), finest, reached)
+    return Chosen(keep, dropped, [0] * len(keep))

@@ -1,0 +1,107 @@
+"""Reads what shading shows of meshes: normals, colours, images; and compares LODs by it."""
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.validation.shaded_pictures import HALVINGS, LARGEST, WITHIN, Body, from_afar, likeness, lit, pictures
+from ...crowd_lod.validation.silhouette import project
+from ..blender import mesh_data
+from ..blender.material_colors import Looks
+from .source_mesh import NORMALS, Source
+
+AROUND = np.radians((35, 155, 275))  # where the body is looked at from
+VIEWS = [np.roll(np.eye(3), -k, axis=0) for k in (1, 2, 3)]  # right, up and towards the eye: along each axis
+TALL, MOST_TALL = 128, 300  # pixels of a body's size: where no camera looks, and at most
+
+
+def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks: Looks) -> Body:
+    """The mesh with these materials, in the space that `matrix` (4, 4) leads to; its images are in `looks`."""
+    points, triangles, corners, faces = mesh_data.read_triangles(mesh)
+    normals, slots = np.empty((len(mesh.loops), 3), np.float32), np.empty(len(mesh.polygons), np.int32)
+    if NORMALS in mesh.attributes:
+        mesh.attributes[NORMALS].data.foreach_get("vector", normals.ravel())
+    else:
+        mesh.corner_normals.foreach_get("vector", normals.ravel())
+    uvs = np.zeros((len(mesh.loops), 2), np.float32)
+    layer = next((layer for layer in mesh.uv_layers if layer.active_render), None)
+    if layer is not None:
+        layer.uv.foreach_get("vector", uvs.ravel())
+    mesh.polygons.foreach_get("material_index", slots)
+    table = np.array([looks.of(material) for material in (*materials, None)])
+    colours = table[np.minimum(slots, max(len(materials) - 1, 0))[faces]]
+    normals = normals[corners].astype(np.float64) @ np.linalg.pinv(matrix[:3, :3])
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True).clip(1e-12)
+    placed = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return Body(placed, triangles, normals, uvs[corners].astype(np.float64), colours[:, :3], colours[:, 3].astype(np.intp))
+
+
+def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, looks: Looks) -> Body | None:
+    """All objects together as `depsgraph` has them, in the world; None without a face."""
+    found = []
+    for item in objects:
+        evaluated = item.evaluated_get(depsgraph)
+        try:
+            mesh = evaluated.to_mesh()
+        except RuntimeError:  # hair has none
+            continue
+        try:
+            if mesh is not None and mesh.polygons:
+                materials = [slot.material for slot in evaluated.material_slots]
+                found.append(body_of(mesh, materials, np.array(evaluated.matrix_world, np.float64), looks))
+        finally:
+            evaluated.to_mesh_clear()
+    if not found:
+        return None
+    shift = np.cumsum([0, *(len(body.points) for body in found[:-1])])
+    names = ("points", "normals", "uvs", "colours", "image")
+    every = {name: np.concatenate([getattr(body, name) for body in found]) for name in names}
+    return Body(triangles=np.concatenate([body.triangles + k for body, k in zip(found, shift, strict=True)]), **every)
+
+
+def side(azimuth: float) -> np.ndarray:
+    """(3, 3): right, up and towards the eye that looks from there."""
+    towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return np.stack([np.array([-towards[1], towards[0], 0.0]), (0.0, 0.0, 1.0), towards])
+
+
+def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float:
+    """The metres that a pixel shows from which on the pictures of two bodies differ by WITHIN at most, in the mean of all sides, however
+    much farther off: 0 if their `diagonal`, metres, may be LARGEST pixels, inf if they differ by more when they are smallest."""
+    scale, differences = LARGEST / diagonal, []
+    for axes in map(side, AROUND):
+        flat = [body.points @ axes.T * (scale, scale, -scale) for body in (one, other)]
+        differences.append(from_afar(*lit((one, other), images, flat, axes)))
+    wrong = np.flatnonzero(np.mean(differences, axis=0) > WITHIN)
+    if not len(wrong):
+        return 0.0
+    return np.inf if wrong[-1] == HALVINGS else float(2 ** (wrong[-1] + 1) / scale)
+
+
+def alike(one: Body, other: Body, images: np.ndarray, centre: np.ndarray, distance: float, camera: Camera) -> tuple[float, float]:
+    """(mean difference of sRGB values from 0 to 1, structural similarity) of two bodies' pictures, in the mean of all sides, as the
+    camera shows them that looks at centre (3,) from `distance` metres. Pictures are MOST_TALL at most."""
+    found = []
+    for azimuth in AROUND:
+        axes = side(azimuth)
+        flat = [project(body.points, centre, axes[2], distance, camera) for body in (one, other)]
+        smaller = min(1.0, MOST_TALL / max(np.ptp(flat[0][:, :2], axis=0).max(), 1e-9))
+        found.append(likeness(*pictures((one, other), images, [at * (smaller, smaller, 1) for at in flat], axes)))
+    difference, similarity = np.mean(found, axis=0)
+    return float(difference), float(similarity)
+
+
+def similarity(source: Source, mesh: bpy.types.Mesh) -> float:
+    """The structural similarity of a LOD's mesh to its source at rest, TALL pixels large, in the mean of all sides."""
+    if source.body is None:
+        looks = Looks()
+        source.body = body_of(source.mesh, source.mesh.materials, np.eye(4), looks), looks
+    whole, looks = source.body
+    other = body_of(mesh, mesh.materials, np.eye(4), looks)
+    scale, found = TALL / (float(np.ptp(whole.points, axis=0).max()) or 1.0), []
+    for axes in VIEWS:
+        flat = [body.points @ axes.T * (scale, scale, -scale) for body in (whole, other)]
+        found.append(likeness(*pictures((whole, other), looks.images(), flat, axes))[1])
+    return float(np.mean(found))

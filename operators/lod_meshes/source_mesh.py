@@ -1,0 +1,292 @@
+"""What LOD meshes are made from: the objects of a character, as modified, at rest."""
+
+import hashlib
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.simplification.pose_deformation import Skin
+from ..blender import mesh_data
+from ..blender.rig_dependencies import armatures_of, curves_of, movers_of
+from .mesh_repair import drop_flat_parts, mend
+from .surface import Surface
+
+FOLLOWED = {"ARMATURE", "LATTICE"}  # modifiers that deform a LOD as they do its source, and so are left to it
+DEFORMERS = {"CLOTH", "HOOK", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "SOFT_BODY", "SURFACE_DEFORM", "WAVE"}
+# What a LOD takes from its source beyond Blender's own layers travels as attributes of these names, gone when it is done.
+NORMALS, KEY = "crowd_lod_normals", "crowd_lod_key_"
+# Types of attributes: (name of the value, numbers in it, their type).
+KINDS = {
+    "FLOAT": ("value", 1, np.float32),
+    "INT": ("value", 1, np.int32),
+    "INT8": ("value", 1, np.int32),
+    "BOOLEAN": ("value", 1, bool),
+    "FLOAT2": ("vector", 2, np.float32),
+    "FLOAT_VECTOR": ("vector", 3, np.float32),
+    "FLOAT_COLOR": ("color", 4, np.float32),
+    "BYTE_COLOR": ("color", 4, np.float32),
+    "QUATERNION": ("value", 4, np.float32),
+    "INT16_2D": ("value", 2, np.int32),
+    "INT32_2D": ("value", 2, np.int32),
+    "FLOAT4X4": ("value", 16, np.float32),
+}
+
+
+@dataclass
+class Source:
+    """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
+    vertices; None if that has no faces. groups: the names of the mesh's vertex groups, which modifiers may have made other
+    than the object's. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh. notes: sentences on what
+    LODs leave out. skin: how its points move, see skin.skin_of. share: its part of the character's triangles.
+    custom_normals: whether it has such, or sharp edges."""
+
+    item: bpy.types.Object
+    mesh: bpy.types.Mesh | None
+    groups: list[str] = field(default_factory=list)
+    keys: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    custom_normals: bool = False
+    charts: object = None  # transfer.Charts, when first asked for
+    body: object = None  # what its pictures show, and its Looks, when first asked for: see shaded.similarity
+    skin: Skin | None = None
+    share: float = 1.0
+
+    @cached_property
+    def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """points, triangles, corners, faces, as io.read_triangles gives them."""
+        return mesh_data.read_triangles(self.mesh)
+
+    @cached_property
+    def surface(self) -> Surface:
+        return Surface(*self.geometry[:2])
+
+    @cached_property
+    def posed(self) -> tuple[Skin | None, list[Surface]]:
+        """(the skin in the poses that tell most, the surface in each)."""
+        skin = self.skin and self.skin.telling(self.geometry[1])
+        return skin, [Surface(place, self.geometry[1]) for place in skin.place] if skin else []
+
+    def offset(self, key: int) -> np.ndarray:
+        """How far the key of that number moves the mesh's vertices at the value 1, (n, 3) float32."""
+        return offset_of(self.mesh, key)
+
+    @cached_property
+    def weights(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return read_weights(self.mesh)
+
+
+@contextmanager
+def staged(item: bpy.types.Object):
+    """A depsgraph in which `item` is evaluated, alone with what it depends on, at frame 1."""
+    stage = bpy.data.scenes.new("Crowd LOD source")
+    try:
+        stage.collection.objects.link(item)
+        stage.view_layers[0].update()
+        yield stage.view_layers[0].depsgraph
+    finally:
+        bpy.data.scenes.remove(stage)
+
+
+@contextmanager
+def _at_rest(item: bpy.types.Object):
+    """The armatures that `item` follows are at rest: what else shapes it, such as a shrinkwrap on a body, is then, too."""
+    rigs = [armature for armature in movers_of([item]) if armature.type == "ARMATURE"] if armatures_of([item]) else []
+    before = {rig.data: rig.data.pose_position for rig in rigs}
+    try:
+        for data in before:
+            data.pose_position = "REST"
+        yield
+    finally:
+        for data, position in before.items():
+            data.pose_position = position
+
+
+def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh | None:
+    """A new mesh of `item` as modified, with all its layers; None if it has none, as hair has not."""
+    try:
+        return bpy.data.meshes.new_from_object(item.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
+    except RuntimeError:
+        return None
+
+
+def read_source(item: bpy.types.Object) -> Source:
+    """The object as LODs are made from it; CrowdError if it has vertices at NaN or infinity. Its mesh is the caller's to
+    remove."""
+    twin = item.copy()
+    made = [twin]
+    try:
+        if twin.override_library:
+            twin.make_local()
+        twin.hide_viewport = False  # or it would not be evaluated
+        if item.type == "MESH":
+            item.update_from_editmode()
+            twin.data = item.data.copy()  # its keys can be set, and it is in no edit mode
+            made.append(twin.data)
+        for modifier in list(twin.modifiers):
+            modifier.show_viewport = modifier.show_render
+            if modifier.type in FOLLOWED:
+                twin.modifiers.remove(modifier)
+        if twin.parent_type in FOLLOWED:
+            twin.parent_type = "OBJECT"
+        return _read(item, twin)
+    finally:
+        bpy.data.batch_remove(made)
+
+
+def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
+    """The source of `item` from its copy `twin`, whose data is its own."""
+    notes = _notes(item)
+    values = {name: twin.data.shape_keys.key_blocks[name].value for name in _moving_keys(item)}
+    if values:
+        twin.data.shape_keys.animation_data_clear()
+        for name in values:
+            key = twin.data.shape_keys.key_blocks[name]
+            key.slider_min, key.slider_max, key.value = 0, 1, 0
+    with _at_rest(item), staged(twin) as depsgraph:
+        mesh = evaluated_mesh(twin, depsgraph)
+        offsets = {name: _offset(twin, depsgraph, name, mesh) for name in values} if mesh is not None else {}
+        if any(offset is None for offset in offsets.values()):
+            notes.append("Its shape keys are baked as they are now: a modifier makes another mesh of each.")
+            bpy.data.meshes.remove(mesh)
+            for name, value in values.items():
+                key = twin.data.shape_keys.key_blocks[name]
+                key.slider_min, key.slider_max, key.value = min(value, 0), max(value, 1), value
+            depsgraph.view_layer.update()
+            mesh, offsets = evaluated_mesh(twin, depsgraph), {}
+        if any(instance.is_instance for instance in depsgraph.object_instances):
+            notes.append("What it instances is left out.")
+        slots = [slot.material if slot.link == "OBJECT" else None for slot in item.material_slots]
+    if mesh is None or not len(mesh.polygons):
+        if mesh is not None:
+            bpy.data.meshes.remove(mesh)
+        return Source(item, None, notes=notes)
+    for index, material in enumerate(slots[: len(mesh.materials)]):
+        if material is not None:
+            mesh.materials[index] = material
+    for index, offset in enumerate(offsets.values()):
+        mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", offset.ravel())
+    custom = mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2])
+    if mesh.normals_domain != "FACE":  # flat faces need none
+        normals = np.empty((len(mesh.loops), 3), np.float32)
+        mesh.corner_normals.foreach_get("vector", normals.ravel())
+        if mesh.has_custom_normals:
+            mesh.attributes.remove(mesh.attributes["custom_normal"])  # it is relative to this very mesh
+        mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
+    mend(mesh, split_sharp=NORMALS not in mesh.attributes)
+    points = positions(mesh)
+    wrong = ~np.isfinite(points).all(axis=1)
+    if wrong.any():
+        bpy.data.meshes.remove(mesh)
+        raise CrowdError(
+            f"The object {item.name} has {int(wrong.sum())} vertices at NaN or infinity: mend its mesh or its modifiers."
+        )
+    if not offsets:
+        drop_flat_parts(mesh)
+    return Source(item, mesh, _group_names(mesh), list(offsets), notes, custom_normals=custom)
+
+
+def _group_names(mesh: bpy.types.Mesh) -> list[str]:
+    """The names of the mesh's vertex groups, which it tells through an object alone."""
+    item = bpy.data.objects.new(mesh.name, mesh)
+    try:
+        return item.vertex_groups.keys()
+    finally:
+        bpy.data.objects.remove(item)
+
+
+def positions(mesh: bpy.types.Mesh) -> np.ndarray:
+    """The mesh's vertices, (n, 3) float32, in its own space."""
+    points = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.vertices.foreach_get("co", points.ravel())
+    return points
+
+
+def offset_of(mesh: bpy.types.Mesh, key: int) -> np.ndarray:
+    """The offsets (n, 3) float32 that travel as the mesh's attribute of the key of that number."""
+    offset = np.empty((len(mesh.vertices), 3), np.float32)
+    mesh.attributes[f"{KEY}{key}"].data.foreach_get("vector", offset.ravel())
+    return offset
+
+
+def _offset(twin, depsgraph, name: str, rest: bpy.types.Mesh) -> np.ndarray | None:
+    """How far the shape key `name` moves the vertices of the modified mesh, (n, 3); None if it makes another mesh."""
+    key = twin.data.shape_keys.key_blocks[name]
+    key.value = 1
+    depsgraph.view_layer.update()
+    evaluated = twin.evaluated_get(depsgraph)
+    try:
+        mesh = evaluated.to_mesh()
+        return positions(mesh) - positions(rest) if len(mesh.vertices) == len(rest.vertices) else None
+    finally:
+        evaluated.to_mesh_clear()
+        key.value = 0
+
+
+def _moving_keys(item: bpy.types.Object) -> list[str]:
+    """The names of the object's relative shape keys that are animated, driven or not at zero."""
+    keys = getattr(item.data, "shape_keys", None)
+    if keys is None or item.type != "MESH" or not keys.use_relative:
+        return []
+    moved = keys.animation_data
+    if moved and moved.nla_tracks:
+        paths = [f'"{key.name}"' for key in keys.key_blocks]
+    else:
+        paths = [curve.data_path for curve in (*moved.drivers, *curves_of(moved))] if moved else []
+    return [
+        key.name
+        for key in keys.key_blocks[1:]
+        if not key.mute and (key.value != 0 or any(f'"{bpy.utils.escape_identifier(key.name)}"' in path for path in paths))
+    ]
+
+
+def _notes(item: bpy.types.Object) -> list[str]:
+    notes = []
+    baked = [modifier.name for modifier in item.modifiers if modifier.type in DEFORMERS and modifier.show_render]
+    if baked:
+        notes.append(f"What its modifiers {', '.join(baked)} do at frame 1 is baked.")
+    if any(modifier.type == "PARTICLE_SYSTEM" for modifier in item.modifiers):
+        notes.append("Its particles are left out.")
+    keys = getattr(item.data, "shape_keys", None)
+    if keys is not None and (item.type != "MESH" or not keys.use_relative):
+        notes.append("Its shape keys are baked as at frame 1.")
+    return notes
+
+
+def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarray]]:
+    """(domain, type, values (n, width)) of each of the mesh's attributes that is not Blender's own, by name."""
+    found = {}
+    for attribute in mesh.attributes:
+        if attribute.data_type in KINDS and not attribute.name.startswith(".") and attribute.name != "position":
+            value, width, kind = KINDS[attribute.data_type]
+            values = np.empty((len(attribute.data), width), kind)
+            attribute.data.foreach_get(value, values.ravel())
+            found[attribute.name] = (attribute.domain, attribute.data_type, values)
+    return found
+
+
+def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(vertex (k,) intp, group (k,) intp, weight (k,) float64) of all the mesh's weights, by vertex."""
+    table = [(vertex.index, entry.group, entry.weight) for vertex in mesh.vertices for entry in vertex.groups]
+    vertex, group, weight = np.array(table, np.float64).reshape(-1, 3).T
+    return vertex.astype(np.intp), group.astype(np.intp), weight
+
+
+def text_digest(*values) -> str:
+    """A hash of values by what they print as."""
+    return hashlib.sha256(repr(values).encode()).hexdigest()
+
+
+def digest(mesh: bpy.types.Mesh, *others) -> str:
+    """A hash of the mesh's shape, attributes, weights and materials, and of what else is given."""
+    points, triangles, _, faces = mesh_data.read_triangles(mesh)
+    weights = read_weights(mesh)
+    attributes = read_attributes(mesh)
+    names = [material and material.name_full for material in mesh.materials]
+    hashed = hashlib.sha256(repr((names, others, [(n, *a[:2]) for n, a in attributes.items()])).encode())
+    for array in (points, triangles, faces, *weights, *(values for _, _, values in attributes.values())):
+        hashed.update(np.ascontiguousarray(array))
+    return hashed.hexdigest()

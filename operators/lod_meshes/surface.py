@@ -1,0 +1,221 @@
+"""Surfaces of triangles: the nearest points on one, samples of one, the distance between two."""
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+
+import numpy as np
+from mathutils.bvhtree import BVHTree
+
+from ...crowd_lod.simplification.closest_point import ranges
+from ...crowd_lod.simplification.components import areas
+from ...crowd_lod.simplification.hausdorff import Moving
+
+ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
+LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32
+NEAR = 5e-5  # of the surface's size: what it may err by
+CLOSER, HALVED = 400, 5  # triangles, where samples are farthest off, that are looked at closer, and how often these are divided
+FARTHEST = 50  # triangles whose sides are looked at where that is roughly known
+SILHOUETTE = 256  # pixels across a surface's silhouette
+FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
+
+
+class Surface:
+    """A surface of triangles that can be asked for nearest points. points: (n, 3) metres; triangles: (m, 3) indices.
+
+    Blender's tree keeps float32: it is built about the middle of the points, with lines along thin triangles, to which it
+    knows the way.
+    """
+
+    def __init__(self, points: np.ndarray, triangles: np.ndarray):
+        self.points, self.triangles = np.asarray(points, np.float64), np.asarray(triangles)
+        self.middle = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+
+    @cached_property
+    def lines(self) -> tuple[np.ndarray, np.ndarray]:
+        """(ends (l, 2, 3), the triangle (l,) of each) of lines along the longest sides of the triangles that are too thin for the
+        tree, so dense that all of the triangle is NEAR."""
+        a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
+        squares = np.stack([np.einsum("md,md->m", side, side) for side in (b - a, c - b, a - c)])
+        longest = squares.max(axis=0, initial=0)
+        doubled = squares[0] * squares[2] - np.einsum("md,md->m", b - a, a - c) ** 2  # the area, squared
+        near = NEAR * float(np.ptp(self.points, axis=0).max())
+        thin = np.flatnonzero(LOST * longest**2.5 > near * doubled)
+        height = np.sqrt(doubled[thin].clip(0) / longest[thin])
+        count = np.ceil(height / near).astype(np.intp).clip(1)
+        triangle, number = np.repeat(thin, count), ranges(np.zeros_like(count), count)
+        up = (number / np.repeat(count, count))[:, None]
+        first = squares[:, triangle].argmax(axis=0)
+        a, b, c = (self.points[self.triangles[triangle, (first + k) % 3]] for k in range(3))
+        return np.stack([a + up * (c - a), b + up * (c - b)], axis=1), triangle
+
+    @cached_property
+    def tree(self) -> BVHTree:
+        ends = self.lines[0].reshape(-1, 3)
+        a, b = np.arange(len(ends)).reshape(-1, 2).T + len(self.points)
+        triangles = np.concatenate([self.triangles, np.stack([a, b, b], axis=1)])
+        return BVHTree.FromPolygons((np.concatenate([self.points, ends]) - self.middle).tolist(), triangles.tolist())
+
+    def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(at (k, 3) metres, triangle (k,) intp, distance (k,) metres) of the surface's points nearest to points (k, 3)."""
+        hits = list(self._hits(points))
+        at = np.array([hit[0] for hit in hits], np.float64).reshape(-1, 3) + self.middle
+        triangle = np.concatenate([np.arange(len(self.triangles)), self.lines[1]])[[hit[2] for hit in hits]]
+        return at, triangle, np.array([hit[3] for hit in hits], np.float64)
+
+    def distances(self, points: np.ndarray) -> np.ndarray:
+        """(k,) metres, of points (k, 3) to the surface: sooner than by `nearest`."""
+        return np.array([hit[3] for hit in self._hits(points)], np.float64)
+
+    def _hits(self, points: np.ndarray) -> Iterator[tuple]:
+        """What the tree finds nearest to each of points (k, 3). It is no farther off than that of the point before and the way
+        from there, but for rounding: the tree need not be searched beyond."""
+        points, find = points - self.middle, self.tree.find_nearest
+        ways = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1) + ROUNDED * np.ptp(self.points, axis=0).max()
+        most = ANYWHERE
+        for point, way in zip(points.tolist(), ways.tolist(), strict=True):
+            hit = find(point, most + way)
+            hit = hit if hit[3] is not None else find(point)
+            most = hit[3] * (1 + ROUNDED)
+            yield hit
+
+    @cached_property
+    def area(self) -> np.ndarray:
+        """Twice that of each triangle, (m,) square metres."""
+        a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
+        return np.linalg.norm(np.cross(b - a, c - a), axis=1)
+
+    @cached_property
+    def shown(self) -> float:
+        """The area of its silhouette, square metres, in the mean of some directions."""
+        return float(areas(self.points, self.triangles, np.zeros(len(self.triangles), np.intp), 1, SILHOUETTE)[0])
+
+    @property
+    def corners(self) -> np.ndarray:
+        """The points (k, 3) metres of its triangles."""
+        return self.points[np.unique(self.triangles)]
+
+    def at(self, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
+        """The points (k, 3) metres at barycentric weights (k, 3) of triangles (k,)."""
+        return np.einsum("kc,kcd->kd", weights, self.points[self.triangles[triangle]])
+
+    def samples(self, count: int) -> np.ndarray:
+        """Points (k, 3) metres on the surface: those of its corners, then `count` spread evenly over its area."""
+        return np.concatenate([self.corners, self.at(*scattered(self.area, count))]) if self.area.any() else self.corners
+
+
+def scattered(area: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(triangle (count,), barycentric weights (count, 3)) of points spread evenly over triangles of `area` (m,), not all 0."""
+    random = np.random.default_rng(0)
+    face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count)
+    root, v = np.sqrt(random.random(count)), random.random(count)
+    return face.clip(0, len(area) - 1), np.stack([1 - root, root * (1 - v), root * v], axis=1)
+
+
+def has_area(corners: np.ndarray) -> np.ndarray:
+    """Whether anything shows of triangles (m, 3, 3), (m,) bool."""
+    sides = corners - np.roll(corners, 1, axis=1)
+    longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0)
+    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
+
+
+def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None:
+    """The surface of triangles (m, 3) of points (n, 3) in each of some poses, without faces that have no area in any; None without
+    others. Points that are one in all poses, as importers split them along seams, are one."""
+    triangles = triangles[np.any([has_area(each[triangles]) for each in points], axis=0)]
+    if not len(triangles):
+        return None
+    used, triangles = np.unique(triangles, return_inverse=True)
+    every = np.ascontiguousarray(np.stack([each[used] for each in points], axis=1).reshape(len(used), -1))
+    _, first, one = np.unique(every.view(f"V{every.shape[1] * 8}").ravel(), return_index=True, return_inverse=True)
+    every, triangles = every[first].reshape(len(first), -1, 3), one[triangles].reshape(-1, 3)
+    surfaces = [None] * len(points)
+
+    def find(pose: int, at: np.ndarray) -> np.ndarray:
+        if surfaces[pose] is None:
+            surfaces[pose] = Surface(every[:, pose], triangles)
+        surface = surfaces[pose]
+        hits = map(surface.tree.find_nearest, (at - surface.middle).tolist())
+        return np.concatenate([np.arange(len(triangles)), surface.lines[1]])[[hit[2] for hit in hits]]
+
+    return Moving(every, triangles, find)
+
+
+def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
+    """Whether triangles (m, 3) are those of the same faces, but for quads that are cut along the other diagonal, as Blender cuts those
+    that a pose folds."""
+    if one.shape != other.shape:
+        return False
+    changed = (one != other).any(axis=1)
+    if changed.sum() % 2:
+        return False
+    quads = [np.sort(each[changed].reshape(-1, 6), axis=1) for each in (one, other)]
+    each = [quad[np.pad(quad[:, 1:] != quad[:, :-1], ((0, 0), (1, 0)), constant_values=True)] for quad in quads]
+    return all(len(corners) == 4 * len(quads[0]) for corners in each) and np.array_equal(*each)
+
+
+def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
+    """(symmetric Hausdorff distance, root mean square), metres, between two surfaces, at the vertices, the triangles' middles and
+    `count` samples of each, and at more on the triangles where these are farthest off, which are divided again and again.
+
+    The true Hausdorff distance is at least this; it lies between samples by at most their spacing. Sources: Aspert,
+    Santa-Cruz, Ebrahimi, "MESH: measuring errors between surfaces using the Hausdorff distance", 2002; for the division Guthe,
+    Borodin, Klein, "Fast and accurate Hausdorff distance calculation between meshes", 2005.
+    """
+    found = [_away(a, b, count) for a, b in ((one, other), (other, one))]
+    return max(most for most, _ in found), max(rms for _, rms in found)
+
+
+def spread(one: Surface, other: Surface, count: int) -> float:
+    """The root mean square, metres, of the distances of `count` samples of each of two surfaces to the other; the larger one."""
+    return max(float(np.sqrt(np.mean(b.distances(a.at(*scattered(a.area, count))) ** 2))) for a, b in ((one, other), (other, one)))
+
+
+def roughly(one: Surface, other: Surface, count: int) -> float:
+    """About the symmetric Hausdorff distance, metres, of two surfaces: at `count` points of each, corners and middles of as many
+    of its triangles as that makes, and on the sides of those that are farthest off: good enough for a choice."""
+    return max(_roughly(a, b, count // 2) for a, b in ((one, other), (other, one)))
+
+
+def _roughly(one: Surface, other: Surface, count: int) -> float:
+    """The same from `one` to `other` alone."""
+    some = np.arange(0, len(one.triangles), max(1, len(one.triangles) // count))
+    face, weights = np.concatenate([some, some]), np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0)
+    off = other.distances(one.at(face, weights))
+    far = one.points[one.triangles[np.unique(face[np.argsort(-off, kind="stable")[:FARTHEST]])]]
+    middles = (far + np.roll(far, -1, axis=1)) / 2
+    return float(max(off.max(), other.distances(np.concatenate([far, middles]).reshape(-1, 3)).max()))
+
+
+def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
+    """The same from `one` to `other` alone."""
+    used, triangles = np.unique(one.triangles, return_inverse=True)
+    corners = other.distances(one.points[used])
+    if not one.area.any():
+        return float(corners.max()), float(np.sqrt(np.mean(corners**2)))
+    at, off = one.points[one.triangles], corners[triangles.reshape(-1, 3)]
+    face, weights = scattered(one.area, count)
+    even = other.distances(one.at(face, weights))  # the corners are no even sample of the area
+    worst = np.maximum(off.max(axis=1), other.distances(at.mean(axis=1)))
+    np.maximum.at(worst, face, even)
+    most = worst.max()
+    for _ in range(HALVED):
+        far = np.argsort(-worst, kind="stable")[:CLOSER]
+        at, off = at[far], off[far]
+        middles = (at + np.roll(at, -1, axis=1)) / 2
+        between = other.distances(middles.reshape(-1, 3)).reshape(-1, 3)
+        most = max(most, between.max())
+        at, off = (np.concatenate([_quarters(*each), each[1]]) for each in ((at, middles), (off, between)))
+        worst = off.max(axis=1)
+        # what is as far off as can be lies between the corners
+        longest = np.linalg.norm(at - np.roll(at, 1, axis=1), axis=2).max(axis=1)
+        still = worst + longest / np.sqrt(3) > most
+        at, off, worst = at[still], off[still], worst[still]
+        if not len(at):
+            break
+    return float(most), float(np.sqrt(np.mean(even**2)))
+
+
+def _quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """The three outer quarters (3 m, 3, ...) of triangles, by what is at their corners and in the middles of the sides from each
+    corner on, both (m, 3, ...)."""
+    return np.concatenate([np.stack([corners[:, i], middles[:, i], middles[:, i - 1]], axis=1) for i in range(3)])

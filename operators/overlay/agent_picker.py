@@ -1,0 +1,78 @@
+"""Pointing at an agent in the viewport, to read what the plan made of it."""
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.planning.agent_under_cursor import nearest
+from ...crowd_lod.planning.frame import Frame
+from . import viewport_overlay
+
+WITHIN = 40.0  # nominal pixels from the cursor
+
+
+def places_of(frame: Frame, groups) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, y, z, (n,) float64 each, of the agents' sphere centres."""
+    crowd, centre = frame.crowd, np.array([group.centre for group in groups])
+    return crowd.x, crowd.y, crowd.z + centre[crowd.group]
+
+
+def under(screen: bpy.types.Screen, x: int, y: int) -> bpy.types.Region | None:
+    """The viewport's region at the window's pixel (x, y), unless another, such as the sidebar, lies over it."""
+    for area in screen.areas:
+        here = [r for r in area.regions if r.x <= x < r.x + r.width and r.y <= y < r.y + r.height]
+        if area.type == "VIEW_3D" and here and all(region.type == "WINDOW" for region in here):
+            return here[0]
+    return None
+
+
+class CROWDLOD_OT_inspect(bpy.types.Operator):
+    """Point at an agent in the viewport: why it is shown or culled, its LOD and what that costs; click keeps it"""
+
+    bl_idname = "crowd_lod.inspect"
+    bl_label = "Inspect Agent"
+    bl_options = {"REGISTER"}
+
+    @classmethod
+    def poll(cls, context):
+        cls.poll_message_set("Switch the overlay on first.")
+        return viewport_overlay.latest(context.scene) is not None
+
+    def invoke(self, context, event):
+        self._before = context.scene.crowd_lod.agent
+        context.window_manager.modal_handler_add(self)
+        context.window.cursor_modal_set("EYEDROPPER")
+        context.workspace.status_text_set("Point at an agent; click keeps it, Esc ends")
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context, event):
+        settings, shown = context.scene.crowd_lod, viewport_overlay.shown_of(context.scene)
+        if event.type in ("ESC", "RIGHTMOUSE") or shown is None or shown.frame is None:
+            settings.agent = self._before
+            self.cancel(context)
+            return {"CANCELLED"}
+        region = under(context.window.screen, event.mouse_x, event.mouse_y)
+        if region is None or event.type not in ("MOUSEMOVE", "LEFTMOUSE"):
+            return {"PASS_THROUGH"}
+        if event.type == "LEFTMOUSE":
+            self.cancel(context)
+            return {"FINISHED"}
+        found = nearest(
+            places_of(shown.frame, shown.trajectory.groups),
+            np.array(region.data.perspective_matrix, np.float64),
+            (region.width, region.height),
+            (event.mouse_x - region.x, event.mouse_y - region.y),
+            WITHIN * context.preferences.system.ui_scale,
+            None if settings.overlay_culled else shown.frame.visible,
+        )
+        agent = -1 if found is None else found
+        if settings.agent != agent:
+            settings.agent = agent
+        return {"RUNNING_MODAL"}
+
+    def cancel(self, context):
+        if context.window is not None:  # it may have been closed
+            context.window.cursor_modal_restore()
+            context.workspace.status_text_set(None)
+
+
+CLASSES = (CROWDLOD_OT_inspect,)

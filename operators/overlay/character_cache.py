@@ -1,0 +1,156 @@
+"""The baked characters of each scene, for the overlay: baked outside the drawing, anew when what they came from changed."""
+
+import hashlib
+import time as clock
+import traceback
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ..blender.image_data import LOOK_AGAIN
+from ..blender.material_colors import Looks
+from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
+from ..crowd.scene_crowd import GROUP
+from .skinned_characters import Character, baking
+
+
+@dataclass
+class Casting:
+    """A scene's characters: those of `characters` once all are baked; until then `baking` bakes the next. key,
+    painted: of what they came from, and of their images' pixels; looked: when those were last compared, seconds. told: what the
+    user should know of it."""
+
+    key: bytes
+    painted: int
+    looked: float
+    characters: tuple[Character, ...] = ()
+    baking: Iterator[float] | None = None
+    progress: float = 0.0
+    ready: bool = False
+    told: tuple[str, ...] = ()
+
+
+_castings: dict[int, Casting] = {}  # by the scene's session_uid
+
+
+def casting_of(scene: bpy.types.Scene) -> Casting | None:
+    """The characters of the scene's LOD meshes, to be baked soon if they are not; None without LOD meshes."""
+    levels = scene.crowd_lod.levels
+    if levels is None or not levels.children or not levels.children[0].children:
+        _castings.pop(scene.session_uid, None)
+        return None
+    known, now = _castings.get(scene.session_uid), clock.monotonic()
+    if known is None or now > known.looked + LOOK_AGAIN:
+        key, looks = _key(levels)
+        seen = known is None or scene.crowd_lod.overlay_colour == "MATERIAL"  # to read pixels takes milliseconds
+        painted = _painted(looks.found) if seen else known.painted
+        if known is None or (known.key, known.painted) != (key, painted):
+            known = _castings[scene.session_uid] = Casting(key, painted, now)
+        known.looked = now
+    if not known.ready and not bpy.app.timers.is_registered(_bake_some):
+        bpy.app.timers.register(_bake_some)
+    return known
+
+
+def read(scene: bpy.types.Scene) -> Iterator[float]:
+    """Bake the characters of the scene's LOD meshes now, outside a drawing; yields the progress, 0 to 1."""
+    levels = scene.crowd_lod.levels
+    key, looks = _key(levels)
+    casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
+    while not casting.ready:
+        _bake_on(scene, casting)
+        yield casting.progress
+
+
+def forget(keep: set[int] = frozenset()) -> None:
+    """Drop what is baked, but for the scenes with these session_uids."""
+    for gone in _castings.keys() - keep:
+        del _castings[gone]
+    if not keep and bpy.app.timers.is_registered(_bake_some):
+        bpy.app.timers.unregister(_bake_some)
+
+
+def _bake_some() -> float | None:
+    """A timer: bake a little, which makes and removes data-blocks and so must not be done while Blender draws."""
+    for scene in bpy.data.scenes:
+        casting = _castings.get(scene.session_uid)
+        if casting is not None and not casting.ready:
+            _bake_on(scene, casting)
+            _redraw()
+            return 0.0
+    return None
+
+
+def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
+    """Bake some frames of the casting's next character."""
+    levels = scene.crowd_lod.levels
+    if levels is None or any(len(level.children) != len(levels.children[0].children) for level in levels.children):
+        casting.characters, casting.ready = (), True
+        return
+    number, of = len(casting.characters), len(levels.children[0].children)
+    groups = scene.crowd_lod.groups
+    home = levels.children[0].children[number]
+    name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
+    try:
+        casting.baking = casting.baking or baking(name, partial(_homes, scene.session_uid, number))
+        casting.progress = (number + next(casting.baking)) / of
+    except StopIteration as end:
+        casting.characters += (end.value,)
+        casting.told += (end.value.told,) if end.value.told else ()
+        casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
+    except Exception as error:
+        traceback.print_exc()
+        casting.characters, casting.baking, casting.ready = (), None, True
+        casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): the console has more.",)
+
+
+def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
+    """The collections of the LODs of a character group, in the scene with this session_uid."""
+    levels = next(each for each in bpy.data.scenes if each.session_uid == scene).crowd_lod.levels
+    return [level.children[number] for level in levels.children]
+
+
+def _redraw() -> None:
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+
+
+def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
+    """A digest of all that the characters are baked from, but for the pixels of the images in the looks. Weights are slow to
+    read: they are taken for changed when an object is painted or edited, and when that ends."""
+    digest, looks, told = hashlib.sha256(), Looks(), set()
+    for home in (home for level in levels.children for home in level.children):
+        items = [item for item in home.all_objects if item.type == "MESH"]
+        digest.update(repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode())
+        for item in items:
+            materials = [looks.of(slot.material) for slot in item.material_slots]
+            modifiers = [(m.type, m.show_viewport) for m in item.modifiers]
+            sizes = len(item.data.vertices), len(item.data.polygons)
+            digest.update(repr((item.session_uid, item.data.session_uid, item.mode, sizes, materials, modifiers)).encode())
+            points = np.empty(3 * sizes[0], np.float32)
+            item.data.vertices.foreach_get("co", points)
+            digest.update(points)
+        for player in players_of([*items, *armatures_of(items)]):
+            action = player.action, player.action_slot_handle
+            if action not in told:
+                told.add(action)
+                digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
+                for curve in curves_of(player):
+                    digest.update(b"".join(read_columns(curve.keyframe_points, KEYS)))
+    return digest.digest(), looks
+
+
+def _painted(images: list[bpy.types.Image]) -> int:
+    """A checksum of the images' pixels."""
+    found = 0
+    for image in images:
+        values = np.empty(len(image.pixels), np.float32)
+        image.pixels.foreach_get(values)
+        found = zlib.crc32(values, found)
+    return found

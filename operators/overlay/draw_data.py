@@ -1,0 +1,182 @@
+"""What the overlay draws, as arrays: the agents as instances or points, the camera's frustum and LOD ranges as lines."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Crowd, Group
+from ...crowd_lod.crowd.maps import HeightMap
+from ...crowd_lod.culling.camera import Camera, frustum_corners
+from ...crowd_lod.planning.frame import Frame
+from ..lod_meshes.make_lods import TINTS
+from .agent_colors import Colours, by_level
+
+# Linear RGBA.
+CULLED = (0.45, 0.45, 0.45, 0.6)
+FRUSTUM = (0.9, 0.75, 0.0, 1.0)
+CULLED_SIZE = 0.6  # of a visible agent's
+MOST_CULLED = 100_000  # points: of a larger crowd every so many-th agent shows where it is culled, in all frames the same
+WIDTH = 0.6  # of a point, in radii of the agent's sphere
+SHARES = 1024  # steps of a cross-fade
+
+
+@dataclass(frozen=True)
+class Style:
+    """How a crowd is drawn. mode: MESHES, BOXES or POINTS. culled: whether culled agents show, as faint points. turn: radians
+    about z that turn a character to +x. materials: meshes in their materials' colours."""
+
+    mode: str = "POINTS"
+    culled: bool = True
+    turn: float = 0.0
+    materials: bool = False
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """One frame's instances, points and lines, in metres relative to `origin`, (3,) float64 world metres, the camera's
+    place: float32 holds them to a millimetre wherever in the world the shot plays.
+
+    agents: (m, 8) float32, the instances, those of a draw one after the other: x, y, z of the feet, heading, phase, look,
+    pitch, roll (radians). look is 4 x the colour in the palette + 2 + share: of the dither pattern, above 0 what lies
+    below it, below 0 the rest, 0 all. draws: (LOD, group, first instance, count), the finest LOD first. palette: (p, 4)
+    float32, linear. turn, materials: see Style. fading: whether any share
+    is not 0.
+
+    positions: (n, 3) float32, the points, the agents' sphere centres: LOD 0 first, those culled last. colours: (n, 4)
+    float32, linear RGBA. sizes: (n,) float32, relative to the largest character's. diameter: metres that size 1 stands
+    for. lines: (m, 2, 3) float32, both ends; line_colours: (m, 2, 4) float32.
+    """
+
+    origin: np.ndarray
+    agents: np.ndarray
+    draws: tuple[tuple[int, int, int, int], ...]
+    palette: np.ndarray
+    turn: float
+    materials: bool
+    fading: bool
+    positions: np.ndarray
+    colours: np.ndarray
+    sizes: np.ndarray
+    diameter: float
+    lines: np.ndarray
+    line_colours: np.ndarray
+
+    @property
+    def nbytes(self) -> int:
+        """Of all its arrays."""
+        return sum(each.nbytes for each in vars(self).values() if isinstance(each, np.ndarray))
+
+
+def drawing(
+    frame: Frame,
+    groups: tuple[Group, ...],
+    style: Style = Style(),  # noqa: B008  frozen
+    colours: Colours | None = None,
+    slopes: HeightMap | None = None,
+    fades: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Drawing:
+    """The drawing of `frame`, whose crowd is of `groups`.
+
+    colours: None for those of the LODs. slopes: what agents lean with. fades: from fading.fade, of all agents.
+    """
+    crowd, origin = frame.crowd, frame.camera.origin
+    colours = colours or by_level(frame)
+    centre = np.array([g.centre for g in groups])
+    radius = np.array([g.radius for g in groups])
+    points = style.mode == "POINTS"
+    seen = len(frame.buckets.order) if points else 0
+    culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
+    culled = culled[~frame.visible[culled]] if len(culled) else culled
+    order = np.concatenate([frame.buckets.order[:seen], culled])
+    group = crowd.group[order]
+    agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colours, slopes, fades)
+
+    positions = _relative(crowd, order, origin)
+    positions[:, 2] = crowd.z[order] + centre[group] - origin[2]
+    tints = np.empty((len(order), 4), np.float32)
+    tints[:seen] = colours.palette[colours.index[order[:seen]]]
+    tints[seen:] = CULLED
+    if colours.culled:
+        tints[seen:, :3] = colours.palette[colours.index[order[seen:]], :3]
+
+    largest = float(radius.max()) or 1.0
+    sizes = (radius / largest).astype(np.float32)[group]
+    sizes[seen:] *= CULLED_SIZE
+
+    lines, line_colours = frustum_lines(frame.camera, frame.begins)
+    return Drawing(
+        origin=origin,
+        agents=agents,
+        draws=draws,
+        palette=colours.palette,
+        turn=style.turn,
+        materials=style.materials,
+        fading=fades is not None and not points,
+        positions=positions,
+        colours=tints,
+        sizes=sizes,
+        diameter=WIDTH * largest,
+        lines=(lines - origin).astype(np.float32),
+        line_colours=line_colours,
+    )
+
+
+def _instances(
+    frame: Frame, colours: Colours, slopes: HeightMap | None, fades: tuple[np.ndarray, np.ndarray] | None
+) -> tuple[np.ndarray, tuple]:
+    """(agents, draws) of a Drawing: every visible agent, in a cross-fade in both LODs."""
+    crowd, order = frame.crowd, frame.buckets.order
+    levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
+    if fades is not None:
+        finer, share = (values[order] for values in fades)
+        share = (share * SHARES).round().clip(share > 0, SHARES - 1) / SHARES  # so that both LODs hold it to the bit
+        both = np.flatnonzero(share > 0)
+        levels = np.concatenate([finer, finer[both] + np.uint8(1)])
+        shares = np.concatenate([-share, share[both]])
+        order = np.concatenate([order, order[both]])
+    draw = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order]
+    by_draw = np.argsort(draw, kind="stable")
+    order, shares = order[by_draw], shares[by_draw]
+    kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
+
+    agents = np.zeros((len(order), 8), np.float32)
+    agents[:, :3] = _relative(crowd, order, frame.camera.origin)
+    agents[:, 3] = crowd.heading[order]
+    agents[:, 4] = frame.phase_of(order)
+    agents[:, 5] = 4.0 * colours.index[order] + 2.0 + shares
+    if slopes is not None:
+        agents[:, 6], agents[:, 7] = slopes.tilt(crowd.x[order], crowd.y[order], crowd.heading[order])
+    draws = zip(kinds // 256, kinds % 256, first, count, strict=True)
+    return agents, tuple(tuple(int(value) for value in each) for each in draws)
+
+
+def _relative(crowd: Crowd, order: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Feet (n, 3) float32 of the agents `order`, from the origin."""
+    feet = np.empty((len(order), 3), np.float32)
+    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
+        feet[:, axis] = column[order] - origin[axis]
+    return feet
+
+
+def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(ends, colours) of the frustum's edges and of a rectangle where each LOD begins, in its tint; of several where it
+    begins elsewhere for other groups.
+
+    begins: (G, n - 1) metres, see levels.limits. ends: (m, 2, 3) float64, world metres; colours: (m, 2, 4) float32, linear
+    RGBA. A panoramic camera has no frustum.
+    """
+    if camera.kind == "PANO":
+        return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)
+    near, far = frustum_corners(camera, camera.near), frustum_corners(camera, camera.far)
+    ends = [np.stack([near, far], axis=1), _ring(near), _ring(far)]
+    colours = [FRUSTUM] * 3
+    for level, distances in enumerate(begins.T, start=1):
+        for distance in np.unique(distances[(distances > camera.near) & (distances <= camera.far)]):
+            ends.append(_ring(frustum_corners(camera, distance)))
+            colours.append((*TINTS[level], 1.0))
+    each = np.array(colours, np.float32)[:, None, None]
+    return np.concatenate(ends), np.broadcast_to(each, (len(ends), 4, 2, 4)).reshape(-1, 2, 4)
+
+
+def _ring(corners: np.ndarray) -> np.ndarray:
+    return np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)

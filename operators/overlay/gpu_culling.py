@@ -1,0 +1,232 @@
+"""Culling, LOD assignment and LOD sorting as compute shaders: the chapter's own way, with NumPy's results to the bit.
+
+The GPU has float32. It decides whom no rounding can put on the other side of a plane or of a LOD's border; the others,
+some ten in a million, it gives in a bucket of their own, which `radar` and `assign` then part. Positions go up relative to
+the area's middle, once for all cameras that look at the same crowd.
+
+Blender's gpu module has neither storage buffers, nor indirect draws, nor memory that threads share: agents go up as
+textures, runs of agents are summed in passes, and the order is read back.
+"""
+
+import statistics
+import sys
+from functools import cache
+
+import numpy as np
+
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd.agents import Crowd
+from ...crowd_lod.culling.camera import Camera, planes
+from ...crowd_lod.culling.radar import radar
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.assignment import LevelPolicy, assign
+from ...crowd_lod.planning.frame import Frame, plan
+from .shader_programs import TEXELS, source
+
+RUN = 64  # agents that a thread takes
+PART = 256  # counts that a thread sums
+THREADS = 64  # in a work group
+# Far more than all roundings of float32: some ten of them, each 2 ** -24 of the terms' sizes.
+SLACK = 2.0**-19
+# Metres: of what is larger, float32 loses the square; a slack is no smaller.
+HUGE, TINY = 1e15, 1e-20
+# Frames that each way is tried for, and milliseconds from which on a plan is worth trying another.
+TRIES, WORTH = 4, 1.0
+
+VIEW = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
+# Of each pass, in their order: what it reads, what it writes, and the numbers that it is told.
+PASSES = {
+    "levels": (("agents", "spheres", "feet_x", "feet_y", "feet_z"), ("kinds", "counts"), ("runs", "count")),
+    "sums": (("counts",), ("sums",), ("total",)),
+    "offsets": (("counts", "sums"), ("offsets",), ("total",)),
+    "sorting": (("kinds", "offsets"), ("places",), ("runs", "count")),
+}
+
+
+@cache
+def program(name: str, levels: int, radial: bool):
+    """The compute shader of a pass, for so many LODs, by the distance along the view or from the camera."""
+    from gpu import shader
+    from gpu.types import GPUShaderCreateInfo
+
+    info = GPUShaderCreateInfo()
+    numbers = {"TEXELS": TEXELS, "RUN": RUN, "PART": PART, "OPEN": levels, "CULLED": levels + 1, "RADIAL": int(radial)}
+    for key, value in numbers.items():
+        info.define(key, str(value))
+    reads, writes, told = PASSES[name]
+    for slot, each in enumerate(reads):
+        info.sampler(slot, "FLOAT_2D" if name == "levels" else "UINT_2D", each)
+    for slot, each in enumerate(writes):
+        info.image(slot, "R32UI", "UINT_2D", each, qualifiers={"WRITE"})
+    for each in told:
+        info.push_constant("INT", each)
+    if name == "levels":
+        info.typedef_source(VIEW)
+        info.uniform_buf(0, "CrowdPlan", "view")
+    info.local_group_size(THREADS)
+    info.compute_source(source("texel.glsl", f"{name}.comp.glsl"))
+    return shader.create_from_info(info)
+
+
+class Planner:
+    """Plans a trajectory's frames on the GPU: a `sorter` of frame.plan. Needs a GPU context; keeps what it uploaded."""
+
+    def __init__(self, trajectory: Trajectory):
+        area = trajectory.world.area
+        self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
+        groups = trajectory.groups
+        self.spheres = np.array([group.centre for group in groups]), np.array([group.reach for group in groups])
+        self._agents, self._asked = None, (None, None)
+        self._places, self._columns = {}, (None,) * 3
+
+    def __call__(
+        self, crowd: Crowd, order: np.ndarray | None, camera: Camera, policy: LevelPolicy, begin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """(places (m,) int32, offsets (n + 1,)) of the visible agents' buckets; arguments as for frame.Sorter."""
+        from gpu.types import Buffer, GPUUniformBuf
+
+        count, levels = len(crowd), policy.count
+        self._upload(crowd, order)
+        view, spheres = _inputs(self.middle, *self.spheres, camera, policy, begin)
+        runs = -(-count // RUN)
+        total = (levels + 1) * runs + 1  # counts, and where all end
+        sizes = {"kinds": count, "counts": total, "sums": -(-total // PART), "offsets": total, "places": count}
+        textures = {name: _texture(size) for name, size in sizes.items()}
+        textures |= self._places | {"agents": self._agents, "spheres": _texture(spheres.size // 4, "RGBA32F", spheres)}
+        view = GPUUniformBuf(Buffer("FLOAT", view.size, view))
+        numbers, radial = {"runs": runs, "count": count, "total": total}, policy.metric == "RADIAL"
+        for name in PASSES:
+            threads = runs if "runs" in PASSES[name][2] else sizes["sums"]
+            _dispatch(program(name, levels, radial), name, threads, textures, view, numbers)
+        ends = _read(textures["offsets"], total)[::runs].astype(np.intp)
+        places = _read(textures["places"], count)[: ends[-1]]
+        return _settled(places, ends, *self.spheres, crowd, order, camera, policy, begin)
+
+    def _upload(self, crowd: Crowd, order: np.ndarray | None) -> None:
+        """Put on the GPU what is not there yet."""
+        asked = order, crowd.group
+        if any(new is not old for new, old in zip(asked, self._asked, strict=True)):
+            agents = np.empty((len(crowd), 2), np.float32)
+            agents[:, 0] = np.arange(len(crowd)) if order is None else order
+            agents[:, 1] = crowd.group if order is None else crowd.group[order]
+            self._agents, self._asked = _texture(len(crowd), "RG32F", agents), asked
+        columns = crowd.x, crowd.y, crowd.z
+        for axis, new, old, at in zip("xyz", columns, self._columns, self.middle, strict=True):
+            if new is not old:
+                with np.errstate(over="ignore", invalid="ignore"):
+                    self._places[f"feet_{axis}"] = _texture(len(new), "R32F", new, at)
+        self._columns = columns
+
+
+def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) -> tuple[np.ndarray, np.ndarray]:
+    """(the shader's CrowdPlan (36,), spheres (G * n, 4)), float32: planes and origin relative to `middle` (3,); of each
+    group the height of the centre, the reach and the size of both, then where its LODs begin."""
+    frustum = planes(camera)
+    fixed = (policy.margin or 0.0) * np.append(frustum.fixed[:4], (0, 0))
+    reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
+    normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
+    offsets = np.append(frustum.offsets + fixed, 0.0) + normals @ origin
+    begin = np.clip(begin, -HUGE, HUGE)
+    largest = np.abs(offsets).max() + np.abs(origin).sum() + np.abs(begin[np.abs(begin) < HUGE]).max(initial=0.0)
+    slack = SLACK * max(1.0, frustum.rounding) * (1 + np.abs(camera.Z).sum())
+    most = slack * largest + camera.grain * (np.abs(middle).sum() + 2 * np.abs(camera.origin).sum())
+    view = np.zeros((9, 4), np.float32)
+    view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = normals, offsets, origin, (slack + camera.grain, most + TINY)
+    spheres = np.zeros((len(radius), policy.count, 4), np.float32)
+    spheres[:, 0, :3] = np.column_stack([centre, reach, np.abs(centre) + reach])
+    spheres[:, 1:, 0] = begin
+    return view.ravel(), spheres.reshape(-1, 4)
+
+
+def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, middle: float = 0.0):
+    """A texture of `count` texels, TEXELS to a row, with `values` (count,) or (count, k), less `middle`, in float32."""
+    from gpu.types import Buffer, GPUTexture
+
+    size = TEXELS, max(1, -(-count // TEXELS))
+    if values is None:
+        return GPUTexture(size, format=form)
+    texels = np.zeros((size[0] * size[1], *values.shape[1:]), np.float32)
+    np.subtract(values, middle, out=texels[:count], dtype=np.float64, casting="same_kind")
+    return GPUTexture(size, format=form, data=Buffer("FLOAT", texels.size, texels))
+
+
+def _dispatch(shader, name: str, threads: int, textures: dict, view, numbers: dict[str, int]) -> None:
+    from gpu.compute import dispatch
+
+    reads, writes, told = PASSES[name]
+    shader.bind()
+    for each in reads:
+        shader.uniform_sampler(each, textures[each])
+    for each in writes:
+        shader.image(each, textures[each])
+    for each in told:
+        shader.uniform_int(each, numbers[each])
+    if name == "levels":
+        shader.uniform_block("view", view)
+    dispatch(shader, -(-threads // THREADS), 1, 1)
+
+
+def _read(texture, count: int) -> np.ndarray:
+    """The first `count` numbers of an R32UI texture, int32."""
+    return np.asarray(memoryview(texture.read())).ravel()[:count].view(np.int32)
+
+
+def _settled(places, ends, centre, radius, crowd, order, camera, policy, begin) -> tuple[np.ndarray, np.ndarray]:
+    """The buckets once the places of the last, the open ones, are put where they belong. ends: (n + 2,), from 0."""
+    places, open_, offsets = places[: ends[-2]], places[ends[-2] :], ends[:-1]
+    if not len(open_):
+        return places, offsets
+    agents = open_ if order is None else order[open_]
+    visible, distance = radar(crowd, camera, centre, radius, policy.margin, policy.metric == "RADIAL", agents=agents)
+    levels = assign(distance, begin, crowd.group[agents])
+    buckets = []
+    for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
+        more = open_[visible & (levels == level)]
+        buckets.append(np.insert(places[first:last], np.searchsorted(places[first:last], more), more))
+    return np.concatenate(buckets), np.cumsum([0, *map(len, buckets)])
+
+
+class Faster:
+    """Plans frames in whichever way has measured faster for the crowd: on the GPU, or as frame.plan does. Both give the
+    same. A software renderer is not tried: its GPU is the same processor, and takes many times as long. Nor is a driver
+    again that failed. usable: whether the GPU may be tried, None if not known."""
+
+    def __init__(self, usable: bool | None = None):
+        self.usable = usable
+        self.forget()
+
+    def forget(self) -> None:
+        """Let go what is on the GPU."""
+        self._trajectory = self._planner = None
+        program.cache_clear()
+
+    def plan(self, trajectory: Trajectory, *arguments) -> Frame:
+        """frame.plan(trajectory, *arguments)."""
+        import gpu
+
+        if self.usable is None:
+            self.usable = gpu.platform.device_type_get() != "SOFTWARE"
+        if self._trajectory is not trajectory:
+            self._trajectory, self._planner = trajectory, Planner(trajectory)
+            self._took = [], []
+        on_gpu = self.usable and worth_the_gpu(*self._took)
+        try:
+            frame = plan(trajectory, *arguments, sorter=self._planner if on_gpu else None)
+        except Exception as error:  # whatever a driver makes of compute shaders, NumPy plans on
+            if isinstance(error, CrowdError) or not on_gpu:
+                raise
+            print(f"Crowd LOD plans without the GPU, which failed: {error}", file=sys.stderr)
+            self.usable = on_gpu = False
+            frame = plan(trajectory, *arguments)
+        took = self._took[on_gpu]
+        took.append(sum(ms for stage, ms in frame.milliseconds.items() if stage != "behaviour"))
+        del took[:-TRIES]
+        return frame
+
+
+def worth_the_gpu(here: list[float], there: list[float]) -> bool:
+    """Whether the next plan is to be made on the GPU. here, there: milliseconds of the last plans without and with it;
+    their medians leave out the first of each, which makes blocks or compiles."""
+    if len(here) < TRIES or statistics.median(here) < WORTH:
+        return False
+    return len(there) < TRIES or statistics.median(there) < statistics.median(here)

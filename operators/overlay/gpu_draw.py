@@ -1,0 +1,313 @@
+"""Draws what overlay/draw_data.py says, on the GPU: into the viewport, or into any framebuffer with any view."""
+
+from collections.abc import Callable
+from contextlib import contextmanager
+
+import numpy as np
+
+from ...crowd_lod.animation.skinning import SkinnedMesh, axes
+from ...crowd_lod.crowd.agents import Group
+from ..blender.color_space import encoded
+from . import shader_programs
+from .draw_data import Drawing
+from .skinned_characters import Character
+
+POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
+LINE_PIXELS = 1.5
+TEXEL = 16  # bytes
+WIDEST = 16384  # texels, of a texture on every GPU
+MOST_SKINNED = 32e6  # bytes of a LOD's skinned frames
+KEY = np.array([-0.4, 0.55, 0.75])  # towards the key light, in the viewer's space
+
+
+class Cast:
+    """The characters on the GPU: all that stays from frame to frame. Needs a GPU context, as all below.
+
+    characters: one a group, or () for boxes. nbytes: of what was uploaded, but for boxes.
+    """
+
+    def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
+        arrays = [each for character in characters for mesh in character.meshes for each in vars(mesh).values()]
+        arrays += [each for character in characters for each in (character.frames, character.images)]
+        self.characters = characters
+        self.boxes = [_batch(*_box(group)) for group in groups] if not characters else []
+        self.joints = [_joint_texture(character.frames) for character in characters]
+        self.images = [_images(character.images) for character in characters]
+        self.skinned = [
+            [_skinned_frames(mesh, len(character.frames), joints) for mesh in character.meshes]
+            for character, joints in zip(characters, self.joints, strict=True)
+        ]
+        self.meshes = [
+            [_mesh_batch(mesh, frames is None) for mesh, frames in zip(character.meshes, skinned, strict=True)]
+            for character, skinned in zip(characters, self.skinned, strict=True)
+        ]
+        skinned = sum(TEXEL * each.width * each.height for levels in self.skinned for each in levels if each)
+        self.nbytes = skinned + sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
+
+    def kind(self, level: int, group: int) -> str:
+        """How programs.mesh_interface draws the LOD of the group."""
+        if not self.characters:
+            return "RIGID"
+        return "JOINTS" if self.skinned[group][level] is None else "FRAMES"
+
+    def bind(self, shader, level: int, group: int) -> None:
+        """Give `shader`, of programs.mesh_interface and of kind(), what it poses the group's LOD with."""
+        if self.kind(level, group) == "JOINTS":
+            shader.uniform_sampler("joint_frames", self.joints[group])
+        else:
+            shader.uniform_sampler("skinned_frames", self.skinned[group][level])
+        shader.uniform_int("frame_count", len(self.characters[group].frames))
+
+
+class Batches:
+    """A drawing on the GPU. nbytes: of what is there."""
+
+    def __init__(self, what: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
+        """before: an earlier one, of which all that is the same is taken over."""
+        from gpu.types import Buffer, GPUUniformBuf
+
+        self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
+        self.draws, self.materials = what.draws if cast is not None else (), what.materials
+        self.fading, self.nbytes = what.fading, what.nbytes
+        self._made: dict[str, tuple] = {}
+        if self.draws:
+            self.agents = self._make("agents", before, _agent_texture, what.agents, np.array(what.turn))
+            self.palette = self._make("palette", before, _palette_texture, what.palette)
+            self.view = GPUUniformBuf(Buffer("FLOAT", 20))
+        self.points = self._make("points", before, _point_batch, what.positions, what.colours, what.sizes)
+        self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colours)
+
+    def _make(self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray):
+        """What `make` makes of the arrays, or made of the same ones before."""
+        known, made = before._made.get(name, ((), None)) if before is not None else ((), None)
+        if len(known) != len(arrays) or not all(map(np.array_equal, known, arrays)):
+            made = make(*arrays)
+        self._made[name] = arrays, made
+        return made
+
+
+def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], ui_scale: float) -> None:
+    """Draw into the active framebuffer, `size` pixels wide and high.
+
+    view: (4, 4) float64, world to viewer's space; projection: (4, 4) float64, OpenGL's clip space. ui_scale: pixels of
+    this screen per nominal pixel of POINT_PIXELS and LINE_PIXELS.
+    """
+    import gpu
+    from mathutils import Matrix
+
+    view = np.array(view, np.float64)
+    view[:3, 3] += view[:3, :3] @ batches.origin
+    matrix = projection @ view
+    with _gpu_state():
+        if batches.draws:
+            gpu.state.blend_set("NONE")
+            _paint_meshes(batches, matrix, view)
+            gpu.state.blend_set("ALPHA")
+        if batches.points is not None:
+            shader = shader_programs.points()
+            shader.bind()
+            shader.uniform_float("matrix", Matrix(matrix.tolist()))
+            shader.uniform_float("pixels_per_metre", float(projection[1, 1] * size[1] / 2))
+            shader.uniform_float("diameter", batches.diameter)
+            shader.uniform_float("bounds", [pixels * ui_scale for pixels in POINT_PIXELS])
+            batches.points.draw(shader)
+        if batches.lines is not None:
+            shader = shader_programs.lines()
+            with gpu.matrix.push_pop(), gpu.matrix.push_pop_projection():
+                gpu.matrix.load_matrix(Matrix(view.tolist()))
+                gpu.matrix.load_projection_matrix(Matrix(np.asarray(projection).tolist()))
+                shader.bind()
+                shader.uniform_float("viewportSize", size)
+                shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
+                batches.lines.draw(shader)
+
+
+def put_depth(depth, size: tuple[int, int]) -> None:
+    """Fill the active framebuffer, `size` pixels wide and high, with the depth (a Buffer) that was read from another."""
+    import gpu
+    from gpu.types import GPUTexture
+
+    shader, depths = shader_programs.depth(), GPUTexture(size, format="R32F", data=depth)
+    with _gpu_state():
+        gpu.state.depth_test_set("ALWAYS")
+        shader.bind()
+        shader.uniform_sampler("depths", depths)
+        _batch({"position": np.array([(-1, -1), (3, -1), (-1, 3)], np.float32)}).draw(shader)
+
+
+def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> None:
+    """One instanced draw a LOD and group, the finest LOD first."""
+    import gpu
+
+    cast, bound = batches.cast, None
+    batches.view.update(view_buffer(matrix, view))
+    materials = batches.materials and bool(cast.characters)
+    for level, group, first, count in batches.draws:
+        batch = cast.meshes[group][level] if cast.characters else cast.boxes[group]
+        if batch is None:
+            continue
+        kind = cast.kind(level, group)
+        if kind != bound:
+            shader, bound = shader_programs.meshes(kind, materials, batches.fading), kind
+            shader.bind()
+            shader.uniform_block("view", batches.view)
+            shader.uniform_sampler("agents", batches.agents)
+            if not materials:
+                shader.uniform_sampler("palette", batches.palette)
+        if cast.characters:
+            cast.bind(shader, level, group)
+        if materials:
+            shader.uniform_sampler("images", cast.images[group])
+        closed = not cast.characters or cast.characters[group].meshes[level].closed
+        gpu.state.face_culling_set("BACK" if closed else "NONE")
+        shader.uniform_int("base", first)
+        batch.draw_instanced(shader, instance_start=0, instance_count=count)
+    gpu.state.face_culling_set("NONE")
+
+
+def view_buffer(matrix: np.ndarray, view: np.ndarray):
+    """What changes with the viewer, as the shaders' CrowdView."""
+    from gpu.types import Buffer
+
+    key = view[:3, :3].T @ KEY
+    values = np.zeros(20, np.float32)
+    values[:16] = matrix.T.ravel()
+    values[16:19] = key / np.linalg.norm(key)
+    return Buffer("FLOAT", 20, values)
+
+
+@contextmanager
+def _gpu_state():
+    """Depth-tested, blended, points as large as the shader says; afterwards as it was."""
+    import gpu
+
+    depth_test, depth_mask, blend = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
+    try:
+        gpu.state.depth_test_set("LESS_EQUAL")
+        gpu.state.depth_mask_set(True)
+        gpu.state.blend_set("ALPHA")
+        gpu.state.program_point_size_set(True)
+        yield
+    finally:
+        gpu.state.program_point_size_set(False)
+        gpu.state.blend_set(blend)
+        gpu.state.depth_mask_set(depth_mask)
+        gpu.state.depth_test_set(depth_test)
+
+
+def _texture(texels: np.ndarray):
+    """A texture of texels (height, width, 4) float32."""
+    from gpu.types import Buffer, GPUTexture
+
+    height, width, _ = texels.shape
+    values = np.ascontiguousarray(texels, np.float32).ravel()
+    return GPUTexture((width, height), format="RGBA32F", data=Buffer("FLOAT", values.size, values))
+
+
+def _palette_texture(palette: np.ndarray):
+    """A row of colours (p, 4) float32."""
+    return _texture(palette[None])
+
+
+def _point_batch(positions: np.ndarray, colours: np.ndarray, sizes: np.ndarray):
+    """The points of a Drawing, or None without any."""
+    columns = {"position": positions, "colour": colours, "size": sizes}
+    return _batch(columns, None, "POINTS") if len(positions) else None
+
+
+def _line_batch(lines: np.ndarray, colours: np.ndarray):
+    """The lines of a Drawing, or None without any."""
+    from gpu_extras.batch import batch_for_shader
+
+    columns = {"pos": lines.reshape(-1, 3), "color": encoded(colours).reshape(-1, 4)}
+    return batch_for_shader(shader_programs.lines(), "LINES", columns) if len(lines) else None
+
+
+def _agent_texture(agents: np.ndarray, turn: np.ndarray):
+    """Three texels an instance, one after the other, programs.TEXELS to a row: what every vertex would work out anew.
+    agents: (m, 8) float32, turn: () radians, of a Drawing."""
+    m, (heading, phase, look, pitch, roll) = len(agents), agents.T[3:]
+    rows = -(-3 * m // shader_programs.TEXELS)
+    texels = np.zeros((rows * shader_programs.TEXELS, 4), np.float32)
+    one, two, three = (texels[k : 3 * m : 3] for k in range(3))
+    one[:, :3], one[:, 3], two[:, 3] = agents[:, :3], phase, look
+    two[:, :3], three[:, :3] = axes(heading, pitch, roll, float(turn))
+    return _texture(texels.reshape(rows, shader_programs.TEXELS, 4))
+
+
+def _joint_texture(frames: np.ndarray):
+    """A row a frame, three texels a joint. frames: (F, J, 3, 4) float32."""
+    return _texture(frames.reshape(len(frames), -1, 4))
+
+
+def _skinned_frames(mesh: SkinnedMesh, frames: int, joints):
+    """A row a frame, a texel a vertex: its place and its normal, skinned on the GPU with the texture `joints`. None for a
+    mesh that is too large, and is skinned at each drawing of an instance."""
+    import gpu
+    from gpu.types import GPUFrameBuffer, GPUTexture
+
+    size = len(mesh.points), frames
+    if not len(mesh.triangles) or size[0] > WIDEST or TEXEL * size[0] * size[1] > MOST_SKINNED:
+        return None
+    texture, shader = GPUTexture(size, format="RGBA32F"), shader_programs.skin()
+    with GPUFrameBuffer(color_slots=texture).bind(), _gpu_state():
+        gpu.state.depth_test_set("NONE")
+        gpu.state.blend_set("NONE")
+        shader.bind()
+        shader.uniform_sampler("joint_frames", joints)
+        shader.uniform_float("size", size)
+        _batch(_jointed(mesh), None, "POINTS").draw_instanced(shader, instance_start=0, instance_count=frames)
+    return texture
+
+
+def _images(pictures: np.ndarray):
+    """A texture of `pictures` (n, size, size, 4) uint8."""
+    from gpu.types import Buffer, GPUTexture
+
+    if not len(pictures):
+        pictures = np.full((1, 1, 1, 4), 255, np.uint8)
+    values = np.ascontiguousarray(pictures, np.float32).ravel() / np.float32(255)
+    layers, height, width, _ = pictures.shape
+    texture = GPUTexture((width, height), layers=layers, format="RGBA8", data=Buffer("FLOAT", values.size, values))
+    texture.filter_mode(True)
+    texture.extend_mode("REPEAT")
+    return texture
+
+
+def _mesh_batch(mesh: SkinnedMesh, joints: bool):
+    """The batch of a LOD mesh, with what its `joints` move where they do so at each instance; None without triangles."""
+    columns = {"uv": mesh.uvs, "base_colour": mesh.colours, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
+    return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
+
+
+def _jointed(mesh: SkinnedMesh) -> dict[str, np.ndarray]:
+    """The vertex attributes of programs.mesh_interface's JOINTS."""
+    return {"position": mesh.points, "normal": mesh.normals, "joints": mesh.joints, "weights": mesh.weights}
+
+
+def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS"):
+    """A batch with a vertex attribute a column, (n,) or (n, k), float32 or uint16."""
+    from gpu.types import GPUBatch, GPUIndexBuf, GPUVertBuf, GPUVertFormat
+
+    form = GPUVertFormat()
+    for name, values in columns.items():
+        whole = values.dtype == np.uint16
+        form.attr_add(id=name, comp_type="U16" if whole else "F32", len=values[0].size, fetch_mode="INT" if whole else "FLOAT")
+    buffer = GPUVertBuf(format=form, len=len(next(iter(columns.values()))))
+    for name, values in columns.items():
+        buffer.attr_fill(name, np.ascontiguousarray(values))
+    if triangles is None:
+        return GPUBatch(type=kind, buf=buffer)
+    return GPUBatch(type=kind, buf=buffer, elem=GPUIndexBuf(type=kind, seq=np.ascontiguousarray(triangles, np.uint32)))
+
+
+def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """A box on the ground that the group's bounding sphere goes around, its normals those of a rounded one: eight
+    vertices, no floor."""
+    half = np.sqrt(max(group.radius**2 - group.centre**2, (0.2 * group.radius) ** 2) / 2)
+    corners = np.array([(x, y, z) for z in (0, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
+    normals = corners * (1, 1, 2) - (0, 0, 0.5)
+    triangles = [(0, 1, 5), (0, 5, 4), (1, 3, 7), (1, 7, 5), (3, 2, 6), (3, 6, 7), (2, 0, 4), (2, 4, 6), (4, 5, 7), (4, 7, 6)]
+    normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
+    points = (corners * (half, half, 2 * group.centre)).astype(np.float32)
+    return {"position": points, "normal": normals}, np.array(triangles, np.uint32)

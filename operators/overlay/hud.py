@@ -1,0 +1,193 @@
+"""What the overlay writes over the viewport: figures as lines of text, and a ring round the agent they tell of."""
+
+import textwrap
+from collections.abc import Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.planning.agent_under_cursor import Account
+from ...crowd_lod.planning.frame import Frame
+from ..blender.color_space import encoded
+from ..lod_meshes.make_lods import TINTS
+from . import shader_programs
+from .gpu_draw import LINE_PIXELS
+
+STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
+WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB
+SAMPLE = "Agents 0123456789, visible"  # of the figures' letters, for their mean width
+LETTERS, LINE, MARGIN = 11.0, 18.0, 10.0  # nominal pixels; LINE is that of Blender's own text, the viewport's name and so on
+LEAST = 8.0  # nominal pixels, the ring's least radius
+CORNERS = 48
+NARROWEST = 120.0  # nominal pixels, below which nothing is written
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line of text, and the linear colour of a square before it, if it has one."""
+
+    text: str
+    colour: tuple[float, float, float] | None = None
+
+
+def lines(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None = None) -> tuple[Line, ...]:
+    """What the overlay says of `frame`.
+
+    drawing: milliseconds that it took to hand its drawing to the GPU. gpu_bytes: of what is kept there. account: of the
+    agent that was picked.
+    """
+    agents, visible = len(frame.crowd), len(frame.buckets.order)
+    culled = (agents - visible) / agents if agents else 0.0
+    said = [Line(f"{agents:,} agents, {visible:,} visible, {culled:.1%} culled")]
+    said += [Line(f"LOD {level}  {count:,}", TINTS[level]) for level, count in enumerate(frame.buckets.counts)]
+    if frame.full_triangles:
+        said.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
+        said.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
+    times = frame.milliseconds | {"drawing": drawing}
+    said.append(Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms"))
+    state = sum(column.nbytes for column in vars(frame.crowd).values())
+    said.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
+    if account is not None:
+        said.append(Line(", ".join(f"{name} {value}" for name, value in told(account)), TINTS[account.level]))
+    if frame.dropped:
+        said.append(Line(f"{frame.dropped:,} agents at NaN or infinity are left out."))
+    said += [Line(f"{STAGES.get(item.stage, 'Plan')}: {item.reason}") for item in frame.left_out]
+    return tuple(said)
+
+
+def told(account: Account) -> list[tuple[str, str]]:
+    """(name, value) of all that is known of an agent."""
+    unknown = "-" if account.pixels is None else "not measured"
+    return [
+        ("Agent", f"{account.agent:,}"),
+        ("Group", account.group),
+        ("State", account.state),
+        ("Shown" if account.visible else "Culled", account.reason),
+        ("LOD", str(account.level)),
+        ("Depth", f"{account.depth:.4g} m"),
+        ("Size", "-" if account.pixels is None else f"{account.pixels:.3g} pixels"),
+        ("LOD error", unknown if account.error is None else f"{account.error:.2g} pixels"),
+    ]
+
+
+def share(drawn: int, full: int) -> str:
+    return f"{short(drawn)} of {short(full)}"
+
+
+def short(number: int) -> str:
+    """Three digits and a letter: 12,345,678 is 12.3 M."""
+    for least, unit, letter in ((1e9, 1e9, "G"), (1e6, 1e6, "M"), (1e4, 1e3, "k")):
+        if number >= least:
+            return f"{number / unit:.3g} {letter}"
+    return f"{number:,}"
+
+
+def size(count: int) -> str:
+    """Bytes, in decimal units."""
+    return f"{count} bytes" if count < 1000 else f"{short(count)}B" if count >= 1e4 else f"{count / 1000:.3g} kB"
+
+
+def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
+    """`said` in lines of at most so many letters, and no more than `rows` of them: the last then is dots."""
+    found = []
+    for line in said:
+        first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ")
+        found += [Line(first, line.colour), *map(Line, rest)]
+    return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
+
+
+def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float) -> tuple[float, float]:
+    """Write into the box (left, bottom, right, top) of the region that is being drawn, pixels, from the top down; returns
+    the (right, bottom) of what was written."""
+    import blf
+
+    left, bottom, right, top = box
+    indent, line = 2 * MARGIN * ui_scale, LINE * ui_scale
+    blf.size(0, LETTERS * ui_scale)
+    letter = blf.dimensions(0, SAMPLE)[0] / len(SAMPLE)
+    fitting = broken(said, int((right - left - 2 * indent) / letter), int((top - bottom) / line))
+    if right - left < NARROWEST * ui_scale or not fitting:
+        return left, top
+    width = indent + max(blf.dimensions(0, each.text)[0] for each in fitting)
+    edge = MARGIN * ui_scale / 2
+    _fill(left + edge, top - len(fitting) * line - 2 * edge, left + width + 2 * edge, top, BEHIND)
+    for number, each in enumerate(fitting, start=1):
+        base = top - number * line
+        if each.colour is not None:
+            colour = encoded(np.array([*each.colour, 1.0], np.float32))
+            _fill(left + 2 * edge, base, left + 2 * edge + line / 2, base + line / 2, colour)
+        blf.color(0, *WHITE)
+        blf.position(0, left + indent + edge, base, 0)
+        blf.draw(0, each.text)
+    return left + width + 2 * edge, top - len(fitting) * line - 2 * edge
+
+
+def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:
+    """Fill a rectangle of the region, pixels, with a colour, sRGB."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    batch = batch_for_shader(shader, "TRI_STRIP", {"pos": [(left, bottom), (right, bottom), (left, top), (right, top)]})
+    with blended():
+        shader.uniform_float("color", [float(value) for value in colour])
+        batch.draw(shader)
+
+
+@contextmanager
+def blended():
+    """Colours mix with what is there by their alpha; afterwards as it was."""
+    import gpu
+
+    before = gpu.state.blend_get()
+    gpu.state.blend_set("ALPHA")
+    try:
+        yield
+    finally:
+        gpu.state.blend_set(before)
+
+
+def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, float, float]:
+    """(left, bottom, right, top) in pixels of what the sidebar, the toolbar and the headers leave free of a viewport's
+    region, below the lines that Blender writes itself."""
+    left, bottom, right, top = region.x, region.y, region.x + region.width, region.y + region.height
+    for other in area.regions:
+        if other.width <= 1 or other.height <= 1:
+            continue
+        if other.type == "TOOLS":
+            left = max(left, other.x + other.width)
+        elif other.type == "UI":
+            right = min(right, other.x)
+        elif other.type in ("HEADER", "TOOL_HEADER", "ASSET_SHELF_HEADER", "ASSET_SHELF"):
+            if other.y > area.y + area.height / 2:
+                top = min(top, other.y)
+            else:
+                bottom = max(bottom, other.y + other.height)
+    own = 3 * overlay.show_text + 6 * overlay.show_stats
+    return left - region.x, bottom - region.y, right - region.x, top - region.y - (own * LINE + MARGIN) * ui_scale
+
+
+def ring(frame: Frame, trajectory: Trajectory, agent: int, region, ui_scale: float) -> None:
+    """Draw a ring round the agent into the region that is being drawn, in its pixels."""
+    from gpu_extras.batch import batch_for_shader
+
+    matrix, group = np.array(region.data.perspective_matrix, np.float64), trajectory.groups[frame.crowd.group[agent]]
+    here = [column[agent] for column in (frame.crowd.x, frame.crowd.y, frame.crowd.z)]
+    x, y, _, w = matrix @ (here[0], here[1], here[2] + group.centre, 1.0)
+    if w <= 0:
+        return
+    half = np.array([region.width, region.height]) / 2
+    across = group.radius * region.data.window_matrix[1][1] * half[1] / w
+    angles = np.linspace(0, 2 * np.pi, CORNERS + 1)
+    circle = max(LEAST * ui_scale, across) * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    points = np.zeros((CORNERS + 1, 3), np.float32)
+    points[:, :2] = (np.array([x, y]) / w + 1) * half + circle
+    shader = shader_programs.lines()
+    batch = batch_for_shader(shader, "LINE_STRIP", {"pos": points, "color": np.tile(np.float32(RING), (len(points), 1))})
+    shader.bind()
+    shader.uniform_float("viewportSize", (region.width, region.height))
+    shader.uniform_float("lineWidth", LINE_PIXELS * ui_scale)
+    with blended():
+        batch.draw(shader)

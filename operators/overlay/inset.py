@@ -1,0 +1,69 @@
+"""The crowd from above in a corner of the viewport (chapter figure 1.5): agents as points, frustum and LOD ranges as lines."""
+
+import numpy as np
+
+from ...crowd_lod.crowd.maps import Area
+from .gpu_draw import Batches, paint
+
+SIZE = 360, 270  # nominal pixels
+SMALLEST = 0.3  # of SIZE, below which there is none
+MOST = 0.45  # of the viewport's width and height
+MARGIN = 10.0  # nominal pixels
+POINTS = 0.6  # how large agents are, compared with those in the viewport
+BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
+
+
+def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(view, projection), (4, 4) float64 each, of a view straight down, +y up, on the area and on the eye (3,), metres.
+
+    places: (n, 3), metres from the eye; none is clipped for its height.
+    """
+    aspect = SIZE[0] / SIZE[1]
+    low = np.minimum(eye[:2], (area.x_min, area.y_min))
+    high = np.maximum(eye[:2], (area.x_max, area.y_max))
+    width, height = 1.06 * np.maximum(high - low, 1e-3)
+    width, height = max(width, height * aspect), max(height, width / aspect)
+    bottom, top = (eye[2] + end(places[:, 2]) for end in (np.min, np.max))
+    view, projection = np.eye(4), np.eye(4)
+    view[:3, 3] = *-(low + high) / 2, -(bottom + top) / 2
+    projection[[0, 1, 2], [0, 1, 2]] = 2 / width, 2 / height, -2 / (1.1 * (top - bottom) + 1.0)
+    return view, projection
+
+
+def pixels(ui_scale: float) -> tuple[int, int]:
+    """Width and height of the picture."""
+    return round(SIZE[0] * ui_scale), round(SIZE[1] * ui_scale)
+
+
+def nbytes(texture) -> int:
+    """Of the picture on the GPU, or of None."""
+    return 4 * texture.width * texture.height if texture else 0
+
+
+def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float):
+    """The picture of SIZE, a texture. It is sRGB, so that what is painted linear and what Blender's own shaders encode
+    are the same colours as in the viewport."""
+    from gpu.types import GPUFrameBuffer, GPUTexture
+
+    size = pixels(ui_scale)
+    colour, depth = GPUTexture(size, format="SRGB8_A8"), GPUTexture(size, format="DEPTH_COMPONENT32F")
+    canvas = GPUFrameBuffer(color_slots=colour, depth_slot=depth)
+    with canvas.bind():
+        canvas.clear(color=BACKGROUND, depth=1.0)
+        paint(batches, view, projection, size, POINTS * ui_scale)
+    return colour
+
+
+def show(texture, box: tuple[float, float, float, float], taken: tuple[float, float], ui_scale: float) -> None:
+    """Draw the picture into the right bottom corner of the box (left, bottom, right, top) of the region, pixels, beside or
+    below what is taken of its left top corner, to (right, bottom)."""
+    from gpu_extras.presets import draw_texture_2d
+
+    left, bottom, right, top = box
+    width, height = SIZE
+    margin = MARGIN * ui_scale
+    free = max((right - taken[0] - 2 * margin) / width, (taken[1] - bottom - 2 * margin) / height)
+    scale = min(ui_scale, free, MOST * (right - left) / width, MOST * (top - bottom) / height)
+    if scale >= SMALLEST * ui_scale:
+        at = right - margin - scale * width, bottom + margin
+        draw_texture_2d(texture, at, scale * width, scale * height, is_scene_linear_with_rec709_srgb_target=True)

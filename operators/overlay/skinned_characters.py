@@ -1,0 +1,275 @@
+"""Bakes a character group's LOD meshes and its action into arrays: joint frames, skinning weights, looks."""
+
+import time as clock
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.skinning import SkinnedMesh, closed, merge, pose, skin, strongest
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import finished
+from ..blender import cleanup, mesh_data
+from ..blender.material_colors import Looks
+from ..blender.rig_dependencies import action_range, armatures_of
+
+MOST_JOINTS = 16384 // 3  # in a row of a texture, which every GPU takes 16384 wide, three texels each
+MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even steps
+TICK = 0.25  # seconds of baking at a time
+POSES = 5  # at which the baked character is compared with Blender's own
+TOLERANCE = 1e-3  # of the character's diagonal, beyond which the difference is told
+
+
+@dataclass(frozen=True, eq=False)
+class Character:
+    """A character group as the shaders draw it.
+
+    frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning. meshes: one a LOD, finest first. images: (n, size, size, 4)
+    uint8, sRGB, bottom row first: the images of the meshes' materials. colour: (3,) linear, the mean base colour. off:
+    metres by which a vertex of LOD 0 is off Blender's own at worst; inf where that is not comparable. told: a sentence
+    about it, if it is more than TOLERANCE.
+    """
+
+    name: str
+    frames: np.ndarray
+    meshes: tuple[SkinnedMesh, ...]
+    images: np.ndarray
+    colour: np.ndarray
+    off: float
+    told: str | None
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One mesh object. number: in the order of all levels. item: the object, rest: its copy without armatures. rig: the armature that
+    deforms it, or None. bones: the names its weights (v, len(bones)) float32 refer to."""
+
+    number: int
+    item: bpy.types.Object
+    rest: bpy.types.Object
+    rig: bpy.types.Object | None
+    bones: tuple[str, ...]
+
+
+def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
+    """What `baking` bakes of the collections `homes`, in one go."""
+    return finished(baking(name, lambda: homes))
+
+
+def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Iterator[float]:
+    """Bake the character group `name`, whose LOD k is the collection find()[k], with the place of its instance_offset as
+    origin, over its whole action. Nothing of the user's is changed, and nothing is left in the file when it yields its
+    progress, 0 to 1: Blender may go on in between. Returns the Character."""
+    looks, read, done, recorder = Looks(), [], 0, None
+    while True:
+        homes = find()
+        objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
+        flat = [item for level in objects for item in level]
+        first, last = action_range(flat)
+        times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_FRAMES))
+        recorder = recorder or _Recorder(np.array(homes[0].instance_offset, np.float64))
+        with cleanup.scratch():
+            stage = bpy.data.scenes.new("Crowd LOD joints")
+            for rig in armatures_of(flat):
+                stage.collection.objects.link(rig)
+            parts = [_part(number, item, stage) for number, item in enumerate(flat)]
+            if not done:
+                _go_to(stage, times[0])
+                read = [_read(part, stage.view_layers[0].depsgraph, looks) for part in parts]
+            for part in parts:
+                part.rest.modifiers.clear()  # from here on only where it is matters
+            until = clock.monotonic() + TICK
+            while True:
+                _go_to(stage, times[done])
+                recorder.record(parts, stage.view_layers[0].depsgraph)
+                done += 1
+                if done == len(times) or clock.monotonic() >= until:
+                    break
+            if done == len(times):
+                levels = np.split(np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1])
+                return _character(name, stage, [[parts[i] for i in level] for level in levels], read, times, recorder, looks)
+        yield done / len(times)
+
+
+def _go_to(stage: bpy.types.Scene, time: float) -> None:
+    stage.frame_set(int(time // 1), subframe=float(time % 1))
+
+
+def _character(name: str, stage, levels: list[list["_Part"]], read: list[tuple], times, recorder, looks: Looks) -> Character:
+    """The character of what was recorded and read of the parts of its levels."""
+    joints = _Joints(recorder)
+    meshes, sources = [], []
+    for level in levels:
+        pieces = [_piece(part, joints, *read[part.number]) for part in level]
+        sources.append([source for source, _ in pieces])
+        meshes.append(merge([mesh for _, mesh in pieces]))
+    frames = joints.frames()
+    if frames.shape[1] > MOST_JOINTS:
+        raise CrowdError(f"it has {frames.shape[1]:,} joints, bones of all its objects; use at most {MOST_JOINTS:,}")
+    off = _compare(stage, levels[0], sources[0], frames, times, recorder.origin)
+    points = skin(meshes[0], frames[:1])[0]
+    diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+    colour = np.concatenate([mesh.colours for mesh in meshes]).mean(axis=0)
+    told = None
+    if off > TOLERANCE * diagonal:
+        told = (
+            f"{name} moves in ways that joints cannot express (shape keys, other modifiers than armatures, or more than four "
+            f"bones a vertex): the overlay shows it {'at rest there' if np.isinf(off) else f'up to {off:.2g} m off'}."
+        )
+    return Character(name, frames, tuple(meshes), looks.images(), colour, off, told)
+
+
+def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
+    rig = next((m.object for m in item.modifiers if m.type == "ARMATURE" and m.object and m.show_viewport), None)
+    rest = item.copy()
+    for modifier in list(rest.modifiers):
+        if modifier.type == "ARMATURE":
+            rest.modifiers.remove(modifier)
+    if item.parent_type == "ARMATURE":
+        rig = rig or item.parent
+        rest.parent_type = "OBJECT"
+    rest.hide_viewport = False
+    stage.collection.objects.link(rest)
+    groups = {group.name for group in item.vertex_groups}
+    bones = tuple(bone.name for bone in rig.data.bones if bone.use_deform and bone.name in groups) if rig else ()
+    return _Part(number, item, rest, rig, bones)
+
+
+class _Recorder:
+    """World matrices over time: of objects, and of what armatures do to a point of the world."""
+
+    def __init__(self, origin: np.ndarray):
+        self.origin = origin
+        self.objects: dict[int, list] = {}
+        self.bones: dict[tuple[str, str], list] = {}
+
+    def record(self, parts: list[_Part], depsgraph: bpy.types.Depsgraph) -> None:
+        wanted: dict[bpy.types.Object, set] = {}
+        for part in parts:
+            self.objects.setdefault(part.number, []).append(self._placed(part.rest, depsgraph))
+            if part.rig is not None:
+                wanted.setdefault(part.rig, set()).update(part.bones)
+        for rig, bones in wanted.items():
+            evaluated = rig.evaluated_get(depsgraph)
+            to_rig = np.linalg.pinv(np.array(evaluated.matrix_world, np.float64))
+            from_rig = self._placed(rig, depsgraph)
+            for bone in sorted(bones):
+                there = evaluated.pose.bones[bone]
+                moved = np.array(there.matrix, np.float64) @ np.linalg.inv(np.array(there.bone.matrix_local, np.float64))
+                self.bones.setdefault((rig.name, bone), []).append(from_rig @ moved @ to_rig)
+
+    def _placed(self, item, depsgraph) -> np.ndarray:
+        """The object's matrix to the character's space."""
+        matrix = np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)
+        matrix[:3, 3] -= self.origin
+        return matrix
+
+
+class _Joints:
+    """The character's joints, each kept once."""
+
+    def __init__(self, recorder: _Recorder):
+        self.recorder = recorder
+        self.tracks: dict[bytes, int] = {}
+        self.kept: list[np.ndarray] = []
+
+    def index(self, part: _Part, bone: str | None) -> int:
+        """The joint that moves the part as `bone` does, or as the object itself does."""
+        matrices = np.array(self.recorder.objects[part.number])
+        if bone is not None:
+            matrices[:, :3, 3] += self.recorder.origin  # an armature acts in the world
+            matrices = np.array(self.recorder.bones[part.rig.name, bone]) @ matrices
+        track = matrices[:, :3].astype(np.float32)
+        key = track.tobytes()
+        if key not in self.tracks:
+            self.tracks[key] = len(self.kept)
+            self.kept.append(track)
+        return self.tracks[key]
+
+    def frames(self) -> np.ndarray:
+        return np.ascontiguousarray(np.stack(self.kept, axis=1))
+
+
+def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
+    """(points (v, 3), weights (v, bones), and of each corner that differs from all others: vertex, normal, uv, colour,
+    layer; triangles of those; whether they are closed) of the part at rest."""
+    evaluated = part.rest.evaluated_get(depsgraph)
+    mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
+    try:
+        points, triangles, corners, faces = mesh_data.read_triangles(mesh)
+        solid = closed(points, triangles)
+        if evaluated.matrix_world.is_negative:  # mirrored: keep the front in front
+            triangles, corners = triangles[:, ::-1], corners[:, ::-1]
+        weights = np.zeros((len(points), len(part.bones)), np.float32)
+        columns = {group.index: part.bones.index(group.name) for group in evaluated.vertex_groups if group.name in part.bones}
+        for vertex in mesh.vertices if columns else ():
+            for entry in vertex.groups:
+                if entry.group in columns:
+                    weights[vertex.index, columns[entry.group]] = entry.weight
+        loops = len(mesh.loops)
+        normals, uvs = np.zeros((loops, 3), np.float32), np.zeros((loops, 2), np.float32)
+        mesh.corner_normals.foreach_get("vector", normals.ravel())
+        if mesh.uv_layers:
+            layer = next((each for each in mesh.uv_layers if each.active_render), mesh.uv_layers[0])
+            layer.uv.foreach_get("vector", uvs.ravel())
+        slots = np.zeros(len(mesh.polygons), np.int32)
+        mesh.polygons.foreach_get("material_index", slots)
+        materials = [slot.material for slot in part.item.material_slots] or [None]
+        table = np.array([looks.of(material) for material in materials], np.float32)
+        look = table[slots[faces].clip(0, len(materials) - 1)].repeat(3, axis=0)
+        loop = corners.ravel()
+        uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])  # only an image needs them, and they split vertices
+        rows = np.concatenate([triangles.reshape(-1, 1), normals[loop].round(4), uvs, look], axis=1, dtype=np.float32)
+        _, kept, number = np.unique(rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True)
+        vertices = triangles.ravel()[kept]
+        return points, weights, vertices, normals[loop][kept], uvs[kept], look[kept], number.reshape(-1, 3), solid
+    finally:
+        evaluated.to_mesh_clear()
+
+
+def _piece(part: _Part, joints: _Joints, points, weights, vertices, normals, uvs, look, triangles, solid) -> tuple:
+    """(the mesh a vertex, the mesh a corner) of the part, with its joints' numbers. The first has points, joints and
+    weights alone."""
+    columns, kept = strongest(weights)
+    free = kept[:, 0] == 0  # such vertices go with the object
+    kept[free, 0] = 1
+    numbers = np.zeros(len(part.bones) + 1, np.uint16)
+    columns[free, 0] = len(part.bones)
+    for column in np.unique(columns[kept > 0]):
+        numbers[column] = joints.index(part, part.bones[column] if column < len(part.bones) else None)
+    followed = np.where(kept > 0, numbers[columns], 0).astype(np.uint16)
+    nothing = np.empty((0, 3), np.float32)
+    source = SkinnedMesh(points, nothing, followed, kept, nothing, nothing, nothing, nothing)
+    corners = SkinnedMesh(
+        points[vertices],
+        normals,
+        followed[vertices],
+        kept[vertices],
+        uvs,
+        np.ascontiguousarray(look[:, :3]),
+        np.ascontiguousarray(look[:, 3]),
+        triangles.astype(np.uint32),
+        solid,
+    )
+    return source, corners
+
+
+def _compare(stage, parts: list[_Part], sources: list[SkinnedMesh], frames, times: np.ndarray, origin) -> float:
+    """The greatest distance, metres, of a vertex of the skinned `sources` from Blender's own, over POSES of `times`."""
+    for part in parts:
+        if part.item.name not in stage.collection.objects:
+            stage.collection.objects.link(part.item)
+    worst = 0.0
+    for index in np.unique(np.linspace(0, len(times) - 1, POSES).round().astype(int)):
+        _go_to(stage, times[index])
+        depsgraph = stage.view_layers[0].depsgraph
+        for part, source in zip(parts, sources, strict=True):
+            if part.item.hide_viewport:
+                continue
+            seen = mesh_data.world_points(part.item.evaluated_get(depsgraph)) - origin
+            if seen.shape != source.points.shape:
+                return np.inf
+            mine = skin(source, pose(frames, np.array([index / max(len(times) - 1, 1)], np.float32)))[0]
+            worst = max(worst, float(np.linalg.norm(mine - seen, axis=1).max(initial=0)))
+    return worst

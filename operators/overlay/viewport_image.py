@@ -1,0 +1,63 @@
+"""The viewport's picture with the crowd: Blender's own Render Viewport Image does not call what add-ons draw."""
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.errors import CrowdError
+from ..blender import cameras, image_data
+from ..blender.operator import Reporting
+from . import viewport_overlay
+from .playblast import Canvas, camera_matrices
+
+
+class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
+    """Make an image of what the viewport shows, crowd included; through the camera it is as large as a render"""
+
+    bl_idname = "crowd_lod.render_viewport"
+    bl_label = "Render Viewport Image"
+
+    @classmethod
+    def poll(cls, context):
+        if context.area is None or context.area.type != "VIEW_3D":
+            cls.poll_message_set("Put the mouse over a 3D viewport.")
+            return False
+        cls.poll_message_set("Switch the overlay on first.")
+        return viewport_overlay.latest(context.scene) is not None
+
+    def run(self, context):
+        shown, space = viewport_overlay.shown_of(context.scene), context.space_data
+        if shown.batches is None:
+            raise CrowdError(f"The viewport shows no crowd: {shown.problem}")
+        region = next(region for region in context.area.regions if region.type == "WINDOW")
+        view, projection, size = _seen(context, space, region)
+        canvas = Canvas(size)
+        try:
+            pixels = canvas.picture(context.scene, context.view_layer, (space, region), view, projection, shown.batches)
+        finally:
+            canvas.free()
+        image = image_data.write_image("Viewport with crowd", pixels[..., :3])
+        if not bpy.app.background:
+            _show(image)
+        return f"{image.name}: {size[0]} x {size[1]} pixels."
+
+
+def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
+    """(view, projection, size in pixels) of the viewport's picture."""
+    seen, camera = space.region_3d, space.camera
+    if seen.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
+        depsgraph, render = context.evaluated_depsgraph_get(), context.scene.render
+        size = cameras.image_size(render)
+        return *camera_matrices(camera, depsgraph, render, size), size
+    view, projection = (np.array(matrix, np.float64) for matrix in (seen.view_matrix, seen.window_matrix))
+    return view, projection, (region.width, region.height)
+
+
+def _show(image: bpy.types.Image) -> None:
+    """Open the image in a window."""
+    bpy.ops.wm.window_new()
+    area = bpy.context.window_manager.windows[-1].screen.areas[0]
+    area.type = "IMAGE_EDITOR"
+    area.spaces.active.image = image
+
+
+CLASSES = (CROWDLOD_OT_render_viewport,)

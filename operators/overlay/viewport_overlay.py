@@ -1,0 +1,348 @@
+"""The viewport overlay: draws the current frame's plan, and keeps it for the sidebar."""
+
+import sys
+import time as clock
+import traceback
+from dataclasses import dataclass, fields, replace
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.planning.agent_under_cursor import Account, account
+from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.planning.hysteresis import held
+from ..blender import frame_stepping, image_data, scene_data
+from ..blender.cameras import read_cameras, read_shutter
+from ..blender.image_data import LOOK_AGAIN
+from ..crowd.scene_crowd import bias_of, groups_of, policy_of, trajectory_of
+from . import agent_colors, character_cache, gpu_culling, hud, inset, shader_programs
+from .appearance import cast_of, colours_of, drawing_of, style_of
+from .draw_data import Style, drawing
+from .gpu_draw import Batches, Cast, paint
+from .viewport_camera import viewpoint
+
+
+@dataclass
+class Shown:
+    """What the viewport shows of a scene: a frame of a trajectory, or a problem, ready for the user.
+
+    crowd_inputs, frame_inputs, cast_inputs: what it follows from, as values that compare. looked: when the trajectory was last
+    compared with the map and the state machine, seconds. eyes, policy, bias: what the frame was planned with. cast, batches:
+    on the GPU; prepared, painted: milliseconds to put them there, and to ask for them once. above: the picture from above,
+    once it was asked for. notes: what the user should know of it.
+    """
+
+    crowd_inputs: tuple = ()
+    frame_inputs: tuple = ()
+    cast_inputs: tuple = ()
+    looked: float = 0.0
+    trajectory: Trajectory | None = None
+    eyes: tuple[Camera, ...] = ()
+    policy: LevelPolicy | None = None
+    bias: Bias | None = None
+    frame: Frame | None = None
+    coloured: agent_colors.Colours | None = None
+    cast: Cast | None = None
+    batches: Batches | None = None
+    prepared: float = 0.0
+    painted: float = 0.0
+    above: object = None
+    notes: tuple[str, ...] = ()
+    problem: str | None = None
+
+
+_handlers = []
+_shown: dict[int, Shown] = {}  # by the scene's session_uid
+REST = 0.3  # seconds that a frame is shown before its open shutter is asked for
+# Of scenes with motion blur, by session_uid: (what an open shutter is asked for, since when, seconds), and (that, read_shutter's
+# answer).
+_asked: dict[int, tuple] = {}
+_shutters: dict[int, tuple] = {}
+_faster = gpu_culling.Faster()
+_failure: str | None = None
+
+
+def register():
+    global _failure
+    _failure = None
+    bpy.app.handlers.load_pre.append(forget)
+    if not bpy.app.background:  # nothing is drawn there
+        for part, when in ((_draw_crowd, "POST_VIEW"), (_draw_figures, "POST_PIXEL")):
+            _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (part,), "WINDOW", when))
+
+
+def unregister():
+    _let_go()
+    for timer in (_redraw_sidebars, _read_shutters, _stop):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+
+
+def _let_go() -> None:
+    """Remove the handlers, and what they keep."""
+    while _handlers:
+        bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
+    if forget in bpy.app.handlers.load_pre:
+        bpy.app.handlers.load_pre.remove(forget)
+    forget()
+    shader_programs.forget()
+
+
+def _stop() -> None:
+    """A timer: a draw handler must not remove another one while Blender goes through them."""
+    _let_go()
+    _redraw_sidebars()
+
+
+@bpy.app.handlers.persistent
+def forget(*_) -> None:
+    """load_pre: let go all that is kept of scenes, on the GPU too."""
+    for kept in (_shown, _asked, _shutters):
+        kept.clear()
+    _faster.forget()
+    character_cache.forget()
+
+
+def latest(scene: bpy.types.Scene) -> Frame | None:
+    """The frame that the viewport shows of `scene`, or None."""
+    shown = shown_of(scene)
+    return shown and shown.frame
+
+
+def shown_of(scene: bpy.types.Scene) -> Shown | None:
+    """What the viewport shows of `scene`; None while its overlay is off, or was never drawn."""
+    return _shown.get(scene.session_uid) if scene.crowd_lod.overlay else None
+
+
+def problem(scene: bpy.types.Scene) -> str | None:
+    """A sentence saying why nothing is drawn for `scene`, or None."""
+    shown = shown_of(scene)
+    return _failure or (shown and shown.problem)
+
+
+def account_of(scene: bpy.types.Scene) -> Account | None:
+    """What there is to tell of the agent that the scene's settings name; None without one."""
+    shown, agent = shown_of(scene), scene.crowd_lod.agent
+    if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
+        return None
+    trajectory = shown.trajectory
+    return account(shown.frame, agent, trajectory.groups, trajectory.machine, shown.eyes, shown.policy, shown.bias)
+
+
+def _draw(part) -> None:
+    """A draw handler: whatever goes wrong in `part` ends here, and is told once."""
+    global _failure
+    context = bpy.context
+    if _failure or not context.scene.crowd_lod.overlay or not context.space_data.overlay.show_overlays:
+        return
+    try:
+        part(context)
+    except Exception as error:
+        traceback.print_exc()
+        _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
+        print(f"Crowd LOD: {_failure}", file=sys.stderr)
+        bpy.app.timers.register(_stop)
+
+
+def _draw_crowd(context) -> None:
+    """POST_VIEW"""
+    shown = _follow(context)
+    if shown.batches is not None:
+        view, region = context.region_data, context.region
+        began = clock.perf_counter()
+        paint(
+            shown.batches,
+            np.array(view.view_matrix, np.float64),
+            np.array(view.window_matrix, np.float64),
+            (region.width, region.height),
+            context.preferences.system.ui_scale,
+        )
+        shown.painted = 1000 * (clock.perf_counter() - began)
+
+
+def _draw_figures(context) -> None:
+    """POST_PIXEL: of what _draw_crowd has just drawn in the same region."""
+    scene, region = context.scene, context.region
+    shown, settings, ui_scale = _shown.get(scene.session_uid), scene.crowd_lod, context.preferences.system.ui_scale
+    if shown is None or shown.frame is None or not (settings.hud or settings.inset or settings.agent >= 0):
+        return
+    box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
+    main = context.region_data == context.space_data.region_3d  # of a quad view only the one that turns freely
+    above = _picture_from_above(shown, ui_scale) if settings.inset and main else None
+    told = account_of(scene)
+    if told is not None:
+        hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
+    taken = box[0], box[3]
+    if settings.hud and main:
+        gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
+        taken = hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
+    if above is not None:
+        inset.show(above, box, taken, ui_scale)
+
+
+def _picture_from_above(shown: Shown, ui_scale: float):
+    """The texture of the frame from above, painted once."""
+    if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
+        what = drawing(shown.frame, shown.trajectory.groups, Style("POINTS"), shown.coloured)
+        places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
+        view, projection = inset.from_above(shown.trajectory.world.area, what.origin, places)
+        shown.above = inset.picture(Batches(what), view, projection, ui_scale)
+    return shown.above
+
+
+def _follow(context) -> Shown:
+    """What to show of the context's scene, computed only where its inputs have changed."""
+    scene = context.scene
+    before = _shown.get(scene.session_uid)
+    shown = _shown_now(context, before)
+    if shown is not before:
+        alive = {each.session_uid for each in bpy.data.scenes}
+        for gone in _shown.keys() - alive:
+            del _shown[gone]
+            _shutters.pop(gone, None)
+        character_cache.forget(alive)
+        _shown[scene.session_uid] = shown
+        _redraw_sidebars_soon()
+    return shown
+
+
+def _shown_now(context, before: Shown | None) -> Shown:
+    scene, depsgraph, looked = context.scene, context.view_layer.depsgraph, clock.monotonic()
+    try:
+        crowd_inputs = _crowd_inputs(scene)
+        settings = scene.crowd_lod
+        own = context.region.as_pointer() if settings.overlay_camera == "VIEWPORT" else None
+        eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
+        policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
+        time = scene_data.time_of(scene)
+        key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
+        frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
+        style, characters, notes = style_of(scene, policy.count)
+        frame_inputs += style, notes, settings.overlay_colour, round(settings.overlay_fade, 6)
+        known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
+        if known is not None and looked < before.looked + LOOK_AGAIN:
+            trajectory, bias, looked = known, before.bias, before.looked
+        else:
+            trajectory = trajectory_of(scene)
+            bias = bias_of(settings, trajectory.world.area)
+            if known is not None and _same(bias, before.bias):
+                bias = before.bias
+        cast_inputs = trajectory.groups, style.mode, characters
+        same_cast = before is not None and before.cast_inputs == cast_inputs
+        if trajectory is known and bias is before.bias and before.frame_inputs == frame_inputs and same_cast:
+            before.looked = looked
+            return before
+        frame = _faster.plan(trajectory, eyes, policy, time, shutter, bias)
+        same_view = before is not None and before.frame_inputs[:1] == (own,)
+        if policy.hysteresis and same_view and before.trajectory is trajectory:
+            frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
+        began = clock.perf_counter()
+        cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
+        coloured = colours_of(settings.overlay_colour, frame, trajectory, eyes, policy, bias, characters)
+        framed = own is None  # else its frustum is the viewport's edge
+        what = drawing_of(settings, frame, trajectory, eyes, policy, bias, style, coloured, framed)
+        batches = Batches(what, cast, before and before.batches)
+        return Shown(
+            crowd_inputs=crowd_inputs,
+            frame_inputs=frame_inputs,
+            cast_inputs=cast_inputs,
+            looked=looked,
+            trajectory=trajectory,
+            eyes=eyes,
+            policy=policy,
+            bias=bias,
+            frame=frame,
+            coloured=coloured,
+            cast=cast,
+            batches=batches,
+            prepared=1000 * (clock.perf_counter() - began),
+            notes=notes,
+        )
+    except CrowdError as error:
+        if before is not None and before.problem == str(error):
+            return before
+        return Shown(problem=str(error))
+
+
+def _crowd_inputs(scene) -> tuple:
+    """What trajectory and bias follow from, but for the images' pixels and the state machine's text."""
+    settings = scene.crowd_lod
+    chosen = settings.map_image, settings.machine, settings.height_image, settings.bias_image
+    blocks = (block and block.session_uid for block in chosen)
+    numbers = settings.count, settings.seed, settings.first_frame, scene.render.fps, scene.render.fps_base
+    return groups_of(settings), *blocks, *numbers, *settings.centre, *settings.size, settings.height_scale, settings.tilt
+
+
+def _values(camera: Camera) -> tuple:
+    """All of the camera, as values that compare."""
+    found = (getattr(camera, each.name) for each in fields(camera))
+    return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in found)
+
+
+def _same(one: Bias | None, other: Bias | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return one.area == other.area and np.array_equal(one.values, other.values)
+
+
+def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
+    """(key, what read_shutter says, or () while that is not known).
+
+    Other times are read in a scene made for it, which must not be done while Blender draws: a timer does it, and the
+    viewport is drawn again. As the next frame then takes long (stepping.stage), frames that pass go without. What the
+    camera does at other times alone is noticed when the frame or the camera changes.
+    """
+    render = scene.render
+    if not render.use_motion_blur:
+        return (), ()
+    key = time, render.motion_blur_position, render.motion_blur_shutter, *map(_values, eyes)
+    known, samples = _shutters.get(scene.session_uid, ((), ()))
+    if known == key:
+        return key, samples
+    if _asked.get(scene.session_uid, ((),))[0] != key:
+        _asked[scene.session_uid] = key, clock.monotonic()
+    if not bpy.app.timers.is_registered(_read_shutters):
+        bpy.app.timers.register(_read_shutters)
+    return key, ()
+
+
+def _read_shutters() -> float | None:
+    """Read the shutters asked for; while an animation plays or the frame changes later, for the next frame would ask again."""
+    if image_data.playing():
+        return LOOK_AGAIN
+    rest = max((since for _, since in _asked.values()), default=-np.inf) + REST - clock.monotonic()
+    if rest > 0:
+        return rest
+    for scene in bpy.data.scenes:
+        key, _ = _asked.pop(scene.session_uid, (None, None))
+        if key is not None:
+            try:
+                with frame_stepping.stage() as at:  # stepped, the scene would lose what the user has not keyed yet
+                    _shutters[scene.session_uid] = key, read_shutter(scene, key[0], at)
+            except CrowdError:  # the drawing itself says so
+                _shutters[scene.session_uid] = key, ()
+    _asked.clear()
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                area.tag_redraw()
+    return None
+
+
+def _redraw_sidebars_soon():
+    # from within a drawing Blender would forget the request
+    if not bpy.app.timers.is_registered(_redraw_sidebars):
+        bpy.app.timers.register(_redraw_sidebars)
+
+
+def _redraw_sidebars():
+    for window in bpy.context.window_manager.windows:
+        for area in window.screen.areas:
+            if area.type == "VIEW_3D":
+                for region in area.regions:
+                    if region.type == "UI":
+                        region.tag_redraw()

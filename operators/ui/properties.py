@@ -1,0 +1,386 @@
+"""Settings, stored in the scene."""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    IntVectorProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from ...crowd_lod.crowd.agents import MOST_AGENTS
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..crowd.scene_crowd import set_down
+
+SIZES = (200, 80, 40, 20, 10, 5, 2)
+THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
+
+
+def outdate(settings, _) -> None:
+    """Update of what the crowd costs by: the estimate no longer holds."""
+    settings.estimate = ""
+
+
+class CrowdLodGroup(bpy.types.PropertyGroup):
+    """What was measured of one character group (`name` is its name), and LOD thresholds of its own."""
+
+    centre: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's centre")
+    radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
+    period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+    lowest: FloatProperty(
+        name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"
+    )
+    on_ground: BoolProperty(
+        name="Stand on Ground",
+        description="Its lowest point over the whole action stands on the ground, instead of its origin",
+        update=set_down,
+    )
+    vertices: IntVectorProperty(name="Vertices", size=MOST_LEVELS, description="Vertices of each LOD")
+    triangles: IntVectorProperty(name="Triangles", size=MOST_LEVELS, description="Triangles of each LOD")
+    deviations: FloatVectorProperty(
+        name="Deviation",
+        size=MOST_LEVELS,
+        unit="LENGTH",
+        description="Largest distance found of each LOD's surface from the character's, both ways, over its action",
+    )
+    bounds: FloatVectorProperty(
+        name="Bound", size=MOST_LEVELS, unit="LENGTH", description="What each LOD deviates at most, which LODs are chosen by"
+    )
+    rms: FloatVectorProperty(
+        name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"
+    )
+    worst: FloatVectorProperty(name="Worst Frame", size=MOST_LEVELS, description="Frame at which each LOD deviates most")
+    shaded: FloatVectorProperty(
+        name="Shaded",
+        size=MOST_LEVELS,
+        default=(-1.0,) * MOST_LEVELS,
+        description="Length that a pixel shows from which on each LOD's shaded picture is like the character's; below 0 if not known",
+    )
+    diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
+    finest: IntProperty(
+        name="Finest LOD",
+        min=0,
+        max=MOST_LEVELS - 1,
+        description="Finer LODs of this group are not built, to fit in Memory for Characters",
+    )
+    own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
+    thresholds: FloatVectorProperty(
+        name="Threshold",
+        precision=3,
+        size=MOST_LEVELS - 1,
+        min=0,
+        max=1,
+        default=THRESHOLDS,
+        description="Part of the camera's far distance at which this group's next LOD begins",
+    )
+    sizes: FloatVectorProperty(
+        name="Size",
+        size=MOST_LEVELS - 1,
+        min=0.01,
+        default=SIZES,
+        description="Height of this group's character in pixels below which its next LOD begins",
+    )
+
+
+class CrowdLodSettings(bpy.types.PropertyGroup):
+    """The crowd of a scene. Everything a plan depends on is here or in the scene itself."""
+
+    characters: PointerProperty(
+        type=bpy.types.Collection,
+        name="Characters",
+        description="Collection whose children, collections or objects, are the character groups",
+    )
+    keep_characters: BoolProperty(
+        name="Keep in Renders",
+        description="Build and Preview leave the characters themselves in the picture, where they stand, besides the crowd",
+    )
+    forward: EnumProperty(
+        name="Forward",
+        description="The way the characters face where they stand",
+        items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", "Blender's back"), ("X", "+X", "Right"), ("-X", "-X", "Left")],
+    )
+    count: IntProperty(
+        update=outdate,
+        name="Agents",
+        default=1000,
+        min=0,
+        soft_max=1_000_000,
+        max=MOST_AGENTS,
+        description="How many there are in the crowd",
+    )
+    seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
+    centre: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Centre of the crowd's ground")
+    size: FloatVectorProperty(
+        name="Size",
+        size=2,
+        default=(60, 60),
+        subtype="XYZ",
+        unit="LENGTH",
+        min=0,
+        description="Width (X) and depth (Y) of the crowd's ground",
+    )
+    map_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Map",
+        description="Label map over the ground: each pixel in the color of a label. None is open ground between two edges",
+    )
+    height_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Height Map",
+        description="Heights over the ground, from the first channel; agents stand on it. None is level ground",
+    )
+    height_scale: FloatProperty(
+        name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
+    )
+    tilt: BoolProperty(
+        name="Lean with the Slope", description="Agents on a height map stand square on its slope instead of upright"
+    )
+    machine: PointerProperty(
+        type=bpy.types.Text,
+        name="State Machine",
+        description="What agents do on each label, as JSON. None lets them walk to and fro between the edges",
+    )
+    first_frame: IntProperty(
+        name="Start Frame", default=1, subtype="TIME", description="Before it the crowd stands where it was populated"
+    )
+    choice: EnumProperty(
+        update=outdate,
+        name="Choose LODs",
+        default="BY_TOLERANCE",
+        description="How many LODs there are, and where they begin",
+        items=[
+            ("BY_RATIO", "By Ratio", "Set how many LODs there are, what they keep and where they begin"),
+            ("BY_TOLERANCE", "By Tolerance", "Set how many pixels a LOD may deviate; all else follows, for every camera"),
+        ],
+    )
+    tolerance: FloatProperty(
+        update=outdate,
+        name="Tolerance",
+        default=1.0,
+        min=0,
+        soft_min=0.1,
+        soft_max=10,
+        subtype="PIXEL",
+        description="Pixels of the rendered picture by which a LOD's surface may lie off the character's",
+    )
+    memory: FloatProperty(
+        update=outdate,
+        name="Memory for Characters",
+        min=0,
+        soft_max=16_000,
+        precision=0,
+        description="Megabytes that the characters may take in a render: LODs are chosen to fit, where they deviate least. 0 is no limit",
+    )
+    shading_counts: BoolProperty(
+        name="Shading Counts",
+        description="A LOD by tolerance also begins no nearer than where its shaded picture differs by 2 % of white at most",
+    )
+    level_count: IntProperty(
+        update=outdate,
+        name="Levels",
+        default=3,
+        min=1,
+        max=MOST_LEVELS,
+        description="LODs of each character, itself as LOD 0 included",
+    )
+    scale_textures: BoolProperty(
+        name="Scale Textures",
+        description="Build and Bake show far LODs with images scaled down to what can be seen of them where each begins",
+    )
+    ratios: FloatVectorProperty(
+        update=outdate,
+        name="Ratio",
+        precision=3,
+        size=MOST_LEVELS,
+        min=0.001,
+        max=1,
+        default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
+        description="Part of the triangles that each LOD keeps",
+    )
+    way: EnumProperty(
+        name="Decimation",
+        description="How the LOD meshes are made",
+        items=[
+            ("AUTO", "Automatic", "Try both ways on each mesh, measure, and take the fast one where it is no worse"),
+            ("FAST", "Fast", "Quadric edge collapse that keeps UV seams; weights, UVs, colors and normals are carried over"),
+            ("PRECISE", "Precise", "Blender's Decimate modifier, which keeps weights, UVs and colors itself"),
+        ],
+    )
+    thresholds: FloatVectorProperty(
+        update=outdate,
+        name="Threshold",
+        precision=3,
+        size=MOST_LEVELS - 1,
+        min=0,
+        max=1,
+        default=THRESHOLDS,
+        description="Part of the camera's far distance at which the next LOD begins",
+    )
+    metric: EnumProperty(
+        update=outdate,
+        name="Distance",
+        description="By what an agent's LOD is chosen",
+        items=[
+            ("AXIS", "Along the View", "Depth, which size on screen depends on"),
+            ("RADIAL", "From the Camera", "Straight distance; panoramic cameras always use it"),
+            ("PIXELS", "By Size in Pixels", "Size in the picture, so that a zoom changes the LOD"),
+        ],
+    )
+    sizes: FloatVectorProperty(
+        update=outdate,
+        name="Size",
+        size=MOST_LEVELS - 1,
+        min=0.01,
+        default=SIZES,
+        description="Height of a character in pixels below which the next LOD begins",
+    )
+    hysteresis: FloatProperty(
+        name="Hysteresis",
+        min=0,
+        max=0.5,
+        subtype="FACTOR",
+        description="How far beyond the distance where a LOD begins an agent changes to it in the overlay, as a part of that "
+        "distance. Preview and build have none",
+    )
+    bias_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Detail Map",
+        description="Painted over the ground: white stands for four times as near, black for four times as far, grey for no change",
+    )
+    cull_to_border: BoolProperty(
+        name="Cull to Render Border", description="Leave out what lies outside the render region, where one is set"
+    )
+    drop_lost: BoolProperty(
+        name="Drop Lost Agents", description="Leave out agents at NaN or infinity, and count them, instead of stopping"
+    )
+    margin_kind: EnumProperty(
+        name="Margin",
+        description="By how much the camera's frustum is widened, for characters that reach into it from outside",
+        items=[
+            ("DERIVED", "From Bounds", "Widen the frustum just so far that no character that may touch a pixel is dropped"),
+            ("FIXED", "Fixed", "Widen the frustum by a distance of your own; may drop characters"),
+        ],
+    )
+    margin: FloatProperty(
+        name="Margin", default=1.0, min=0, unit="LENGTH", description="Distance by which the frustum's sides are moved out"
+    )
+    shadows: BoolProperty(
+        name="Shadows and Reflections",
+        default=True,
+        description="Keep characters outside the picture whose shadows fall into it, or whom mirrors show; the camera itself "
+        "does not see them",
+    )
+    mirrors: PointerProperty(
+        type=bpy.types.Collection, name="Mirrors", description="Collection of flat objects that mirror the crowd"
+    )
+    unseen_level: IntProperty(
+        name="LOD If Unseen",
+        default=MOST_LEVELS - 1,
+        min=0,
+        max=MOST_LEVELS - 1,
+        description="Level of detail of characters kept for their shadow or reflection alone, or the coarsest there is",
+    )
+    colour: EnumProperty(
+        name="Color",
+        description="Colors of the characters in the previewed pictures",
+        items=[
+            ("LOD", "By LOD", "Red, green, blue from near to far"),
+            ("MATERIAL", "Materials", "The characters' own materials"),
+        ],
+    )
+    engine: EnumProperty(
+        name="Engine",
+        description="What draws the previewed pictures",
+        items=[
+            ("WORKBENCH", "Workbench", "Plain and quick, as a solid viewport"),
+            ("CYCLES", "Cycles", "Path tracing, with the scene's lights"),
+            ("EEVEE", "EEVEE", "Rasterized, with the scene's lights"),
+            ("OVERLAY", "Overlay", "A playblast: the picture of the viewport's overlay, in its color; by far the fastest"),
+        ],
+    )
+    above: PointerProperty(
+        type=bpy.types.Object,
+        name="View From Above",
+        poll=lambda _, candidate: candidate.type == "CAMERA",
+        description="Camera of the second picture; none looks straight down on crowd and frustum",
+    )
+    frames: StringProperty(name="Frames", default="1:120", description="Frames to preview: a range 1:120 or a list 1,40,80")
+    step: IntProperty(name="Step", default=10, min=1, description="Of a range of frames every so many are previewed")
+    width: IntProperty(name="Width", default=960, min=16, max=8192, subtype="PIXEL", description="Width of the pictures")
+    folder: StringProperty(
+        name="Output",
+        default="//crowd_lod",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Folder for the preview's pictures, table and plan",
+    )
+    overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
+    overlay_mode: EnumProperty(
+        name="Draw As",
+        description="How the overlay draws the agents",
+        items=[
+            ("MESHES", "LOD Meshes", "Every character at its LOD, each in its own step of the action"),
+            ("BOXES", "Boxes", "As high and wide as the characters; for very many"),
+            ("POINTS", "Points", "As wide as the characters; for very many"),
+        ],
+    )
+    overlay_colour: EnumProperty(
+        name="Overlay Color",
+        description="Colors of the agents in the overlay",
+        items=[
+            ("LOD", "By LOD", "Red, green, blue from near to far"),
+            ("STATE", "By State", "The colors of the state machine"),
+            ("GROUP", "By Group", "A color a character group"),
+            ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
+            ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
+        ],
+    )
+    overlay_camera: EnumProperty(
+        name="Seen From",
+        description="Whose view culls and chooses LODs in the overlay",
+        items=[
+            ("SCENE", "Scene Camera", "Culling and LODs are those of the scene's camera"),
+            ("VIEWPORT", "Viewport", "Culling and LODs are those of each viewport's own view"),
+        ],
+    )
+    hud: BoolProperty(name="Figures in the Viewport", default=True, description="Write counts, times and memory over the viewport")
+    inset: BoolProperty(
+        name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
+    )
+    agent: IntProperty(name="Agent", default=-1, min=-1, description="The agent that the overlay rings and tells of; -1 is none")
+    overlay_culled: BoolProperty(
+        name="Culled Agents",
+        default=True,
+        description="Show culled agents as faint points; of a crowd of more than 100,000 every second, third, and so on",
+    )
+    overlay_fade: FloatProperty(
+        name="Cross-Fade",
+        min=0,
+        max=0.5,
+        subtype="FACTOR",
+        description="Part of a LOD's distance over which it dissolves into the next one, in a dither pattern; 0 switches at once",
+    )
+    version: IntProperty(name="Version", min=0, description="Which version of Crowd LOD these settings are of")
+    # what the steps made and measured; found by pointer, so a rename does not lose it
+    groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
+    trouble: StringProperty(name="Trouble", description="Which agents get stuck, as Populate found")
+    memory_tolerance: FloatProperty(
+        name="Tolerance for Memory",
+        min=0,
+        subtype="PIXEL",
+        description="Pixels that LODs deviate so that they fit in Memory for Characters, as Make LOD Meshes found; 0 without a limit",
+    )
+    memory_made: FloatProperty(name="Memory Limit of LODs", description="Memory for Characters when LOD meshes were last made")
+    dropped: StringProperty(name="Not Made", description="LODs that were not made by tolerance, and why, a line each")
+    estimate: StringProperty(name="Estimate", description="What the crowd costs to render, as Estimate Cost found: a table")
+    levels: PointerProperty(type=bpy.types.Collection, name="LOD Meshes", description="Made by Make LOD Meshes")
+    build: PointerProperty(type=bpy.types.Collection, name="Build", description="Made by Build or Bake")
+
+
+CLASSES = (CrowdLodGroup, CrowdLodSettings)

@@ -1,0 +1,270 @@
+"""A character's sphere holds all that a render shows of it, judged by the pixels of renders."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.build import frame_update
+from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from mathutils import Matrix
+
+from .characters import character, new, rig, skin, tube
+from .test_rig_dependencies import keyed
+
+PIXELS, WIDTH = 64, 12.0  # of the picture; metres that it shows
+
+
+def lit(tmp_path, height, frames=(1,)):
+    """(n, 2) metres to the right and up from the `height` above the scene's origin: the pixels that renders from the side show."""
+    scene = bpy.context.scene
+    eye = new("eye", bpy.data.cameras.new("eye"))
+    eye.data.type, eye.data.ortho_scale = "ORTHO", WIDTH
+    eye.location, eye.rotation_euler = (0, -20, height), (np.pi / 2, 0, 0)
+    scene.collection.objects.link(eye)
+    scene.camera, render = eye, scene.render
+    render.engine, scene.cycles.samples, scene.cycles.use_denoising = "CYCLES", 1, False
+    render.resolution_x = render.resolution_y = PIXELS
+    render.film_transparent, render.image_settings.color_mode, render.filter_size = True, "RGBA", 0.01
+    render.filepath = str(tmp_path / "picture.png")
+    found = []
+    for frame in frames:
+        scene.frame_set(frame)
+        bpy.ops.render.render(write_still=True)
+        row, column = np.nonzero(image_data.load_pixels(tmp_path / "picture.png")[..., 3])
+        found.append(np.column_stack([column, row]) + 0.5 - PIXELS / 2)
+    return np.concatenate(found) * WIDTH / PIXELS
+
+
+def in_renders_only(body):
+    array = body.modifiers.new("Array", "ARRAY")
+    array.count, array.use_relative_offset, array.use_constant_offset = 3, False, True
+    array.constant_offset_displace = (1.5, 0, 0)
+    array.show_viewport = False
+    return array
+
+
+def finer_in_renders(body):
+    """A tile whose middle, which only renders have, is pulled up."""
+    mesh = bpy.data.meshes.new("tile")
+    mesh.from_pydata([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)], [], [(0, 1, 2, 3)])
+    tile = new("tile", mesh)
+    finer = tile.modifiers.new("Finer", "SUBSURF")
+    finer.subdivision_type, finer.levels, finer.render_levels = "SIMPLE", 0, 3
+    pull = tile.modifiers.new("Pull", "DISPLACE")
+    pull.texture, pull.direction, pull.strength, pull.mid_level = bpy.data.textures.new("round", "BLEND"), "Z", 5, 0
+    pull.texture.progression = "SPHERICAL"
+    body.users_collection[0].objects.link(tile)
+
+
+def keyed_in_renders(body):
+    array = in_renders_only(body)
+    array.show_render = False
+    keyed(array, "show_render", True, 8)
+    array.show_viewport = False
+    array.keyframe_insert("show_viewport", frame=1)
+
+
+def driven_in_renders(body):
+    in_renders_only(body).driver_add("show_render").driver.expression = "frame > 4"
+    keyed(body, "location", (0, 0, 0.1), 9)
+
+
+def hidden_in_the_viewport(body):
+    part = new("hat", tube("hat", 8, 8))
+    part.location.z, part.hide_viewport = 2, True
+    body.users_collection[0].objects.link(part)
+
+
+def hidden_at_times(body):
+    hidden_in_the_viewport(body)
+    part = bpy.data.objects["hat"]
+    part.hide_viewport = False
+    keyed(part, "hide_viewport", True, 3)
+    keyed(part, "location", (0, 0, 3), 9)
+
+
+def in_a_hidden_collection(body):
+    hidden_in_the_viewport(body)
+    part, home = bpy.data.objects["hat"], bpy.data.collections.new("hats")
+    part.hide_viewport = False
+    body.users_collection[0].children.link(home)
+    body.users_collection[0].objects.unlink(part)
+    home.objects.link(part)
+    home.hide_viewport = True
+
+
+def hair(body):
+    data = bpy.data.hair_curves.new("hair")
+    data.add_curves([3, 3])
+    data.position_data.foreach_set(
+        "vector", np.float32([(0, 0, 2), (0.5, 0, 3), (2, 0, 3), (0, 0, 2), (0, 0, 3), (0, 0, 4)]).ravel()
+    )
+    data.attributes.new("radius", "FLOAT", "POINT").data.foreach_set("value", np.full(6, 0.4, np.float32))
+    body.users_collection[0].objects.link(new("hair", data))
+
+
+def material(body, method="DISPLACEMENT"):
+    made = bpy.data.materials.new("skin")
+    made.use_nodes, made.displacement_method = True, method
+    body.data.materials.append(made)
+    return made.node_tree
+
+
+def displaced_by(tree, height=None):
+    node = tree.nodes.new("ShaderNodeDisplacement")
+    node.inputs["Scale"].default_value, node.inputs["Midlevel"].default_value = 2.0, 0.0
+    node.inputs["Height"].default_value = 0.75
+    if height is not None:
+        tree.links.new(height, node.inputs["Height"])
+    tree.links.new(node.outputs[0], next(n for n in tree.nodes if n.type == "OUTPUT_MATERIAL").inputs["Displacement"])
+    return node
+
+
+def displaced(body):
+    displaced_by(material(body))
+
+
+def displaced_by_a_ramp(body):
+    tree = material(body)
+    noise, ramp = tree.nodes.new("ShaderNodeTexNoise"), tree.nodes.new("ShaderNodeValToRGB")
+    noise.inputs["Scale"].default_value = 20.0
+    tree.links.new(noise.outputs[0], ramp.inputs[0])
+    for element, value in zip(ramp.color_ramp.elements, (0.7, 0.8), strict=True):
+        element.color = (value, value, value, 1)
+    displaced_by(tree, ramp.outputs[0])
+
+
+CASES = [in_renders_only, finer_in_renders, keyed_in_renders, driven_in_renders, hidden_in_the_viewport, hidden_at_times]
+CASES += [in_a_hidden_collection, hair, displaced, displaced_by_a_ramp]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_a_sphere_holds_all_that_a_render_shows(case, tmp_path):
+    body = new("body", tube("body", 8, 8))
+    character(body)
+    bare = scene_crowd.measure_groups(bpy.context.scene)[0]
+    case(body)
+    (group,) = scene_crowd.measure_groups(bpy.context.scene)
+    shown = np.linalg.norm(lit(tmp_path, group.feet + group.centre, range(1, 10, 4)), axis=1).max()
+    assert bare.radius + 0.2 < shown <= group.radius + WIDTH / PIXELS
+    assert group.radius < 1.6 * shown, "and not much more"
+
+
+def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
+    body = new("body", tube("body", 8, 8))
+    home, scene = character(body), bpy.context.scene
+    scene.crowd_lod.level_count, scene.crowd_lod.way = 2, "PRECISE"
+    list(make_levels(scene))
+    level = scene.crowd_lod.levels.children[1].children[0].objects[0]
+    level.data.transform(Matrix.Diagonal((3, 1, 2, 1)))  # an edited LOD
+    bpy.ops.crowd_lod.measure_levels()
+    (group,) = scene_crowd.groups_of(scene.crowd_lod)
+    home.hide_render = True
+    scene.collection.objects.link(level)
+    shown = np.linalg.norm(lit(tmp_path, group.feet + group.centre), axis=1).max()
+    assert 2.5 < shown <= group.reach + WIDTH / PIXELS
+
+
+def asks_is_viewport(body):
+    tree = bpy.data.node_groups.new("asks", "GeometryNodeTree")
+    ends = []
+    for way, kind in (("INPUT", "NodeGroupInput"), ("OUTPUT", "NodeGroupOutput")):
+        tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
+        ends.append(tree.nodes.new(kind))
+    tree.links.new(ends[0].outputs[0], ends[1].inputs[0])
+    tree.nodes.new("GeometryNodeIsViewport")
+    body.modifiers.new("asks", "NODES").node_group = tree
+    return "body", "ask whether they are in a viewport"
+
+
+def displaced_by_noise(body):
+    tree = material(body)
+    displaced_by(tree, tree.nodes.new("ShaderNodeTexNoise").outputs[0])
+    return "skin", "nothing bounds the height"
+
+
+@pytest.mark.parametrize("case", [asks_is_viewport, displaced_by_noise])
+def test_what_a_render_alone_knows_is_named_with_a_margin(case):
+    body = new("body", tube("body", 8, 8))
+    character(body)
+    named = case(body)
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    said = " ".join(scene_crowd._unmeasured(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
+    assert all(part in said for part in named) and "Margin to Fixed, 1.53 or more" in said
+    for made in bpy.data.materials:
+        made.max_vertex_displacement = 0.5  # the user bounds it
+    for made in bpy.data.node_groups:
+        made.nodes.remove(made.nodes["Is Viewport"])
+    assert not list(scene_crowd._unmeasured(bpy.context.scene, scene_crowd.groups_of(bpy.context.scene.crowd_lod)))
+    assert scene_crowd.measure_groups(bpy.context.scene)[0].radius == pytest.approx(1.02 + 0.5 * bool(bpy.data.materials), abs=0.01)
+
+
+def test_a_bump_is_no_displacement():
+    body = new("body", tube("body", 8, 8))
+    character(body)
+    displaced_by(material(body, "BUMP"))
+    assert scene_crowd.measure_groups(bpy.context.scene)[0].radius == pytest.approx(1.02, abs=0.01)
+
+
+@pytest.fixture
+def sunk():
+    """A crowd of one who stands half in the ground, and bends."""
+    scene = bpy.context.scene
+    body, armature = new("body", tube("body", 8, 8)), rig()
+    skin(body, armature)
+    character(body, armature, name="giraffe").instance_offset = (0, 0, 1)
+    settings = scene.crowd_lod
+    settings.count, settings.size, settings.level_count, settings.way = 1, (0.001, 0.001), 2, "PRECISE"
+    scene.render.fps = 24
+    return scene
+
+
+def pictured(scene, tmp_path):
+    """Metres above the ground, of the lowest that a render of the built crowd shows."""
+    scene.frame_set(1)
+    return lit(tmp_path, 1.0)[:, 1].min() + 1.0
+
+
+def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
+    settings = sunk.crowd_lod
+    lit(tmp_path, 1.0)  # a camera
+    bpy.ops.crowd_lod.populate()
+    (entry,) = settings.groups
+    assert entry.on_ground and entry.lowest == pytest.approx(-1) and entry.centre == pytest.approx(1.0, abs=0.01)
+    said = " ".join(scene_crowd._off_ground(sunk, scene_crowd.groups_of(settings)))
+    assert said == "Moved to stand on the ground: giraffe (lowest point 1 m below its origin)."
+    bpy.ops.crowd_lod.build()
+    settings.characters.hide_render = True
+    assert pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)
+    entry.on_ground = False
+    assert entry.centre == pytest.approx(0.0, abs=0.01)
+    assert "Off the ground (see Stand on Ground): giraffe" in " ".join(
+        scene_crowd._off_ground(sunk, scene_crowd.groups_of(settings))
+    )
+    with pytest.raises(CrowdError, match="press Build again"):
+        frame_update.update(sunk, bpy.context.evaluated_depsgraph_get())
+    bpy.ops.crowd_lod.build()
+    assert pictured(sunk, tmp_path) == pytest.approx(-1, abs=WIDTH / PIXELS)
+    entry.on_ground = True
+    settings.characters.children[0].instance_offset.z = 0.5
+    bpy.ops.crowd_lod.populate()
+    bpy.ops.crowd_lod.build()
+    assert entry.lowest == pytest.approx(-0.5) and pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)
+
+
+def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
+    settings = sunk.crowd_lod
+    lit(tmp_path, 1.0)
+    settings.groups.add().name = "giraffe"  # as an earlier version stored it
+    bpy.ops.crowd_lod.populate()
+    bpy.ops.crowd_lod.build()
+    settings.characters.hide_render = True
+    assert settings.groups[0].centre == pytest.approx(0, abs=0.01) and not settings.groups[0].on_ground
+    assert pictured(sunk, tmp_path) == pytest.approx(-1, abs=WIDTH / PIXELS)
+
+
+def test_a_step_of_two_percent_is_none(sunk):
+    sunk.crowd_lod.characters.children[0].instance_offset.z = 0.03
+    assert scene_crowd.measure_groups(sunk)[0].lowest == 0

@@ -1,0 +1,95 @@
+"""What a build is said to hold and to show is what Blender's depsgraph has; what fits in memory is built, and nothing else."""
+
+import json
+
+import bpy
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.batch.preview import Preview, preview
+from crowd_lod_extension.operators.build import bake, render_setup
+from crowd_lod_extension.operators.build.cost_estimate import FULL, estimate
+from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+
+
+def triangles(item):
+    return len(item.data.loops) - 2 * len(item.data.polygons)
+
+
+def shown(scene):
+    """(agents, their triangles, the triangles of the characters that they show, each once) of the evaluated scene."""
+    found = []
+    for each in bpy.context.evaluated_depsgraph_get().object_instances:
+        if each.is_instance and each.object.type == "MESH" and each.parent and render_setup.LEVEL in each.parent.original:
+            found.append(each.object.original)
+    return len(found), sum(map(triangles, found)), sum(map(triangles, set(found)))
+
+
+@pytest.mark.parametrize("known", [False, True])
+def test_work_is_what_the_depsgraph_shows(levelled, known):
+    scene, frames = levelled, [3, 9, 14]
+    found = finished(estimate(scene, frames, known))
+    assert list(found.looked_at) == frames and FULL in found.works and found.engine == "EEVEE"
+    work = found.works["By Ratio"]
+    finished(bake.bake(scene, frames) if known else render_setup.build(scene))
+    top = scene.crowd_lod.build
+    for f, number in enumerate(frames):
+        scene.frame_set(number)
+        agents, instanced, unique = shown(scene)
+        assert (agents, instanced, unique) == (work.instances[f], work.instanced[f], work.unique[f])
+    meshes = [item for item in top.all_objects if item.type == "MESH" and render_setup.LEVEL not in item]
+    assert work.posed == sum(map(triangles, meshes))
+    assert work.rigs == sum(item.type == "ARMATURE" for item in top.all_objects)
+    assert work.points == (sum(len(item.data.vertices) for item in render_setup.points_of(top).values()) if known else 0)
+    whole = found.works[FULL]
+    assert (whole.instances == work.instances).all() and (whole.instanced > work.instanced).all()
+    assert found.prices[FULL].memory > 0 and "By Ratio" in found.sentence and len(found.table.splitlines()) == 1 + len(found.works)
+
+
+def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
+    with pytest.raises(RuntimeError, match="LOD meshes of Scene are not made: press Make LOD Meshes"):
+        scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+        bpy.ops.crowd_lod.estimate()
+    list(make_levels(scene))
+    assert bpy.ops.crowd_lod.estimate() == {"FINISHED"}
+    rows = [line.split("\t") for line in scene.crowd_lod.estimate.splitlines()]
+    assert [row[0] for row in rows][1:] == [FULL, "By Ratio", "By Ratio, Baked", "By Tolerance"] and rows[1][-1] == "100%"
+    scene.crowd_lod.tolerance = 2.0
+    assert scene.crowd_lod.estimate == ""
+
+
+def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
+    settings = scene.crowd_lod
+    settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 0.2, "1:20"
+    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    list(make_levels(scene))
+    free = finished(estimate(scene)).prices["By Tolerance"].memory / 1e6
+    settings.memory = 1.0
+    before, groups = set(bpy.data.user_map()), scene_crowd.groups_of(settings)
+    with pytest.raises(CrowdError, match="The characters cannot take less than .* MB") as error:
+        list(make_levels(scene))
+    assert set(bpy.data.user_map()) == before and scene_crowd.groups_of(settings) == groups
+    least = float(str(error.value).split(" MB")[0].rpartition(" ")[2])
+    settings.memory = 0.5 * (free + least) + 0.5
+    list(make_levels(scene))
+    finest = scene_crowd.policy_of(settings).finest
+    assert settings.memory_tolerance > 0.2 and max(finest) > 0
+    cast = finished(render_setup.build(scene))
+    assert "LODs deviate by up to" in render_setup.told_of_cast(scene, cast)
+    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    assert all((frame.levels[frame.crowd.group == g] >= least).all() for g, least in enumerate(finest))
+    scene.frame_set(5)
+    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    assert shown(scene)[0] == len(frame.buckets.order)  # nobody is lost
+    inside = {item for item in settings.build.all_objects if item.type == "MESH" and render_setup.LEVEL not in item}
+    for g, (group, own) in enumerate(zip(settings.groups, finest, strict=True)):
+        left_out = {
+            item.data for level in settings.levels.children[:own] for item in level.children[g].objects if item.type == "MESH"
+        }
+        kept = {item.data for level in settings.levels.children[own:] for item in level.children[g].objects if item.type == "MESH"}
+        assert kept <= {item.data for item in inside} and not (left_out - kept) & {item.data for item in inside}, group.name
+    assert finished(estimate(scene)).prices["By Tolerance"].memory <= 1e6 * settings.memory * 1.02
+    finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)

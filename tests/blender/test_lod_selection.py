@@ -1,0 +1,116 @@
+"""LODs by tolerance in a scene: as many as pay, of each character, and nothing of the others left."""
+
+import bpy
+import numpy as np
+import pytest
+from bpy_extras.object_utils import world_to_camera_view
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.levels.selection import LADDER
+from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from mathutils import Vector
+
+
+@pytest.fixture
+def tolerant(scene):
+    scene.crowd_lod.choice, scene.crowd_lod.tolerance = "BY_TOLERANCE", 1.0
+    scene.crowd_lod.frames = "1:20"
+    return scene
+
+
+def test_as_many_are_made_as_pay_and_the_build_shows_them(tolerant):
+    settings, before = tolerant.crowd_lod, set(bpy.data.user_map())
+    list(make_levels(tolerant))
+    groups, count = scene_crowd.groups_of(settings), scene_crowd.count_of(settings)
+    assert count == len(settings.levels.children) == max(len(set(g.triangles)) for g in groups) >= 2
+    for g, group in enumerate(groups):
+        own = len(set(group.triangles))
+        assert (np.diff(group.triangles[:own]) < 0).all() and (np.diff(group.deviations[:own]) > 0).all()
+        assert set(group.triangles[own:]) <= {group.triangles[own - 1]}  # it repeats its last
+        for k, level in enumerate(settings.levels.children):
+            (item,) = (o for o in level.children[g].objects if o.type == "MESH")
+            shown = min(k, own - 1)
+            assert item.name.endswith(f"LOD {shown}") and level.children[g].name == f"{g:03d} {group.name} LOD {shown}"
+            if k:
+                assert len(item.data.loops) - 2 * len(item.data.polygons) == group.triangles[k]
+    assert len(settings.dropped.splitlines()) == len(LADDER) * len(groups) - sum(len(set(g.triangles)) for g in groups)
+    new = set(bpy.data.user_map()) - before
+    assert all(block.users for block in new)
+    meshes = {b for b in new if isinstance(b, bpy.types.Mesh)}
+    assert len(meshes) == sum(len(set(g.triangles)) - 1 for g in groups)
+    list(render_setup.build(tolerant))
+    tolerant.frame_set(5)
+    frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
+    assert len(frame.buckets.counts) == count
+    found = [
+        o.instance_object.name
+        for o in bpy.context.evaluated_depsgraph_get().object_instances
+        if o.is_instance and o.object.type == "MESH"
+    ]
+    assert len(found) == len(frame.buckets.order)
+    list(make_levels(tolerant))
+    assert scene_crowd.groups_of(settings) == groups
+
+
+def made(scene, pixels=1.0):
+    scene.crowd_lod.tolerance = pixels
+    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+    list(make_levels(scene))
+    return scene.crowd_lod
+
+
+def test_at_the_switch_distance_the_bound_spans_the_tolerance_in_blender_s_own_camera(tolerant):
+    settings = made(tolerant, 2.0)
+    camera, render = tolerant.camera, tolerant.render
+    camera.location, camera.rotation_euler = (0, 0, 0), (0, 0, 0)
+    for lens, width in ((35, 640), (120, 640), (35, 1920)):
+        camera.data.lens, render.resolution_x, render.resolution_y = lens, width, width * 9 // 16
+        bpy.context.view_layer.update()
+        frame = scene_crowd.frame_of(tolerant, bpy.context.evaluated_depsgraph_get())
+        for group, begins in zip(scene_crowd.groups_of(settings), frame.begins, strict=True):
+            for metres, begin in zip(group.bounds[1:], begins, strict=True):
+                depth = -(begin - group.radius)  # of the sphere's nearest point
+                ends = [world_to_camera_view(tolerant, camera, Vector((x, 0, depth))) for x in (0, metres)]
+                assert (ends[1].x - ends[0].x) * width == pytest.approx(2.0, rel=1e-4)
+
+
+def test_tolerance_reaches_the_frame_and_a_wrong_one_is_refused(tolerant):
+    settings = made(tolerant)
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    one = scene_crowd.frame_of(tolerant, depsgraph)
+    settings.tolerance = 4
+    four = scene_crowd.frame_of(tolerant, depsgraph)
+    assert (four.levels >= one.levels).all() and four.triangles < one.triangles
+    assert (np.diff(one.begins, axis=1) >= 0).all()
+    for wrong in (0, float("nan")):
+        settings.tolerance = wrong
+        with pytest.raises(CrowdError, match="tolerance"):
+            scene_crowd.frame_of(tolerant, depsgraph)
+    settings.choice = "BY_RATIO"
+    assert scene_crowd.policy_of(settings).thresholds == (0.2, 0.5)
+
+
+def test_a_tolerance_of_nothing_is_refused_before_anything_is_made(tolerant):
+    tolerant.crowd_lod.tolerance = 0
+    before = set(bpy.data.user_map())
+    with pytest.raises(CrowdError, match="tolerance is 0"):
+        list(make_levels(tolerant))
+    tolerant.crowd_lod.tolerance, tolerant.camera = 1, None
+    with pytest.raises(CrowdError, match="no active camera"):
+        list(make_levels(tolerant))
+    assert set(bpy.data.user_map()) == before and tolerant.crowd_lod.levels is None
+
+
+def test_a_still_character_without_an_armature(tolerant):
+    top = bpy.data.collections.new("Rocks")
+    tolerant.collection.children.link(top)
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=5)
+    rock = bpy.context.object
+    top.objects.link(rock)
+    bpy.context.scene.collection.objects.unlink(rock)
+    tolerant.crowd_lod.characters = top
+    list(make_levels(tolerant))
+    (group,) = scene_crowd.groups_of(tolerant.crowd_lod)
+    assert group.triangles[0] == 20 * 4**4 and len(group.triangles) >= 2 and set(group.worst) == {1.0}
+    assert (np.diff(group.deviations) > 0).all()

@@ -1,0 +1,150 @@
+"""What the user is told of the LODs: the table, the rendered silhouettes against the prediction, the pictures."""
+
+import json
+import re
+from html.parser import HTMLParser
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.levels import selection
+from crowd_lod_extension.crowd_lod.reporting.html_report import page
+from crowd_lod_extension.operators.batch import lod_picture, lod_table
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.crowd import character_extent, scene_crowd
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.lod_meshes.surface import Surface
+
+
+def told(scene, folder):
+    """The tables of `scene` as its camera sees it, and the frame."""
+    frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    steps = lod_table.tables(scene, scene_crowd.trajectory_of(scene).groups, frame.camera, frame.begins, folder)
+    progress = []
+    while True:
+        try:
+            progress.append(next(steps))
+        except StopIteration as end:
+            assert progress == sorted(progress) and progress[-1] == 1.0
+            return end.value, frame
+
+
+@pytest.mark.usefixtures("exact_levels")
+@pytest.mark.parametrize("choice, kind", [("BY_TOLERANCE", "PERSP"), ("BY_RATIO", "PERSP"), ("BY_TOLERANCE", "ORTHO")])
+def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp_path, monkeypatch, choice, kind):
+    settings = scene.crowd_lod
+    monkeypatch.setattr(selection, "WORTH", 0)  # as many LODs as save anything
+    settings.characters.children.unlink(settings.characters.children["adult"])
+    scene.camera.data.type, scene.camera.data.ortho_scale, scene.render.resolution_x = kind, 40.0, 1920
+    settings.choice, settings.tolerance, settings.frames = choice, 8.0, "1"
+    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    list(make_levels(scene))
+    tables, frame = told(scene, tmp_path)
+    assert [each["group"] for each in tables] == ["child"]
+    checked = 0
+    for each, group, begins in zip(tables, scene_crowd.groups_of(settings), frame.begins, strict=True):
+        assert each["levels"][0]["deviation_mm"] == 0 and len(each["levels"]) == len(set(group.triangles))
+        assert each["levels"][-1]["to_lod"] == len(group.triangles) - 1
+        for row, begin in zip(each["levels"][1:], begins, strict=False):
+            assert row["deviation_mm"] == pytest.approx(1000 * group.deviations[row["lod"]])
+            assert row["percent"] == pytest.approx(100 * group.deviations[row["lod"]] / group.diagonal)
+            if kind == "PERSP":
+                pixels = scene.camera.data.lens / scene.camera.data.sensor_width * 1920
+                assert row["from_m"] == begin
+                assert row["predicted_px"] == pytest.approx(group.bounds[row["lod"]] * pixels / (begin - group.radius), rel=1e-6)
+            if row["predicted_px"] is not None:
+                least, most = row["measured_px_between"]
+                assert least <= row["measured_px"] <= most and most > 0 and least <= row["predicted_px"]
+                assert 0 < row["picture_difference"] < 0.2 and 0.5 < row["picture_similarity"] < 1
+                checked += 1
+            if choice == "BY_TOLERANCE" and row["predicted_px"] is not None:
+                assert row["predicted_px"] <= 8.0 + 1e-9
+    assert checked
+    assert json.loads(json.dumps(tables, allow_nan=False)) == tables
+
+
+def test_the_way_a_lod_was_made_is_told_where_it_is_known(levelled, tmp_path):
+    item = next(o for o in levelled.crowd_lod.levels.children[1].children[0].objects if o.type == "MESH")
+    item["crowd_lod_way"], item["crowd_lod_why"], item["crowd_lod_ms"] = "precise", "It has seams.", 12.5
+    for other in (o for home in levelled.crowd_lod.levels.children[2].children for o in home.objects):
+        for key in ("crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"):
+            other.pop(key, None)
+    tables, _ = told(levelled, tmp_path)
+    assert [tables[0]["levels"][1][key] for key in ("way", "why", "ms")] == ["precise", "It has seams.", 12.5]
+    assert [tables[0]["levels"][2][key] for key in ("way", "why", "ms")] == [None, None, None]
+
+
+def test_names_make_safe_and_different_files(scene, tmp_path):
+    people = scene.crowd_lod.characters
+    people.children["adult"].name, people.children["child"].name = "../a <b>", "..?a ?b?"
+    scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
+    scene.crowd_lod.level_count = 1
+    list(make_levels(scene))
+    tables, _ = told(scene, tmp_path)
+    names = [each["picture"] for each in tables]
+    assert len(set(names)) == 2 and all(re.fullmatch(r"levels_[A-Za-z0-9._-]+\.png", name) for name in names)
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+
+
+def test_the_picture_tints_by_the_distance_to_the_source():
+    square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float)
+    faces = np.array([(0, 1, 2), (0, 2, 3)])
+    flat, off = Surface(square, faces), Surface(square + (0.25, 0, 0), faces)
+    pixels, most = lod_picture.draw(flat, [flat, off], ["two triangles", "two triangles"], 0.0)
+    assert most == pytest.approx(0.25, rel=1e-5)
+    low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3).astype(int)
+    for end in lod_picture.RAMP[[0, -1]] * 255:  # the near one all in the ramp's first colour, the far one in its last
+        shades = np.arange(0.8, 1.001, 0.01)[:, None] * end
+        assert (np.abs(low[:, None] - shades[None]).max(axis=2).min(axis=1) <= 3).mean() > 0.1
+    before = len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)
+    lod_picture.draw(flat, [flat], ["again"], 1.0)
+    assert (len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)) == before
+
+
+def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
+    settings, scene.render.resolution_x, scene.render.resolution_y = scene.crowd_lod, 640, 360
+    settings.characters.children.unlink(settings.characters.children["child"])
+    scene.unit_settings.system, scene.unit_settings.scale_length = "METRIC", 0.01
+    settings.choice, settings.tolerance = "BY_TOLERANCE", 2
+    scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
+    list(make_levels(scene))
+    begins, groups = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get()).begins, scene_crowd.groups_of(settings)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    words = ["preview", tmp_path / "crowd.blend", "--frames", "1", "--width", "160", "--quiet", "--out", tmp_path / "out"]
+    assert commands._run([*map(str, words), "--tolerance", "2"], "crowd-lod") == 0
+    plan = json.loads((tmp_path / "out" / "plan.json").read_text())
+    for told, begin, group in zip(plan["levels"]["characters"], begins, groups, strict=True):
+        # the sidebar's figures: of the scene's own renders, in its unit
+        assert [row["from_m"] for row in told["levels"][1:]] == pytest.approx(0.01 * begin[: len(told["levels"]) - 1])
+        for row in told["levels"]:
+            assert row["deviation_mm"] == pytest.approx(10 * group.deviations[row["lod"]])
+    assert image_data.load_pixels(tmp_path / "out" / "main_0001.png").shape[:2] == (90, 160)
+    assert plan["levels"]["pixels"] == [640, 360] and plan["preview"]["height"] == 90
+    assert plan["levels"]["tolerance"] == 2 and plan["levels"]["thresholds"] is None
+    assert len(plan["levels"]["characters"]) == 1 and plan["levels"]["dropped"]
+    text = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert text == page(plan)
+    links = []
+    reader = HTMLParser()
+    reader.handle_starttag = lambda tag, attrs: links.extend(v for k, v in attrs if k == "src")
+    reader.feed(text)
+    assert set(links) == {"contact_sheet.png", "levels_adult.png"}
+    assert all(image_data.load_pixels(tmp_path / "out" / name).size for name in links)
+    for wrong in ("0", "-1", "nan", "inf"):
+        assert commands._run([*map(str, words), "--tolerance", wrong], "crowd-lod") == 1
+        assert "tolerance" in capfd.readouterr().err
+
+
+def test_measuring_in_steps_gives_the_same_and_leaves_nothing_in_between(scene, monkeypatch):
+    whole = scene_crowd.measure_groups(scene)
+    monkeypatch.setattr(character_extent, "TICK", 0.0)  # a pose at a time
+    before, progress, steps = set(bpy.data.user_map()), [], scene_crowd.measuring_groups(scene)
+    while True:
+        try:
+            progress.append(next(steps))
+        except StopIteration as end:
+            assert end.value == whole
+            break
+        assert set(bpy.data.user_map()) == before
+    assert progress == sorted(progress) and len(progress) > 20 and progress[-1] == 1.0

@@ -1,0 +1,111 @@
+"""The agent under the cursor against a plain loop over all, and what is told of an agent against first principles."""
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.culling.radar import BLOCK
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account, nearest
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+
+SIZE = 640, 480
+# 90 degrees wide, clipped at 1 and 100 m, from the origin along -z
+PERSPECTIVE = np.array([[1.0, 0, 0, 0], [0, 4 / 3, 0, 0], [0, 0, -101 / 99, -200 / 99], [0, 0, -1, 0]])
+
+
+def pixel(place, matrix=PERSPECTIVE):
+    """Where the place is in the picture, or None if it is clipped."""
+    x, y, z, w = matrix @ (*place, 1.0)
+    return None if w <= 0 or abs(z) > w else ((x / w + 1) * SIZE[0] / 2, (y / w + 1) * SIZE[1] / 2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_is_the_nearest_of_all(seed):
+    random = np.random.default_rng(seed)
+    places = random.uniform(-120, 120, (3, 2 * BLOCK + 77))
+    cursor = random.uniform((0, 0), SIZE)
+    away = np.full(places.shape[1], np.inf)
+    for agent, place in enumerate(places.T):
+        at = pixel(place)
+        if at is not None:
+            away[agent] = np.hypot(at[0] - cursor[0], at[1] - cursor[1])
+    expected = int(away.argmin())
+    assert np.isfinite(away[expected])
+    assert nearest(places, PERSPECTIVE, SIZE, cursor, 1e4) == expected
+    assert nearest(places, PERSPECTIVE, SIZE, cursor, 1.001 * away[expected]) == expected
+    assert nearest(places, PERSPECTIVE, SIZE, cursor, 0.999 * away[expected]) is None
+    others = np.arange(len(away)) != expected
+    assert nearest(places, PERSPECTIVE, SIZE, cursor, 1e4, others) == int(np.where(others, away, np.inf).argmin())
+
+
+def test_behind_the_viewer_at_nan_and_in_an_empty_crowd_there_is_none():
+    middle = SIZE[0] / 2, SIZE[1] / 2
+    for place in ((0, 0, 10), (0, 0, 0), (0, 0, -0.5), (0, 0, -101), (np.nan, 0, -10), (0, np.inf, -10)):
+        assert nearest(np.array([place]).T, PERSPECTIVE, SIZE, middle, 1e4) is None
+    assert nearest(np.empty((3, 0)), PERSPECTIVE, SIZE, middle, 1e4) is None
+    assert nearest(np.array([[0.0], [0.0], [-10.0]]), PERSPECTIVE, SIZE, middle, 1e4) == 0
+
+
+GROUPS = (
+    Group("adult", 1.0, 1.0, 0.0, 1.0, deviations=(0.0, 0.02, 0.1)),
+    Group("child", 0.5, 0.5, 0.0, 1.0, deviations=(0.0, 0.01, 0.05)),
+)
+# x, y, group of agents on the ground before a camera at (0, 0, 1) that looks along +y and is 2 units wide, from 1 to 40 m
+AGENTS = ((0, 5, 0), (1, 20, 0), (0, 30, 1), (0, 39.9, 0), (-30, 10, 0), (0, -10, 1), (0, 50, 0))
+
+
+def accounts(kind="PERSP", groups=GROUPS):
+    x, y, group = np.array(AGENTS, np.float64).T
+    n = len(x)
+    crowd = Crowd(
+        x, y, np.zeros(n), np.zeros(n, np.float32), np.zeros(n, np.uint8), group.astype(np.uint8), np.zeros(n, np.float32)
+    )
+    machine = load_preset("chapter")
+    edge = 1.0 if kind == "PERSP" else 20.0
+    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
+    camera = Camera(kind, np.array([0.0, 0, 1]), *axes, Window(-edge, edge, -edge, edge), 1.0, 40.0, (1000, 1000))
+    policy = LevelPolicy((0.25, 0.6))
+    world = edge_map(Area(-60, -60, 60, 60), machine.labels)
+    frame = plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
+    return [account(frame, agent, groups, machine, (camera,), policy) for agent in range(n)], machine, frame
+
+
+def test_an_account_says_what_the_plan_made_of_an_agent():
+    found, machine, frame = accounts()
+    assert [each.level for each in found] == frame.levels.tolist() and found[0].state == machine.states[0]
+    assert [each.agent for each in found] == list(range(len(AGENTS)))
+    assert [each.group for each in found] == [GROUPS[group].name for *_, group in AGENTS]
+    assert [each.depth for each in found] == pytest.approx([y for _, y, _ in AGENTS])
+    assert [each.visible for each in found] == [True, True, True, True, False, False, False]
+    assert [each.reason for each in found] == [
+        "near enough", "far away", "far away", "far away", "beside the view", "before the near plane", "beyond the far plane"
+    ]  # fmt: skip
+
+
+def test_sizes_and_errors_are_in_pixels_of_the_picture():
+    found, _, _ = accounts()
+    # 1000 pixels for 2 units: 500 pixels a metre at 1 m; the sphere's nearest point errs most
+    assert found[0].pixels == pytest.approx(2 * 500 / 5) and found[0].error == 0
+    assert found[1].pixels == pytest.approx(2 * 500 / 20) and found[1].error == pytest.approx(0.02 * 500 / 19)
+    assert found[2].pixels == pytest.approx(1 * 500 / 30) and found[2].error == pytest.approx(0.05 * 500 / 29.5)
+    assert found[5].pixels is None and found[5].error is None
+    flat, _, _ = accounts("ORTHO")
+    assert {each.pixels for each in flat if each.group == "adult"} == {2 * 1000 / 40}
+    assert flat[1].error == pytest.approx(0.02 * 1000 / 40)
+
+
+def test_without_measured_lods_there_is_no_error():
+    found, _, _ = accounts(groups=(Group("adult", 1.0, 1.0, 0.0, 1.0), Group("child", 0.5, 0.5, 0.0, 1.0)))
+    assert found[1].pixels is not None and found[1].error is None
+
+
+def test_an_agent_that_is_not_there_is_named():
+    found, machine, frame = accounts()
+    for agent in (-1, len(AGENTS)):
+        with pytest.raises(CrowdError, match=f"no agent {agent}: the crowd has 7"):
+            account(frame, agent, GROUPS, machine, (frame.camera,), LevelPolicy((0.25, 0.6)))

@@ -1,0 +1,269 @@
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.simplification import decimate as meshes
+from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
+from crowd_lod_extension.crowd_lod.simplification.edge_collapse import held_sides, quadrics_of
+
+pytestmark = pytest.mark.once
+
+pytest.importorskip("fast_simplification")
+
+
+def torus(n=48, m=24):
+    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(m) * 2 * np.pi / m, indexing="ij")
+    points = np.stack([(1 + 0.4 * np.cos(v)) * np.cos(u), (1 + 0.4 * np.cos(v)) * np.sin(u), 0.4 * np.sin(v)], -1)
+    i = np.arange(n * m).reshape(n, m)
+    a, b, c, d = i, np.roll(i, -1, 0), np.roll(np.roll(i, -1, 0), -1, 1), np.roll(i, -1, 1)
+    triangles = np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+    return points.reshape(-1, 3), triangles
+
+
+def volume(points, triangles):
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return np.einsum("nd,nd->", a, np.cross(b, c)) / 6
+
+
+@pytest.mark.parametrize("ratio", [0.4, 0.12])
+def test_decimated_torus_keeps_its_shape(ratio):
+    points, triangles = torus()
+    lod = decimate(points, triangles, ratio, "torus")
+    assert len(lod.triangles) == pytest.approx(ratio * len(triangles), rel=0.05)
+    assert volume(lod.points, lod.triangles) == pytest.approx(volume(points, triangles), rel=0.08)
+    # every point takes its weights from a source point close by
+    assert np.linalg.norm(points[lod.source] - lod.points, axis=1).max() < 0.35
+
+
+def test_ratio_1_is_the_mesh_itself_without_loose_points():
+    points, triangles = torus()
+    points = np.vstack([[(9, 9, 9)], points])
+    lod = decimate(points, triangles + 1, 1.0, "torus")
+    assert (lod.points[lod.triangles] == points[triangles + 1]).all() and len(lod.points) == len(points) - 1
+    assert (lod.source == np.arange(1, len(points))).all()
+
+
+def test_one_triangle_survives_any_ratio():
+    lod = decimate(np.eye(3), np.array([[0, 1, 2]]), 0.001, "card")
+    assert len(lod.triangles) == 1
+
+
+@pytest.mark.parametrize("ratio", [0, -1, 1.5, np.nan])
+def test_bad_ratio(ratio):
+    with pytest.raises(CrowdError, match="torus"):
+        decimate(*torus(), ratio, "torus")
+
+
+def test_empty_and_nan_meshes_are_named():
+    with pytest.raises(CrowdError, match="ghost has no faces"):
+        decimate(np.zeros((3, 3)), np.zeros((0, 3), int), 0.5, "ghost")
+    points, triangles = torus()
+    points[7, 1] = np.nan
+    with pytest.raises(CrowdError, match="torus has 1 vertices at NaN"):
+        decimate(points, triangles, 0.5, "torus")
+
+
+def sphere(n=40):
+    """A closed sphere of 2 n (n - 1) triangles with bumps, (points, triangles)."""
+    u, v = np.meshgrid(np.arange(n) * 2 * np.pi / n, np.arange(1, n // 2) * 2 * np.pi / n, indexing="ij")
+    r = 1 + 0.1 * np.sin(3 * u) * np.sin(v) ** 3
+    ring = np.stack([r * np.cos(u) * np.sin(v), r * np.sin(u) * np.sin(v), np.cos(v)], -1)
+    i = np.arange(ring.shape[0] * ring.shape[1]).reshape(ring.shape[:2])
+    a, b, c, d = i[:, :-1], np.roll(i, -1, 0)[:, :-1], np.roll(i, -1, 0)[:, 1:], i[:, 1:]
+    sides = [np.stack(t, -1).reshape(-1, 3) for t in ((a, d, c), (a, c, b))]
+    top, bottom = i.size, i.size + 1
+    caps = [np.stack([0 * i[:, 0] + top, i[:, 0], np.roll(i[:, 0], -1)], -1)]
+    caps += [np.stack([0 * i[:, 0] + bottom, np.roll(i[:, -1], -1), i[:, -1]], -1)]
+    return np.vstack([ring.reshape(-1, 3), [(0, 0, 1), (0, 0, -1)]]), np.concatenate([*sides, *caps])
+
+
+def terrain(n=30):
+    """Open ground with hills, 10 m wide."""
+    x, y = np.meshgrid(np.linspace(0, 10, n), np.linspace(0, 10, n), indexing="ij")
+    z = 0.5 * np.sin(x) * np.cos(0.7 * y) + 0.2 * np.sin(2.3 * x + y)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = i[:-1, :-1], i[1:, :-1], i[1:, 1:], i[:-1, 1:]
+    return np.stack([x, y, z], -1).reshape(-1, 3), np.concatenate([np.stack(t, -1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))])
+
+
+def cards(count=200, columns=1):
+    """Loose cards of 2 * columns triangles, of growing size."""
+    points, triangles = [], []
+    for k in range(count):
+        x, y = np.meshgrid(np.arange(columns + 1.0), [0, 1.0], indexing="ij")
+        card = np.stack([x, y, 0.1 * x * x], -1).reshape(-1, 3) * (0.2 + k / count) + (3 * (k % 15) * columns, 3 * (k // 15), 0)
+        low = 2 * np.arange(columns) + len(points) * 2 * (columns + 1)
+        triangles += [np.stack([low, low + 2, low + 3], 1), np.stack([low, low + 3, low + 1], 1)]
+        points.append(card)
+    return np.concatenate(points), np.concatenate(triangles)
+
+
+def edge_counts(triangles):
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return np.unique(edges, axis=0, return_counts=True)
+
+
+def farthest(points, triangles, others):
+    """The farthest that a point of `others` lies from the surface: every point against every triangle."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    worst = 0.0
+    for p in others:
+        inside, least = np.ones(len(a), bool), np.full(len(a), np.inf)
+        for u, v in ((a, b), (b, c), (c, a)):
+            side, w = v - u, p - u
+            t = np.clip((w * side).sum(1) / (side * side).sum(1), 0, 1)
+            least = np.minimum(least, np.linalg.norm(w - t[:, None] * side, axis=1))
+            inside &= (np.cross(side, w) * normal).sum(1) >= 0
+        least = np.where(inside, np.abs(((p - a) * normal).sum(1)), least)
+        worst = max(worst, least.min())
+    return worst
+
+
+def spread(points, triangles, count):
+    """The corners and about `count` more points on each triangle's inside and sides, on a barycentric grid."""
+    i, j = np.meshgrid(np.arange(count + 1), np.arange(count + 1), indexing="ij")
+    at = np.stack([i, j, count - i - j], -1)[i + j <= count] / count
+    return np.unique(np.einsum("gk,nkd->ngd", at, points[triangles]).reshape(-1, 3).round(12), axis=0)
+
+
+def hausdorff(one, other):
+    """The symmetric Hausdorff distance at points about evenly spread over both."""
+    fine = [max(1, int(np.ceil(np.sqrt(300 / len(triangles))))) for _, triangles in (one, other)]
+    return max(farthest(*other, spread(*one, fine[0])), farthest(*one, spread(*other, fine[1])))
+
+
+@pytest.mark.parametrize("ratio", [0.4, 0.12, 0.03])
+@pytest.mark.parametrize(("make", "share"), [(terrain, 0.5), (sphere, 1)])
+def test_distance_against_fast_simplification_alone(make, share, ratio):
+    """At most half of its distance on ground with hills; evenly curved bodies leave less to gain."""
+    import fast_simplification
+
+    points, triangles = make()
+    target = round(ratio * len(triangles))
+    peer = fast_simplification.simplify(points, triangles.astype(np.int32), target_count=target)
+    lod = decimate(points, triangles, ratio, "mesh")
+    assert abs(len(lod.triangles) - target) <= max(1, 0.01 * target)
+    assert hausdorff((points, triangles), (lod.points, lod.triangles)) <= share * hausdorff((points, triangles), peer)
+
+
+@pytest.mark.parametrize("make", [sphere, torus], ids=["sphere", "torus"])
+@pytest.mark.parametrize("ratio", [0.4, 0.12, 0.03])
+def test_closed_stays_closed_with_no_face_turned_doubled_or_flat(make, ratio):
+    points, triangles = make()
+    lod = decimate(points, triangles, ratio, "mesh")
+    assert (edge_counts(lod.triangles)[1] == 2).all()
+    half = lod.triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    assert len(np.unique(half, axis=0)) == len(half)  # neighbours run their edge in opposite directions
+    assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
+    a, b, c = (lod.points[lod.triangles[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    assert (np.linalg.norm(normal, axis=1) > 1e-6).all()
+    u, v, w = (points[triangles[:, k]] for k in range(3))
+    source = np.cross(v - u, w - u)
+    middles = (u + v + w) / 3
+    near = [np.linalg.norm(middles - p, axis=1).argmin() for p in (a + b + c) / 3]
+    assert ((normal * source[near]).sum(axis=1) > 0).all()
+
+
+def test_open_borders_stay_open_and_in_place():
+    points, triangles = terrain()
+    lod = decimate(points, triangles, 0.12, "terrain")
+    edges, count = edge_counts(lod.triangles)
+    assert set(count) == {1, 2}
+    rim = lod.points[np.unique(edges[count == 1]), :2]
+    assert np.minimum(rim, 10 - rim).min(axis=1).max() < 0.1
+    assert np.allclose([rim.min(), rim.max()], [0, 10], atol=0.1)
+
+
+def test_a_seam_is_kept_in_place():
+    n = 24
+    points, triangles = terrain(n)
+    points[:, 2] = 0  # flat: nothing but the seam holds its points
+    seam = n * np.arange(n) + 11
+    edges = np.stack([seam[:-1], seam[1:]], 1)
+    lod = decimate(points, triangles, 0.12, "terrain", seams=edges)
+    line = points[seam[0], 1]
+    across = lod.points[:, 1][lod.triangles] - line
+    assert ((across > -0.05).all(axis=1) | (across < 0.05).all(axis=1)).all()  # no triangle lies on both sides
+
+
+def test_far_lods_spend_no_more_on_many_seams_than_they_must():
+    n = 48
+    points, triangles = terrain(n)
+    grid = np.arange(n * n).reshape(n, n)
+    lines = [line for i in range(4, n - 1, 4) for line in (grid[i], grid[:, i])]
+    patchwork = np.concatenate([np.stack([line[:-1], line[1:]], 1) for line in lines])
+    held, bare = (decimate(points, triangles, 0.02, "terrain", seams=seams) for seams in (patchwork, None))
+    far, near = (hausdorff((points, triangles), (lod.points, lod.triangles)) for lod in (held, bare))
+    assert far < 1.6 * near
+
+
+def test_seams_weigh_as_much_as_they_hold_and_borders_in_full():
+    points, triangles = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]), np.array([(0, 1, 2), (0, 2, 3)])
+    seam = np.array([(0, 2)])
+    bare, held = (held_sides(triangles, each, len(points)) for each in (seam[:0], seam))
+    none, some, all_of_it = (quadrics_of(points, triangles, held, hold)[:10] for hold in (0, 0.25, 1))
+    assert (none == quadrics_of(points, triangles, bare)[:10]).all()
+    assert np.allclose(some - none, (all_of_it - none) / 4) and (all_of_it != none).any()
+
+
+def test_borders_at_the_same_points_do_not_part():
+    points, triangles = sphere()
+    lod = decimate(points[triangles].reshape(-1, 3), np.arange(triangles.size).reshape(-1, 3), 0.12, "split")
+    assert (edge_counts(lod.triangles)[1] == 2).all()
+
+
+@pytest.mark.parametrize(("columns", "ratio", "parts"), [(1, 0.5, 200), (2, 0.5, 200), (2, 0.3, 200), (1, 0.3, 120), (2, 0.03, 24)])
+def test_cards_stay_while_there_are_triangles_and_are_spread_out_after(columns, ratio, parts):
+    points, triangles = cards(columns=columns)
+    lod = decimate(points, triangles, ratio, "hair")
+    kept = np.unique(lod.source[lod.triangles[:, 0]] // (2 * (columns + 1)))
+    assert len(lod.triangles) == round(ratio * len(triangles)) and len(kept) == parts
+    if parts < 200:
+        largest = triangles[triangles[:, 0] // (2 * (columns + 1)) >= 200 - parts]
+        assert farthest(lod.points, lod.triangles, points) < farthest(points, largest, points) / 2
+
+
+@pytest.mark.parametrize(("ratio", "parts"), [(0.05, 40), (0.01, 8)])
+def test_closed_parts_become_cards_before_any_goes(ratio, parts):
+    """Forty balls: 96 triangles are too few for tetrahedra of all, but enough for cards of all but the largest;
+    19 are enough for seven."""
+    one, triangles = sphere(8)
+    place = 4 * np.stack(np.meshgrid(np.arange(5), np.arange(8)), -1).reshape(-1, 2)
+    points = np.concatenate([one * (0.5 + k / 40) + (x, y, 0) for k, (x, y) in enumerate(place)])
+    lod = decimate(points, np.concatenate([triangles + k * len(one) for k in range(40)]), ratio, "balls")
+    assert len(np.unique(lod.source // len(one))) == parts
+    assert len(lod.triangles) <= round(ratio * 40 * len(triangles))
+    assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
+
+
+@pytest.mark.parametrize(("size", "offset"), [(2.0**-10, 0), (2.0**20, 0), (1e-3, 0), (1e6, 0), (1.0, 4096.0)])
+def test_scale_and_place_change_nothing(size, offset):
+    points, triangles = torus()
+    one = decimate(points, triangles, 0.12, "torus", effort=0.1)
+    other = decimate(points * size + offset, triangles, 0.12, "torus", effort=0.1)
+    assert (one.triangles == other.triangles).all() and (one.source == other.source).all()
+    assert np.allclose((other.points - offset) / size, one.points, atol=1e-6)
+
+
+def test_the_same_mesh_gives_the_same_lod_bit_for_bit():
+    one, other = (decimate(*sphere(), 0.12, "sphere", effort=0.2) for _ in range(2))
+    assert (one.points == other.points).all() and (one.triangles == other.triangles).all()
+
+
+def test_edges_of_many_faces_and_doubled_faces_are_taken():
+    random = np.random.default_rng(2)
+    triangles = np.array([random.choice(40, 3, replace=False) for _ in range(300)])
+    lod = decimate(random.normal(size=(40, 3)), np.concatenate([triangles, triangles]), 0.4, "soup")
+    assert 0 < len(lod.triangles) <= 300 and np.isfinite(lod.points).all()
+    assert len(np.unique(np.sort(lod.triangles, axis=1), axis=0)) == len(lod.triangles)
+
+
+def test_a_mesh_that_is_a_small_part_of_a_character_asks_as_small_a_part_of_the_effort(monkeypatch):
+    points, triangles = sphere()
+    part = decimate(points, triangles, 0.2, "part", effort=0.1)
+    whole = decimate(points, triangles, 0.2, "whole")
+    monkeypatch.setattr(meshes, "EFFORT", meshes.EFFORT // 10)
+    small = decimate(points, triangles, 0.2, "small")
+    assert part.points.tobytes() == small.points.tobytes() != whole.points.tobytes()

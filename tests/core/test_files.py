@@ -1,0 +1,301 @@
+"""Files are put in place as a whole or not at all, whatever goes wrong and whenever."""
+
+import os
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from pathlib import Path
+
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.format import printable
+from crowd_lod_extension.crowd_lod.reporting import file_checks, files
+
+posix = pytest.mark.skipif(os.name == "nt", reason="Windows has none of these")
+
+# Writes the files 0 to 4 with the text "new" into the folder argv[1]; argv[2] is what happens at rename number argv[3].
+RUN = """
+import os, signal, sys
+from pathlib import Path
+from crowd_lod_extension.crowd_lod.reporting.files import staged
+
+folder, what, at = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+seen = 0
+
+def hook(event, arguments):
+    global seen
+    if event == "os.rename":
+        if seen == at:
+            os.kill(os.getpid(), {"kill": signal.SIGKILL, "stop": signal.SIGSTOP}[what])
+        seen += 1
+
+sys.addaudithook(hook)
+with staged(folder) as stage:
+    for number in range(5):
+        (stage / str(number)).write_text("new")
+    print("written", flush=True)
+    if what == "wait":
+        sys.stdin.readline()
+"""
+
+
+def start(folder, what, at=-1):
+    command = [sys.executable, "-c", RUN, folder, what, str(at)]
+    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+
+
+def content(folder):
+    """Each file's text by name, hidden ones too; None for a folder."""
+    return {str(p.relative_to(folder)): p.read_text() if p.is_file() else None for p in Path(folder).rglob("*")}
+
+
+def png(rows=5, columns=7):
+    """An RGB picture of noise."""
+    chunk = lambda kind, body: struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))  # noqa: E731
+    pixels = b"".join(b"\0" + os.urandom(3 * columns) for _ in range(rows))
+    header = struct.pack(">IIBBBBB", columns, rows, 8, 2, 0, 0, 0)
+    return file_checks.PNG + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(pixels)) + chunk(b"IEND", b"")
+
+
+def test_files_come_all_at_once_or_not_at_all(tmp_path):
+    folder = tmp_path / "new" / "out"
+    with pytest.raises(RuntimeError), files.staged(folder) as stage:
+        (stage / "a.txt").write_text("half")
+        raise RuntimeError
+    assert not (tmp_path / "new").exists()
+    folder.mkdir(parents=True)
+    (folder / "a.txt").write_text("old")
+    (folder / "mine.txt").write_text("mine")
+    with files.staged(folder) as stage:
+        (stage / "a.txt").write_text("new")
+        (stage / "b.png").write_bytes(png())
+        assert (folder / "a.txt").read_text() == "old"
+    assert sorted(p.name for p in folder.iterdir()) == ["a.txt", "b.png", "mine.txt"]
+    assert (folder / "a.txt").read_text() == "new"
+
+
+@pytest.mark.parametrize("name, data", [("b.csv", b""), ("b.png", b""), ("b.png", png()[:-1]), ("b.blend", b"BLENDER17-01v0502")])
+def test_a_file_that_ends_too_early_keeps_all_out(tmp_path, name, data):
+    (tmp_path / "a.txt").write_text("old")
+    with pytest.raises(CrowdError, match=rf"{name} was not written to its end \({len(data)} bytes"):
+        with files.staged(tmp_path) as stage:
+            (stage / "a.txt").write_text("new")
+            (stage / name).write_bytes(data)
+    assert content(tmp_path) == {"a.txt": "old"}
+
+
+def test_every_cut_of_a_png_is_noticed_and_every_spoilt_byte(tmp_path):
+    data, path = png(), tmp_path / "a.png"
+    for cut in range(len(data)):
+        path.write_bytes(data[:cut])
+        with pytest.raises(CrowdError, match="not written to its end"):
+            file_checks.check(path)
+    for at in range(len(data)):
+        path.write_bytes(data[:at] + bytes([data[at] ^ 4]) + data[at + 1 :])
+        with pytest.raises(CrowdError, match="not written to its end"):
+            file_checks.check(path)
+    path.write_bytes(data)
+    file_checks.check(path)
+
+
+def test_a_folder_in_a_files_place_keeps_all_out(tmp_path):
+    (tmp_path / "a.txt").write_text("old")
+    (tmp_path / "b.txt").mkdir()
+    before = content(tmp_path)
+    with pytest.raises(CrowdError, match="b.txt cannot be written: it is a folder"), files.staged(tmp_path) as stage:
+        for name in "abc":
+            (stage / f"{name}.txt").write_text("new")
+    assert content(tmp_path) == before
+
+
+@posix
+def test_a_rename_that_fails_half_way_is_taken_back(tmp_path):
+    """A file mounted over another can be written, but not replaced: the system says that it is busy."""
+    for name in ("0", "1", "3"):
+        (tmp_path / name).write_text("old")
+    busy, before = tmp_path / "3", content(tmp_path)
+    other = tmp_path.with_name(tmp_path.name + "_other")
+    other.write_text("old")
+    if subprocess.run(["mount", "--bind", other, busy], stderr=subprocess.DEVNULL).returncode:
+        pytest.skip("mounting a file needs root on Linux")
+    try:
+        with pytest.raises(CrowdError, match="Writing to .* failed"), files.staged(tmp_path) as stage:
+            for number in range(5):
+                (stage / str(number)).write_text("new")
+    finally:
+        subprocess.run(["umount", busy], check=True)
+    assert content(tmp_path) == before
+
+
+@posix
+@pytest.mark.parametrize("at", range(5))
+def test_what_a_killed_run_put_in_place_half_way_the_next_takes_back(tmp_path, at):
+    for name in ("0", "2"):
+        (tmp_path / name).write_text("old")
+    before = content(tmp_path)
+    assert start(tmp_path, "kill", at).wait(20) == -signal.SIGKILL
+    assert sum(text == "new" for name, text in content(tmp_path).items() if "/" not in name) == at
+    assert all((tmp_path / name).exists() for name in before)  # at any moment
+    with pytest.raises(RuntimeError), files.staged(tmp_path):
+        raise RuntimeError
+    assert content(tmp_path) == before
+
+
+@posix
+def test_another_run_that_ends_well_is_not_undone_with_the_killed_one(tmp_path):
+    """One waits before its second rename; another, which has written the same files, may put them in place afterwards."""
+    (tmp_path / "0").write_text("old")
+    second = start(tmp_path, "wait")
+    assert second.stdout.readline() == "written\n"
+    first = start(tmp_path, "stop", 1)
+    while (tmp_path / "0").read_text() == "old":
+        time.sleep(0.01)
+    second.stdin.write("go on\n")
+    second.stdin.flush()
+    time.sleep(0.2)
+    assert second.poll() is None and content(tmp_path)["0"] == "new"  # its turn comes after the first's
+    first.kill()
+    first.wait(20)
+    assert second.wait(20) == 0
+    assert content(tmp_path) == dict.fromkeys("01234", "new")
+    with files.staged(tmp_path):
+        pass
+    assert content(tmp_path) == dict.fromkeys("01234", "new")
+
+
+@posix
+def test_leftovers_of_a_killed_run_go_with_the_next_and_those_of_a_living_stay(tmp_path):
+    killed, living = start(tmp_path, "wait"), start(tmp_path, "wait")
+    try:
+        assert killed.stdout.readline() == living.stdout.readline() == "written\n"
+        left = set(tmp_path.iterdir())
+        assert len(left) == 2
+        killed.kill()
+        killed.wait(20)
+        for hidden in left:
+            hidden.with_suffix(".part").write_text("half")
+            hidden.with_suffix(".part@").write_text("half")
+        with files.staged(tmp_path) as stage:
+            (stage / "a").write_text("new")
+        (hidden,) = tmp_path.glob(".crowd-lod-*/")
+        assert sorted(tmp_path.iterdir()) == [hidden, hidden.with_suffix(".part"), hidden.with_suffix(".part@"), tmp_path / "a"]
+    finally:
+        living.kill()
+        living.wait(20)
+    with files.staged(tmp_path / "other"):
+        pass
+    assert hidden.exists()  # it is in another folder
+    with files.staged(tmp_path):
+        pass
+    assert os.listdir(tmp_path) == ["a"]
+
+
+def test_a_hidden_folder_of_another_machine_stays(tmp_path):
+    hidden = tmp_path / ".crowd-lod-1234"
+    hidden.mkdir()
+    (hidden / ".lock").write_text("another machine")
+    with files.staged(tmp_path):
+        pass
+    assert content(tmp_path) == {hidden.name: None, f"{hidden.name}/.lock": "another machine"}
+
+
+def test_a_hidden_folder_that_someone_else_made_reaches_nothing_out_of_its_place(tmp_path):
+    victim, place = tmp_path / "victim", tmp_path / "out"
+    victim.write_text("mine")
+    hidden = place / ".crowd-lod-1234"
+    (hidden / ".replaced").mkdir(parents=True)
+    (hidden / ".pending").write_text('["../victim"]')
+    with files.staged(place) as stage:
+        (stage / "a").write_text("new")
+    assert victim.read_text() == "mine" and os.listdir(place) == ["a"]
+
+
+@posix
+def test_links_are_followed_and_stay(tmp_path):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "file").write_text("old")
+    for link, target in {"folder": "far", "coming": "to/come", "file": "far/file", "file2": "far/file2"}.items():
+        (tmp_path / link).symlink_to(target)
+    for folder in ("folder", "coming"):
+        with files.staged(tmp_path / folder) as stage:
+            (stage / "a").write_text("new")
+    for file in ("file", "file2"):
+        with files.staged_file(tmp_path / file) as part:
+            part.write_text("new")
+    assert all((tmp_path / link).is_symlink() for link in ("folder", "coming", "file", "file2"))
+    texts = {name: text for name, text in content(tmp_path).items() if text is not None and not (tmp_path / name).is_symlink()}
+    assert texts == dict.fromkeys(("far/a", "far/file", "far/file2", "to/come/a"), "new")
+
+
+@posix
+def test_what_is_neither_file_nor_folder_is_refused_before_any_work(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # a socket's path may not be long
+    os.mkfifo("pipe")
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind("socket")
+    Path("folder").mkdir()
+    Path("file").write_text("old")
+    Path("link").symlink_to("/dev/null")
+    Path("loop").symlink_to("loop")
+    cases = {
+        files.staged_file: {"pipe": "is a pipe", "socket": "is a socket", "link": "is a device", "folder": "is a folder"},
+        files.staged: {"pipe": "is a pipe", "socket": "is a socket", "link": "is a device", "file": "is a file"},
+    }
+    for stage, names in cases.items():
+        for name, sentence in {**names, "/dev/full": "is a device", "loop": "cannot be written"}.items():
+            with pytest.raises(CrowdError, match=sentence), stage(Path(name)):
+                raise AssertionError
+    assert sorted(os.listdir()) == ["file", "folder", "link", "loop", "pipe", "socket"]
+
+
+def test_names_that_are_too_long_are_refused_before_any_work(tmp_path):
+    deep = tmp_path.joinpath(*("deep" * 10 for _ in range(20)))
+    for path, stage in {
+        tmp_path / ("x" * 300): files.staged,
+        tmp_path / ("x" * 256): files.staged_file,
+        deep: files.staged,
+    }.items():
+        with pytest.raises(CrowdError, match="cannot be written"), stage(path):
+            raise AssertionError
+    with files.staged_file(tmp_path / ("x" * 255)) as part:
+        part.write_text("new")
+    assert os.listdir(tmp_path) == ["x" * 255]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux takes any bytes as a name")
+def test_a_folder_with_an_undecodable_name_is_written_and_its_name_can_be_shown(tmp_path):
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    with files.staged(folder) as stage:
+        (stage / "a").write_text("new")
+    assert os.listdir(os.fsencode(folder)) == [b"a"]
+    assert printable(folder).encode() == os.fsencode(tmp_path) + b"/caf\\udce9"
+    (folder / "b").mkdir()
+    with pytest.raises(CrowdError) as error, files.staged(folder) as stage:
+        (stage / "b").write_text("new")
+    str(error.value).encode()
+
+
+@posix
+def test_a_working_folder_that_is_gone_is_one_sentence(tmp_path, monkeypatch):
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(CrowdError, match="no working folder"):
+        files.absolute(Path("out"))
+    assert files.absolute(tmp_path / "out") == tmp_path / "out"
+
+
+@posix
+def test_many_runs_at_once_leave_the_files_of_one(tmp_path):
+    code = "import sys; from pathlib import Path; from crowd_lod_extension.crowd_lod.reporting.files import staged\n"
+    code += "for turn in range(10):\n  with staged(Path(sys.argv[1])) as stage:\n"
+    code += "    for n in range(50): (stage / str(n)).write_text(f'{sys.argv[2]} {turn}')"
+    runs = [subprocess.Popen([sys.executable, "-c", code, tmp_path, str(who)]) for who in range(4)]
+    assert [run.wait(60) for run in runs] == [0] * 4
+    found = content(tmp_path)
+    assert len(found) == 50 and len(set(found.values())) == 1 and found["0"].endswith(" 9")

@@ -1,0 +1,90 @@
+"""LODs by tolerance: which candidates are kept, and why the others are not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.crowd.agents import Group
+from crowd_lod_extension.crowd_lod.culling.camera import Window
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose, guessed
+
+from .test_culling import straight
+
+# 50 pixels a unit slope, so that at 1 pixel a LOD begins 50 times its deviation away, and the radius
+LODS = Group("one", 1, 1.0, 0, 1, triangles=(1000, 900, 500, 450, 200, 190, 40), deviations=(0, 0.05, 0.1, 0.15, 0.4, 0.3, 1.5))
+
+
+def test_candidates_that_do_not_pay_are_dropped_with_the_reason():
+    kept, dropped = choose(LODS, 1.0, [View(straight(), 2.0, 40.0)])
+    assert kept == [0, 2, 5]  # of 900, 450 too little is saved, 190 deviate less than 200, 40 begin at 76 m
+    assert dropped == {
+        1: "900 triangles save less than a fifth of the 1,000 of the next finer LOD.",
+        3: "450 triangles save less than a fifth of the 500 of the next finer LOD.",
+        4: "200 triangles deviate no less than 190.",
+        6: "40 triangles would begin 76 m away, and the farthest agent is 40 m away.",
+    }
+    assert choose(LODS, 1.0, [View(straight(), 2.0, 400.0)])[0] == [0, 2, 5, 6]
+    kept, dropped = choose(LODS, 1.0, [View(straight(), 30.0, 40.0)])
+    assert kept == [0, 5] and dropped[2] == "500 triangles would end 16 m away, and the nearest agent is 30 m away."
+
+
+def test_a_zoom_and_the_tolerance_change_what_pays():
+    near = View(straight(), 2.0, 12.0)
+    assert choose(LODS, 1.0, [near])[0] == [0, 2]
+    assert choose(LODS, 4.0, [near])[0] == [0, 2, 5]
+    tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))
+    assert choose(LODS, 1.0, [View(tele, 2.0, 12.0)])[0] == [0]
+    assert choose(LODS, 1.0, [View(tele, 2.0, 12.0), near])[0] == [0, 2]  # one frame of the shot is enough
+    flat = straight(kind="ORTHO")  # 10 pixels a metre, at any distance
+    assert choose(LODS, 1.0, [View(flat, 2.0, 12.0)])[0] == [0, 2]
+    assert choose(LODS, 3.0, [View(flat, 2.0, 12.0)])[0] == [0, 5]
+
+
+def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
+    group = replace(LODS, triangles=(1000, 500, 190, 40), deviations=(0, 0.1, 0.3, 1.5))  # from 6, 16 and 76 m on
+    one, other = View(straight(), 2.0, 4.0), View(straight(), 300.0, 400.0)
+    few, many = "are too few for all agents in 1 of the 2 frames looked at", "and more than it takes in the others."
+    assert choose(group, 1.0, [one, other]) == ([0, 3], {1: f"500 triangles {few}, {many}", 2: f"190 triangles {few}, {many}"})
+    tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))  # from 51 m on
+    _, dropped = choose(group, 1.0, [one, View(tele, 2.0, 40.0)])
+    assert dropped[1] == "500 triangles would begin 51 m away, and the farthest agent is 40 m away."
+    flat = View(straight(kind="ORTHO"), 2.0, 12.0)  # 1, 3 and 15 pixels
+    assert choose(group, 3.0, [flat]) == (
+        [0, 2],
+        {
+            1: "500 triangles are more than it takes at any distance, for the camera is orthographic.",
+            3: "40 triangles show more than the tolerance at any distance, for the camera is orthographic.",
+        },
+    )
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_every_kept_candidate_is_used_and_none_that_is_used_saves_too_little(seed):
+    random = np.random.default_rng(seed)
+    triangles = -np.sort(-random.integers(4, 5000, 8))
+    group = replace(LODS, triangles=tuple(triangles.tolist()), deviations=(0, *random.uniform(0, 2, 7).tolist()))
+    views = [View(straight(far=500), near, near * random.uniform(1, 9)) for near in random.uniform(1, 60, 3)]
+    kept, dropped = choose(group, 1.0, views)
+    assert kept[0] == 0 and kept == sorted(kept) and len(kept) + len(dropped) == 8
+    own = [group.triangles[k] for k in kept]
+    assert all(b <= (1 - LEAST_SAVED) * a for a, b in zip(own, own[1:], strict=False))
+    deviation = np.array([[group.deviations[k] for k in kept]])
+    assert (np.diff(deviation[0]) > 0).all()
+    begins = limits(LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=1.0), straight(far=500), np.array([1.0]), deviation)
+    reach = np.concatenate([np.geomspace(v.nearest / BETWEEN, v.farthest * BETWEEN, 20_000) for v in views])
+    assert set(assign(reach, begins[0]).tolist()) | {0} == set(range(len(kept)))
+
+
+def test_a_tolerance_that_means_nothing_is_refused():
+    with pytest.raises(CrowdError, match="tolerance"):
+        choose(LODS, float("nan"), [View(straight(), 2.0, 40.0)])
+
+
+def test_what_is_guessed_goes_through_what_is_known():
+    ratios = (1.0, 0.5, 0.25, 0.125)
+    assert guessed(ratios, {0: 0.0}, 0.01) == pytest.approx([0, 0.02, 0.04, 0.08])  # as 1 / triangles
+    assert guessed(ratios, {0: 0.0, 2: 0.04}, 9.0) == pytest.approx([0, 0.02, 0.04, 0.08])
+    assert guessed(ratios, {0: 0.0, 1: 0.01, 3: 0.09}, 9.0) == pytest.approx([0, 0.01, 0.03, 0.09])
+    assert guessed(ratios, {0: 0.0, 1: np.inf, 2: 0.04}, 9.0)[1:] == pytest.approx([np.inf, 0.04, 0.08])

@@ -1,0 +1,137 @@
+"""Steps known ahead against the long way, to the bit."""
+
+import dataclasses
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.behaviour import lookahead
+from crowd_lod_extension.crowd_lod.behaviour import step as step_
+from crowd_lod_extension.crowd_lod.behaviour.lookahead import look, onward, opened
+from crowd_lod_extension.crowd_lod.behaviour.step import advance, step
+from crowd_lod_extension.crowd_lod.behaviour.tabulated_step import Tables
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
+
+from .test_leave_outs import AREA, ground, random_table, shot, walking
+from .test_tabulated_step import odd, same
+
+pytestmark = pytest.mark.once
+
+
+@pytest.fixture(autouse=True)
+def every_crowd_looks_ahead(monkeypatch):
+    monkeypatch.setattr(step_, "FEW", 0)
+    monkeypatch.setattr(lookahead, "MANY", 1.0)
+
+
+def check(crowd, machine, world, seconds, steps):
+    """The steps of `crowd` are those of the long way; the part of all steps that was known ahead."""
+    tables, part = Tables(machine, seconds), Tables(machine, 0.37 * seconds)
+    way = partial(step, machine=machine, world=world)
+    known, there = 0.0, look(crowd, machine, world, tables)
+    for _ in range(steps):
+        if not there.turns:
+            there = opened(crowd, there, machine, world, tables, partial(way, seconds=seconds))
+        known += 1 / steps - len(there.turns[0].agents) / len(crowd) / steps
+        between, nothing = onward(crowd, there, part, partial(way, seconds=part.seconds))
+        assert same(between, step(crowd, machine, world, part.seconds)) and nothing is None
+        long, _ = advance(crowd, machine, world, seconds)
+        crowd, there = onward(crowd, there, tables, partial(way, seconds=seconds))
+        assert same(crowd, long)
+    return known
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_steps_are_the_long_way_to_the_bit(seed, monkeypatch):
+    monkeypatch.setattr(lookahead, "BLOCK", 64)
+    monkeypatch.setattr(lookahead, "FEW", seed % 3 / 2)
+    random = np.random.default_rng(seed)
+    machine, world = random_table(random), ground([(random.integers(7), random.integers(9))])
+    if seed % 4 > 1:  # along one side of the cells
+        machine = replace(machine, velocity=machine.velocity * np.eye(2)[seed % 3 % 2])
+    crowd = populate(400, seed, 3, machine, world)
+    if machine.edge == "reflect" or seed % 2:
+        crowd = odd(crowd, random, machine, world)
+        crowd.x[10:20], crowd.y[20:30], crowd.x[30] = -0.0, -0.0, np.nextafter(AREA.x_max, 0)
+    check(crowd, machine, world, float(random.choice([1 / 24, 0.3, 1e-9, 2.0])), 12)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_know_most_steps_of_long_shots(name):
+    machine, random = load_preset(name), np.random.default_rng(1)
+    labels = np.kron(random.integers(len(machine.labels), size=(3, 4)), np.ones((4, 4), int)).astype(np.uint8)
+    labels[:, :4] = np.flatnonzero(machine.spawn)[0]
+    crowd = populate(500, 1, 3, machine, LabelMap(labels, AREA))
+    assert check(crowd, machine, LabelMap(labels, AREA), 1 / 24, 100) > 0.8
+
+
+@pytest.mark.parametrize("axis, cells", [(0, 0.4), (0, 1.2), (1, 0.9), (1, 2.6)])
+def test_through_cells_of_one_label_goes_on_who_skips_none(axis, cells):
+    world = LabelMap(np.repeat(ground([(3, 20)], (7, 40)).labels, 9, axis=0), AREA)
+    machine, way = walking(), np.eye(2)[axis]
+    machine = replace(machine, velocity=np.sign(machine.velocity[..., :1]) * way * world.cell[axis] * cells * 24)
+    known = check(populate(300, 1, 3, machine, world), machine, world, 1 / 24, 30)
+    assert known > 0.5 if cells < 1 else known < 0.5 if cells < 2 else known == 0  # steps of 1.2 cells may lead into the next
+
+
+@pytest.mark.parametrize("turn, cells", [(1, 0.1), (2, 0.1), (2, 0.9), (3, 0.03), (6, 0.03)])
+def test_aslant_among_cells_of_one_label(turn, cells):
+    """In sixteenths of a turn; some start on corners and borders, from where both are crossed at once."""
+    world = LabelMap(np.kron(ground([(2, 4)]).labels, np.ones((6, 6), int)).astype(np.uint8), AREA)
+    machine, way = walking(), np.array([np.cos(turn * np.pi / 8), np.sin(turn * np.pi / 8)])
+    velocity = np.sign(machine.velocity[..., :1]) * way / np.abs(way).max() * world.cell * cells * 24
+    machine = replace(machine, velocity=velocity)
+    crowd = populate(300, turn, 3, machine, world)
+    for place, low, size in ((crowd.x, AREA.x_min, world.cell[0]), (crowd.y, AREA.y_min, world.cell[1])):
+        place[:100] = low + np.round((place[:100] - low) / size * 4) / 4 * size
+    known = check(crowd, machine, world, 1 / 24, 60)
+    assert known > 0.8 or cells > 0.5
+
+
+def test_far_from_the_origin_and_at_nan_nothing_is_known_that_does_not_hold():
+    area = dataclasses.replace(AREA, x_min=1e7 - 40, x_max=1e7 + 40)
+    machine, world = walking(), LabelMap(ground([(3, 4)]).labels, area)
+    assert check(populate(500, 1, 3, machine, world), machine, world, 1e-6, 40) > 0.5
+    crowd = populate(50, 1, 3, machine, world)
+    crowd.x[:10], crowd.y[5:20] = np.nan, np.inf
+    tables = Tables(machine, 1 / 24)
+    assert not look(crowd, machine, world, tables).steps[:20].any()
+
+
+@pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
+@pytest.mark.parametrize("few", [0.0, 1.0])
+def test_a_trajectory_is_the_same_whichever_frames_were_asked_for(edge, few, monkeypatch):
+    monkeypatch.setattr(lookahead, "FEW", few)
+    trajectory = shot(walking(edge), ground([(3, slice(None))]), count=300)
+    times = *range(1, 40), 12.5, 13, 14, 3.25, 70, 70.5, 69.75, 71, 30, 31, 32.5
+    for time in times:
+        assert same(trajectory.at(time), trajectory.full.at(time))
+    assert trajectory._ahead[1] is not None and trajectory.full._ahead[1] is None
+
+
+def test_who_must_look_each_step_is_stepped_as_a_whole(monkeypatch):
+    monkeypatch.setattr(lookahead, "MANY", 0.2)
+    fast = replace(walking(), velocity=walking().velocity * 200)
+    trajectory = shot(fast, ground(), count=300)
+    for frame in range(2, 20):
+        assert same(trajectory.at(frame), trajectory.full.at(frame))
+    assert trajectory._ahead[1] is None
+
+
+@pytest.mark.parametrize("shape", [(7, 9), (1, 64), (5, 1), (3, 600)])
+def test_runs_are_those_of_a_walk_from_cell_to_cell(shape):
+    labels = (np.random.default_rng(1).random(shape) < 0.1).astype(np.uint8)
+    runs = LabelMap(labels, AREA).runs.reshape(2, 2, *shape)
+    for axis, (down, right) in enumerate([(0, 1), (1, 0)]):
+        for sign in (0, 1):
+            for row, column in np.ndindex(shape):
+                count, r, c = 0, row, column
+                while True:
+                    r, c = r + down * (2 * sign - 1), c + right * (2 * sign - 1)
+                    if not (0 <= r < shape[0] and 0 <= c < shape[1]) or labels[r, c] != labels[row, column]:
+                        break
+                    count += 1
+                assert runs[axis, sign, row, column] == min(count, 255)

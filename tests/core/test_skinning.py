@@ -1,0 +1,175 @@
+"""Joint frames, skinning, stances, cross-fades and reasons, against sums written out and against geometry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, stance, strongest
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.planning.cross_fade import fade, fades_of
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.reasons import (
+    BESIDE,
+    DETAIL_MAP,
+    DISTANCE,
+    FAR,
+    HYSTERESIS,
+    LEFT_OUT,
+    NEAR,
+    NEAR_ENOUGH,
+    reasons,
+)
+
+RANDOM = np.random.default_rng(3)
+TETRAHEDRON = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], np.float32)
+OUTWARDS = np.array([(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)], np.uint32)
+
+
+def mesh(points, joints, weights):
+    n = len(points)
+    column = np.zeros(n, np.float32)
+    whole = np.zeros((n, 3), np.float32)
+    return SkinnedMesh(points, whole, joints, weights, whole[:, :2], whole, column, OUTWARDS, True)
+
+
+def test_skinning_is_the_weighted_sum_of_two_mixed_frames():
+    frames = RANDOM.normal(size=(5, 6, 3, 4)).astype(np.float32)
+    joints, weights = strongest(RANDOM.random((4, 6)))
+    one = mesh(TETRAHEDRON, joints, weights)
+    for phase in (0.0, 0.1, 0.25, 0.6, 0.999):
+        at = phase * 4
+        k = min(int(at), 3)
+        expected = np.zeros((4, 3))
+        for v in range(4):
+            for j, w in zip(joints[v], weights[v], strict=True):
+                matrix = (1 - at + k) * frames[k, j].astype(float) + (at - k) * frames[k + 1, j]
+                expected[v] += w * (matrix @ [*TETRAHEDRON[v], 1.0])
+        found = skin(one, pose(frames, np.array([phase], np.float32)))[0]
+        assert found == pytest.approx(expected, abs=1e-5)
+
+
+def test_a_single_frame_is_held_and_the_cycle_ends_on_its_last():
+    frames = RANDOM.normal(size=(3, 2, 3, 4)).astype(np.float32)
+    ends = pose(frames, np.array([0.0, 0.5, np.nextafter(np.float32(1), np.float32(0))], np.float32))
+    assert ends == pytest.approx(frames, abs=1e-5)
+    assert (pose(frames[:1], np.array([0.0, 0.7], np.float32)) == frames[0]).all()
+
+
+def test_the_strongest_weights_stay_and_sum_to_one():
+    weights = np.array([[0.1, 0.4, 0, 0.2, 0.3, 0.05], [0, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0, 7]])
+    columns, kept = strongest(weights)
+    assert columns[0].tolist() == [1, 4, 3, 0] and kept[0] == pytest.approx([0.4, 0.3, 0.2, 0.1])
+    assert (kept[1] == 0).all() and columns[2].tolist() == [5, 0, 0, 0] and kept[2].tolist() == [1, 0, 0, 0]
+    assert strongest(np.empty((2, 0)))[1].shape == (2, 4)
+
+
+def test_merged_meshes_keep_their_triangles():
+    joints, weights = strongest(np.ones((4, 1)))
+    parts = [mesh(TETRAHEDRON + shift, joints, weights) for shift in (0, 5, 9)]
+    whole = merge(parts)
+    corners = np.concatenate([part.points[part.triangles] for part in parts])
+    assert (whole.points[whole.triangles] == corners).all() and whole.closed
+
+
+def test_only_surfaces_without_border_that_face_outwards_are_closed():
+    assert closed(TETRAHEDRON, OUTWARDS) and closed(TETRAHEDRON + 100, OUTWARDS)
+    assert not closed(TETRAHEDRON, OUTWARDS[:3])
+    assert not closed(TETRAHEDRON, OUTWARDS[:, ::-1])
+    two = np.concatenate([TETRAHEDRON, TETRAHEDRON * 0.3 + 4])
+    assert closed(two, np.concatenate([OUTWARDS, OUTWARDS + 4]))
+    assert not closed(two, np.concatenate([OUTWARDS, OUTWARDS[:, ::-1] + 4]))
+
+
+def test_agents_stand_square_on_the_slope():
+    x, y = np.array([3.0, -2.0, 5.0]), np.array([1.0, 4.0, -6.0])
+    rows, columns = np.mgrid[:20, :20]
+    heights = HeightMap((0.7 * columns - 0.4 * rows).astype(np.float32), Area(-10, -10, 10, 10))
+    heading = np.array([0.3, 2.0, -1.2], np.float32)
+    pitch, roll = heights.tilt(x, y, heading)
+    turned = stance(heading, pitch, roll, 0.0)
+    normal = np.array([-0.7, 0.4, 1.0]) / np.linalg.norm([-0.7, 0.4, 1.0])
+    assert turned[:, :, 2] == pytest.approx(np.tile(normal, (3, 1)), abs=1e-5)
+    ahead = turned[:, :2, 0]
+    assert np.arctan2(ahead[:, 1], ahead[:, 0]) == pytest.approx(heading, abs=1e-5)
+    level = stance(heading, 0 * pitch, 0 * roll, np.pi / 2)
+    assert level[:, :, 1] == pytest.approx(np.stack([-np.cos(heading), -np.sin(heading), 0 * heading], 1), abs=1e-6)
+
+
+@pytest.mark.parametrize("tilted", [0.0, 1.0])
+def test_axes_are_those_of_the_stance(tilted):
+    heading, pitch, roll = (RANDOM.uniform(-3, 3, (3, 40)) * ((1,), (tilted,), (tilted,))).astype(np.float32)
+    turned = stance(heading, pitch, roll, -np.pi / 2)
+    for axis, found in enumerate(axes(heading, pitch, roll, -np.pi / 2)):
+        assert found.dtype == np.float32 and found == pytest.approx(turned[:, :, axis], abs=1e-6)
+
+
+def test_fades_cross_half_way_at_the_limits_that_assign():
+    begins = np.array([[10.0, 30.0], [20.0, 22.0]])
+    distance = np.linspace(1, 50, 4901)
+    for g in (0, 1):
+        group = np.full(len(distance), g, np.uint8)
+        finer, share = fade(distance, begins, group, None, 0.2)
+        plain = assign(distance, begins, group)
+        assert (finer + (share >= 0.5) == plain).all()
+        shown = finer + share  # rises without a jump
+        assert (np.diff(shown) >= -1e-6).all() and np.diff(shown).max() < 0.02 and shown[0] == 0 and shown[-1] == 2
+    assert (fade(distance, begins, group, None, 0.0)[0] == plain).all()
+    assert not fade(distance, begins, group, None, 0.0)[1].any()
+    assert fade(distance[:3], np.empty((2, 0)), group[:3])[0].tolist() == [0, 0, 0]
+    never = np.array([[-np.inf, np.inf], [-np.inf, np.inf]])
+    finer, share = fade(distance, never, group, None, 0.2)
+    assert (finer == 1).all() and not share.any()
+
+
+PLAIN = LevelPolicy((0.25, 0.5))
+
+
+def planned(bias=None, policy=PLAIN):
+    x = np.array([0.0, 0.0, 0.0, 30.0, 0.0, 0.0])
+    y = np.array([5.0, 25.0, 80.0, 10.0, -3.0, 8.0])
+    n = len(x)
+    zeros = np.zeros(n, np.float32)
+    crowd = Crowd(x, y, np.zeros(n), zeros, zeros.astype(np.uint8), zeros.astype(np.uint8), zeros)
+    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
+    camera = Camera("PERSP", np.array([0.0, 0, 1]), *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
+    machine = load_preset("chapter")
+    groups = (Group("one", 0.9, 1.0, 0.0, 1.0),)
+    world = edge_map(Area(-100, -100, 100, 100), machine.labels)
+    return plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1, (), bias), groups, (camera,), policy, bias
+
+
+def test_each_agent_has_its_reason():
+    assert reasons(*planned()).tolist() == [NEAR_ENOUGH, DISTANCE, FAR, BESIDE, NEAR, NEAR_ENOUGH]
+    dark = Bias(np.zeros((2, 2)), Area(-100, -100, 100, 100))
+    frame, *rest = planned(dark)
+    assert frame.levels[5] == 2 and reasons(frame, *rest)[[0, 1, 5]].tolist() == [DETAIL_MAP, DISTANCE, DETAIL_MAP]
+
+
+def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
+    limited = replace(PLAIN, finest=(1,))
+    frame, *rest = planned(None, limited)
+    assert frame.levels[[0, 1, 5]].tolist() == [1, 2, 1]
+    assert reasons(frame, *rest).tolist() == [LEFT_OUT, DISTANCE, FAR, BESIDE, NEAR, LEFT_OUT]
+    frame, *rest = planned(None, replace(limited, thresholds=(0.15, 0.5)))  # LOD 1 begins at 6 m
+    assert reasons(frame, *rest)[[0, 1, 5]].tolist() == [LEFT_OUT, DISTANCE, DISTANCE]
+    dark = Bias(np.full((2, 2), 0.1), Area(-100, -100, 100, 100))
+    frame, *rest = planned(dark, limited)  # 5 m counts as 15 m, and 8 m as 24 m
+    assert frame.levels[[0, 5]].tolist() == [1, 2] and reasons(frame, *rest)[[0, 5]].tolist() == [DETAIL_MAP, DETAIL_MAP]
+    old = frame.levels.copy()
+    old[0] = 2
+    frame, *rest = planned(None, limited)
+    held = replace(frame, find_levels=lambda: old)
+    assert reasons(held, *rest)[0] == HYSTERESIS
+
+
+def test_fades_of_a_frame_are_those_of_its_distances():
+    frame, groups, cameras, policy, bias = planned()
+    depth = frame.crowd.y
+    expected = fade(depth, limits(policy, cameras[0], np.array([1.0])), frame.crowd.group, None, 0.3)
+    for mine, theirs in zip(fades_of(frame, groups, cameras, policy, bias, 0.3), expected, strict=True):
+        assert mine == pytest.approx(theirs)

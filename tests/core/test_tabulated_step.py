@@ -1,0 +1,104 @@
+"""Steps within a cell against the long way, to the bit."""
+
+import dataclasses
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.behaviour import cell_borders, tabulated_step
+from crowd_lod_extension.crowd_lod.behaviour import step as step_
+from crowd_lod_extension.crowd_lod.behaviour.step import advance, pace_of, step
+from crowd_lod_extension.crowd_lod.crowd import leave_outs
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
+
+from .test_leave_outs import AREA, IDLER, ground, machine, random_table, walker
+
+pytestmark = pytest.mark.once
+
+
+@pytest.fixture(autouse=True)
+def small_crowds_go_the_short_way(monkeypatch):
+    monkeypatch.setattr(step_, "FEW", 0)
+
+
+GROUPS = (walker(), IDLER, walker(stride=0.01))
+
+
+def same(one, other):
+    return all(getattr(one, f.name).tobytes() == getattr(other, f.name).tobytes() for f in dataclasses.fields(one))
+
+
+def odd(crowd, random, machine, world):
+    """With agents on the map's border or next to it, on cells' borders, beyond the map, and mirrored."""
+    x, y = crowd.x.copy(), crowd.y.copy()
+    right = random.choice([AREA.x_max, np.nextafter(AREA.x_max, 0)])
+    x[::11], x[1::11], y[2::11], y[3::11] = AREA.x_min, right, AREA.y_min, AREA.y_max
+    x[4::11], y[5::11] = AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape), AREA.y_min + 100 / 7 * 3
+    x[6::101], y[7::101] = -70, 170
+    mirror = random.integers(4, size=len(x)).astype(np.uint8)
+    pace = pace_of(x, y, crowd.state, machine, world)
+    return replace(crowd, x=x, y=y, mirror=mirror, group=random.integers(3, size=len(x)).astype(np.uint8), pace=pace)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_step_is_the_long_way_to_the_bit(seed, monkeypatch):
+    monkeypatch.setattr(tabulated_step, "BLOCK", 64)
+    random = np.random.default_rng(seed)
+    machine, world = random_table(random), ground([(random.integers(7), random.integers(9))])
+    crowd = populate(500, seed, 3, machine, world)
+    if machine.edge == "reflect" or seed % 2:
+        crowd = odd(crowd, random, machine, world)
+    seconds = float(random.choice([1 / 24, 0.3, 1e-9, 2.0]))
+    for _ in range(6):
+        short, (long, _) = step(crowd, machine, world, seconds), advance(crowd, machine, world, seconds)
+        assert same(short, long)
+        assert not same(short, crowd) or not machine.moves
+        crowd = short
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_presets_and_what_is_left_out(name):
+    machine, random = load_preset(name), np.random.default_rng(1)
+    labels = random.integers(len(machine.labels), size=(23, 17), dtype=np.uint8)
+    for world in (LabelMap(labels, AREA), LabelMap(labels[:1, :1], AREA)):
+        crowd = populate(3000, 1, 3, machine, world) if machine.spawn[labels[0, 0]] else None
+        for _ in range(3 if crowd else 0):
+            leave = leave_outs.needless(crowd, machine, world, 3, False)
+            assert (leave_outs.ONE_LABEL in leave) == (world.labels.size == 1)
+            short, (long, _) = step(crowd, machine, world, 0.2, leave), advance(crowd, machine, world, 0.2)
+            assert same(short, long)
+            crowd = short
+
+
+def test_most_agents_go_the_short_way_and_columns_that_stay_are_shared():
+    machine, world = load_preset("chapter"), ground()
+    crowd = populate(1000, 1, 1, machine, world)
+    moved, rest = tabulated_step.within(crowd, machine, world, tabulated_step.Tables(machine, 1 / 24), leave_outs.NOTHING)
+    assert len(rest) < 50
+    assert moved.state is crowd.state and moved.key is crowd.key and moved.wait is crowd.wait
+    assert (moved.x != crowd.x).all() and moved.x is not crowd.x
+
+
+@pytest.mark.parametrize("edge", ["clamp", "stop", "wrap"])
+def test_rounds_of_trapped_agents_are_left_out_to_the_bit(edge, monkeypatch):
+    states = {
+        "a": {"color": "#ff0000", "start": 1, "on": {"*": {"move": [3, 0.5]}, "wall": {"next": "b", "move": [-2, 0]}}},
+        "b": {"color": "#00ff00", "start": 1, "on": {"*": {"move": [-3, 0]}, "ground": {"next": "c", "move": [0, 2]}}},
+        "c": {"color": "#0000ff", "on": {"*": {"next": "a", "move": [0, -2]}}},
+    }
+    table, random = machine(states, edge), np.random.default_rng(2)
+    world = LabelMap(random.integers(2, size=(60, 50), dtype=np.uint8), AREA)
+    quick = slow = populate(1000, 1, 1, table, world)
+
+    def one_by_one(now, met, agents, idle, patience):
+        return np.zeros_like(idle)
+
+    for _ in range(4):
+        quick, tally = advance(quick, table, world, 0.8)
+        with monkeypatch.context() as patch:
+            patch.setattr(cell_borders, "rounds", one_by_one)
+            slow, told = advance(slow, table, world, 0.8)
+        assert same(quick, slow) and tally.reads == told.reads and (tally.held == told.held).all()
+        assert tally.held.sum() > 20

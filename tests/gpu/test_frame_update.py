@@ -1,0 +1,198 @@
+"""What the overlay computes anew, what it keeps, and how it bears what a user does to the scene."""
+
+from types import SimpleNamespace
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.overlay import character_cache, viewport_overlay
+
+
+@pytest.fixture
+def scene():
+    """A scene with a cube and a cone as characters, populated."""
+    scene = bpy.data.scenes.new("follow")
+    scene.crowd_lod.choice = "BY_RATIO"
+    characters = bpy.data.collections.new("characters")
+    scene.collection.children.link(characters)
+    for name, height in (("cone", 1.0), ("cube", 2.0)):
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+        characters.objects.link(bpy.data.objects.new(name, mesh))
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    camera.location, camera.rotation_euler = (0, -40, 2), (1.5708, 0, 0)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.crowd_lod.characters, scene.crowd_lod.count = characters, 200
+    scene.crowd_lod.overlay = True
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    yield scene
+    bpy.data.scenes.remove(scene)
+    bpy.data.batch_remove([*characters.objects, characters, camera])
+
+
+def shown(scene):
+    """What a redraw of a viewport on `scene` shows."""
+    layer = scene.view_layers[0]
+    layer.update()
+    return viewport_overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
+
+
+def test_nothing_is_computed_while_nothing_changes(scene, monkeypatch):
+    first = shown(scene)
+    assert first.problem is None and viewport_overlay.latest(scene) is first.frame
+    monkeypatch.setattr(viewport_overlay._faster, "plan", None)
+    monkeypatch.setattr(viewport_overlay, "trajectory_of", None)
+    assert shown(scene) is first
+
+
+def test_a_still_crowd_is_looked_at_again_now_and_then_and_kept(scene, monkeypatch):
+    first = shown(scene)
+    monkeypatch.setattr(viewport_overlay, "LOOK_AGAIN", 0.0)
+    assert shown(scene) is first
+    text = bpy.data.texts.new("machine")
+    scene.crowd_lod.machine = text
+    text.write("{}")
+    assert "machine" in shown(scene).problem
+
+
+def test_frame_camera_and_thresholds_make_a_new_frame_of_the_same_crowd(scene, monkeypatch):
+    before = shown(scene)
+    monkeypatch.setattr(viewport_overlay, "trajectory_of", None)
+    changes = (
+        lambda: scene.frame_set(20),
+        lambda: setattr(scene.camera, "location", (5, -40, 2)),
+        lambda: setattr(scene.camera.data, "lens", 80),
+        lambda: setattr(scene.crowd_lod, "thresholds", (0.3, *scene.crowd_lod.thresholds[1:])),
+        lambda: setattr(scene.crowd_lod, "margin_kind", "FIXED"),
+    )
+    for change in changes:
+        change()
+        after = shown(scene)
+        assert after.frame is not before.frame and after.problem is None
+        before = after
+
+
+def test_count_and_seed_make_a_new_crowd(scene):
+    shown(scene)
+    scene.crowd_lod.count = 150
+    assert len(shown(scene).frame.crowd) == 150
+    first = viewport_overlay.latest(scene)
+    scene.crowd_lod.seed = 7
+    assert (shown(scene).frame.crowd.x != first.crowd.x).any()
+
+
+def test_without_a_camera_it_says_so_and_goes_on_with_one(scene):
+    camera, scene.camera = scene.camera, None
+    assert "no active camera" in shown(scene).problem
+    assert viewport_overlay.latest(scene) is None and "camera" in viewport_overlay.problem(scene)
+    scene.camera = camera
+    assert shown(scene).problem is None and viewport_overlay.problem(scene) is None
+
+
+def test_characters_and_scenes_may_be_deleted(scene):
+    shown(scene)
+    for item in list(scene.crowd_lod.characters.objects):
+        bpy.data.objects.remove(item)
+    assert shown(scene).problem is None
+    other = bpy.data.scenes.new("other")
+    other.camera, other.crowd_lod.overlay = scene.camera, True
+    assert "Populate" in shown(other).problem
+    bpy.data.scenes.remove(other)
+    scene.crowd_lod.seed = 1
+    shown(scene)
+    assert list(viewport_overlay._shown) == [scene.session_uid]
+
+
+def test_nothing_is_shown_while_the_overlay_is_off(scene):
+    shown(scene)
+    scene.crowd_lod.overlay = False
+    assert viewport_overlay.latest(scene) is None and viewport_overlay.problem(scene) is None
+
+
+def with_meshes(scene):
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
+    assert "being read" in shown(scene).notes[0]
+    while character_cache._bake_some() is not None:
+        pass
+    return shown(scene)
+
+
+def test_meshes_stay_on_the_gpu_from_frame_to_frame(scene, monkeypatch):
+    assert "Make LOD Meshes" in shown(scene).notes[0]
+    first = with_meshes(scene)
+    assert first.notes == () and first.problem is None
+    assert sum(count for *_, count in first.batches.draws) == first.frame.visible.sum()
+    assert [level for level, *_ in first.batches.draws] == sorted(level for level, *_ in first.batches.draws)
+    assert shown(scene).batches is first.batches
+    monkeypatch.setattr(viewport_overlay, "Cast", None)
+    monkeypatch.setattr(character_cache, "baking", None)
+    scene.frame_set(30)
+    later = shown(scene)
+    assert later.batches is not first.batches and later.cast is first.cast
+
+
+def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch):
+    first = with_meshes(scene)
+    monkeypatch.setattr(character_cache, "LOOK_AGAIN", 0.0)
+    assert shown(scene).cast is first.cast
+    item = scene.crowd_lod.levels.children[1].children[0].objects[0]
+
+    def paint():
+        material = bpy.data.materials.new("red")
+        item.data.materials.append(material)
+
+    for change in (lambda: setattr(item.data.vertices[0].co, "z", 0.1), paint, lambda: animate(item), lambda: ease(item)):
+        before = shown(scene).cast
+        change()
+        scene.view_layers[0].update()
+        assert "being read" in shown(scene).notes[0]
+        while character_cache._bake_some() is not None:
+            pass
+        after = shown(scene).cast
+        assert after is not before
+    assert len(after.characters[0].frames) == 12
+
+
+def animate(item):
+    for frame in (1, 12):
+        item.location.x = frame
+        item.keyframe_insert("location", frame=frame)
+
+
+def ease(item):
+    """Between its keys the action goes another way."""
+    key = item.animation_data.action.layers[0].strips[0].channelbags[0].fcurves[0].keyframe_points[0]
+    key.handle_right_type, key.handle_right.y = "FREE", 20.0
+
+
+def test_every_mode_and_colour_is_drawn(scene):
+    with_meshes(scene)
+    settings = scene.crowd_lod
+    for mode in ("MESHES", "BOXES", "POINTS"):
+        for colour in ("LOD", "STATE", "GROUP", "REASON", "MATERIAL"):
+            for fade in (0.0, 0.3):
+                settings.overlay_mode, settings.overlay_colour, settings.overlay_fade = mode, colour, fade
+                now = shown(scene)
+                assert now.problem is None and now.notes == ()
+                assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())
+                assert now.batches.fading == (fade > 0 and mode == "MESHES")
+    settings.overlay_culled = False
+    assert shown(scene).batches.points is not None
+    settings.overlay_mode = "BOXES"
+    assert shown(scene).batches.points is None
+
+
+def test_lod_meshes_of_other_settings_say_so(scene):
+    with_meshes(scene)
+    scene.crowd_lod.level_count += 1
+    assert "do not fit" in shown(scene).notes[0]
+
+
+def test_another_file_lets_everything_go(scene):
+    with_meshes(scene)
+    viewport_overlay.forget()
+    assert not viewport_overlay._shown and not character_cache._castings
+    assert not bpy.app.timers.is_registered(character_cache._bake_some)
+    assert viewport_overlay.forget in bpy.app.handlers.load_pre

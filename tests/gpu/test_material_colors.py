@@ -1,0 +1,50 @@
+"""What materials look like to the overlay."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators.blender.material_colors import GREY, Looks
+
+COLOUR = 0.5, 0.25, 0.125
+SRGB = 188, 137, 99  # of COLOUR
+
+
+def material(image=None):
+    made = bpy.data.materials.new("look")
+    made.use_nodes = True
+    tree = made.node_tree
+    surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
+    surface.inputs["Base Color"].default_value = (*COLOUR, 1)
+    if image is not None:
+        node = tree.nodes.new("ShaderNodeTexImage")
+        node.image = image
+        tree.links.new(node.outputs["Color"], surface.inputs["Base Color"])
+    return made
+
+
+def image(values, space, floats):
+    made = bpy.data.images.new("look", 4, 4, float_buffer=floats)
+    made.colorspace_settings.name = space
+    made.pixels.foreach_set(np.tile(np.float32((*values, 1)), 16))
+    return made
+
+
+def test_a_plain_material_shows_its_base_colour_and_none_is_grey():
+    assert Looks().of(material()) == pytest.approx((*COLOUR, -1))
+    assert Looks().of(None) == (*GREY, -1)
+
+
+@pytest.mark.parametrize(
+    "values, space, floats",
+    [
+        (np.array(SRGB) / 255, "sRGB", False),
+        (COLOUR, "Non-Color", False),
+        (COLOUR, "Linear Rec.709", False),
+        (COLOUR, "Linear Rec.709", True),
+    ],
+)
+def test_images_come_out_as_srgb_whatever_their_own_space_is(values, space, floats):
+    looks = Looks()
+    assert looks.of(material(image(values, space, floats))) == (1, 1, 1, 0)
+    (picture,) = looks.images()
+    assert picture.shape == (4, 4, 4) and np.abs(picture[..., :3].astype(int) - SRGB).max() <= 1
