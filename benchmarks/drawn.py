@@ -51,7 +51,6 @@ class Screen:
         joints = np.tile(np.eye(3, 4, dtype=np.float32), (FRAMES, JOINTS, 1, 1))
         meshes = tuple(figure(vertices, group) for vertices in group.vertices)
         images = np.empty((0, 1, 1, 4), np.uint8)
-        self.group = group
         self.cast = Cast((group,), (Character("person", joints, meshes, images, np.full(3, 0.5), 0.0, None),))
         self.canvas = gpu.types.GPUOffScreen(*SIZE, format="RGBA8")
 
@@ -59,7 +58,7 @@ class Screen:
         """Draw the frame and wait for it: the picture (height, width, 4) uint8, bottom row first."""
         import gpu
 
-        what = drawing(frame, (self.group,), Style("MESHES", culled=False))
+        what = drawing(frame, Style("MESHES", culled=False))
         batches = Batches(replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0]), self.cast)
         with self.canvas.bind():
             buffer = gpu.state.active_framebuffer_get()

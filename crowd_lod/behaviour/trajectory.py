@@ -11,7 +11,7 @@ import numpy as np
 
 from ..animation.phase_classes import gaits_of
 from ..crowd import random_streams
-from ..crowd.agents import CLASSES, Crowd, Group
+from ..crowd.agents import CLASSES, Crowd, Group, Spheres, spheres_of
 from ..crowd.leave_outs import ALL, NOTHING, STILL, LeftOut, needless
 from ..crowd.maps import HeightMap, LabelMap
 from ..crowd.state_machine import StateMachine
@@ -114,6 +114,11 @@ class Trajectory:
     def full(self) -> "Trajectory":
         """The same with nothing left out."""
         return replace(self, leave=NOTHING, _kept={}, _lock=threading.Lock())
+
+    @cached_property
+    def spheres(self) -> Spheres:
+        """The groups' bounding spheres."""
+        return spheres_of(self.groups)
 
     @cached_property
     def looks(self) -> np.ndarray:

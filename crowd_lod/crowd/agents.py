@@ -1,6 +1,7 @@
 """The crowd: one array a column, and its first frame (chapter section 1.2, "Populating")."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -62,6 +63,20 @@ class Group:
     def __post_init__(self):
         if len(self.bounds) != len(self.deviations):
             object.__setattr__(self, "bounds", self.deviations)
+
+
+@dataclass(frozen=True)
+class Spheres:
+    """The groups' bounding spheres: centre, radius, reach, as of Group, (G,) float64 metres each."""
+
+    centre: np.ndarray
+    radius: np.ndarray
+    reach: np.ndarray
+
+
+def spheres_of(groups: Sequence[Group]) -> Spheres:
+    """The bounding spheres of the `groups`."""
+    return Spheres(*(np.array([getattr(group, each.name) for group in groups], np.float64) for each in fields(Spheres)))
 
 
 @dataclass(frozen=True)

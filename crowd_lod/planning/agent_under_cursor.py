@@ -1,16 +1,13 @@
 """The agent under the cursor, and what there is to tell of one agent."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..crowd.agents import Group
-from ..crowd.state_machine import StateMachine
-from ..culling.camera import Camera
-from ..culling.radar import BLOCK, radar
+from ..culling.radar import BLOCK
 from ..errors import CrowdError
-from ..levels.assignment import Bias, LevelPolicy, shown
+from ..levels.assignment import shown
 from ..sorting.buckets import sort
 from .frame import Frame
 from .reasons import REASONS, reasons
@@ -69,26 +66,15 @@ def nearest(
     return found
 
 
-def account(
-    frame: Frame,
-    agent: int,
-    groups: tuple[Group, ...],
-    machine: StateMachine,
-    cameras: Sequence[Camera],
-    policy: LevelPolicy,
-    bias: Bias | None = None,
-) -> Account:
-    """What there is to tell of the agent with this index in `frame`, whose plan had the other arguments."""
+def account(frame: Frame, agent: int) -> Account:
+    """What there is to tell of the agent with this index in `frame`."""
     if not 0 <= agent < len(frame.crowd):
         raise CrowdError(f"There is no agent {agent}: the crowd has {len(frame.crowd):,}, from 0 on.")
     this = slice(agent, agent + 1)
-    crowd = replace(frame.crowd, **{each.name: getattr(frame.crowd, each.name)[this] for each in fields(frame.crowd)})
-    levels = frame.levels[this]
+    crowd, levels = frame.crowd.of(this), frame.levels[this]
     seen = sort(frame.visible[this], levels, len(frame.buckets.counts))
-    alone = replace(frame, crowd=crowd, buckets=seen, find_levels=lambda: levels)
-    group, level, camera = groups[crowd.group[0]], int(alone.levels[0]), cameras[0]
-    centre, radius = (np.array([getattr(each, name) for each in groups]) for name in ("centre", "radius"))
-    depth = float(radar(crowd, camera, centre, radius)[1][0])
+    alone = replace(frame, crowd=crowd, buckets=seen, known_levels=levels)
+    group, level, camera, depth = frame.trajectory.groups[crowd.group[0]], int(levels[0]), frame.camera, float(alone.depths[0])
     pixels = error = None
     if depth > 0 or camera.kind == "ORTHO":
         pixels = float(shown(2 * group.radius, depth, camera, 0.0))
@@ -97,9 +83,9 @@ def account(
     return Account(
         agent=agent,
         group=group.name,
-        state=machine.states[crowd.state[0]],
+        state=frame.trajectory.machine.states[crowd.state[0]],
         visible=bool(alone.visible[0]),
-        reason=REASONS[reasons(alone, groups, cameras, policy, bias)[0]],
+        reason=REASONS[reasons(alone)[0]],
         level=level,
         depth=depth,
         pixels=pixels,

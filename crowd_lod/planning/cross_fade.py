@@ -1,31 +1,13 @@
 """Cross-fades between LODs, on the same thresholds that assign them."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from ..crowd.agents import Group
-from ..culling.camera import Camera
-from ..culling.radar import radar
-from ..levels.assignment import Bias, LevelPolicy
 from .frame import Frame
 
 
-def fades_of(
-    frame: Frame,
-    groups: tuple[Group, ...],
-    cameras: Sequence[Camera],
-    policy: LevelPolicy,
-    bias: Bias | None = None,
-    width: float = 0.1,
-) -> tuple[np.ndarray, np.ndarray]:
-    """`fade` of each agent of `frame`, whose plan had the other arguments. Hysteresis, which remembers, has no part in
-    it: a LOD that fades in does not pop."""
-    crowd = frame.crowd
-    centre, radius = (np.array([getattr(group, name) for group in groups]) for name in ("centre", "radius"))
-    _, distance = radar(crowd, cameras, centre, radius, policy.margin, policy.metric == "RADIAL")
-    factor = None if bias is None else bias.at(crowd.x, crowd.y)
-    return fade(distance, frame.begins, crowd.group, factor, width)
+def fades_of(frame: Frame, width: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """`fade` of each agent of `frame`. Hysteresis, which remembers, has no part in it: a LOD that fades in does not pop."""
+    return fade(frame.distances, frame.begins, frame.crowd.group, frame.factors, width)
 
 
 def fade(

@@ -39,25 +39,29 @@ Sorter = Callable[[Crowd, np.ndarray | None, Camera, LevelPolicy, np.ndarray], t
 
 @dataclass(frozen=True)
 class Frame:
-    """What one frame shows.
+    """What one frame shows, and what it was planned with.
 
-    time: in frames. visible: (n,) bool. levels: (n,) uint8, the LOD of every agent, also of those culled. Both are made when
-    first asked for: the buckets say as much of those who are seen. begins: (G, n - 1) metres, where each group's LODs 1 ...
-    n - 1 begin (levels.limits). find_levels: makes the levels. phase_of: (agents (m,)) -> (m,) float32 in [0, 1), the places in
-    their action's cycle. vertices, triangles: to be drawn for the visible agents; full_vertices, full_triangles: without culling and LOD.
-    milliseconds: of each stage, in the order of the pipeline. camera: the first where there are several. dropped: agents
-    left out because they stand at NaN or infinity. left_out: what the scene did not need, in the order of the pipeline;
-    like the milliseconds it tells how this plan was made, and all else is the same without it. shadow, mirrored: agents that
-    are not visible but cast shadows into the picture, or are seen in mirrors; None if not looked for (planning/shadows.py).
+    time: in frames. crowd: of the `trajectory` at that time. eyes, shutter, policy, bias: as for `plan`. begins: (G, n - 1)
+    metres, where each group's LODs 1 ... n - 1 begin (levels.limits). vertices, triangles: to be drawn for the visible agents;
+    full_vertices, full_triangles: without culling and LOD. milliseconds: of each stage, in the order of the pipeline. dropped:
+    agents left out because they stand at NaN or infinity. left_out: what the scene did not need, in the order of the pipeline;
+    like the milliseconds it tells how this plan was made, and all else is the same without it. known_levels: the `levels`, where
+    they do not follow from the distances alone, or are at hand. shadow, mirrored: agents that are not visible but cast shadows
+    into the picture, or are seen in mirrors; None if not looked for (planning/shadows.py).
+
+    What is known of every agent, also of those culled, is found when it is first asked for, and kept; the buckets say who is
+    seen, and at which LOD.
     """
 
     time: float
     crowd: Crowd
-    camera: Camera
+    trajectory: Trajectory
+    eyes: tuple[Camera, ...]
+    shutter: Sequence[tuple[float, Sequence[Camera]]]
+    policy: LevelPolicy
+    bias: Bias | None
     buckets: Buckets
     begins: np.ndarray
-    find_levels: Callable[[], np.ndarray]
-    phase_of: Callable[[np.ndarray], np.ndarray]
     vertices: int
     triangles: int
     full_vertices: int
@@ -65,18 +69,52 @@ class Frame:
     milliseconds: dict[str, float]
     dropped: int = 0
     left_out: tuple[LeftOut, ...] = ()
+    known_levels: np.ndarray | None = None
     shadow: Buckets | None = None
     mirrored: Buckets | None = None
 
+    @property
+    def camera(self) -> Camera:
+        """The first of the eyes."""
+        return self.eyes[0]
+
     @cached_property
     def visible(self) -> np.ndarray:
+        """(n,) bool."""
         seen = np.zeros(len(self.crowd), bool)
         seen[self.buckets.order] = True
         return seen
 
     @cached_property
+    def distances(self) -> np.ndarray:
+        """(n,) float64 metres, from which LODs follow: those of `radar`."""
+        return self._measured(self.eyes, self.policy.metric == "RADIAL")
+
+    @cached_property
+    def depths(self) -> np.ndarray:
+        """(n,) float64 metres along the first camera's view; of a panoramic camera, from it."""
+        same = len(self.eyes) == 1 and self.policy.metric != "RADIAL"
+        return self.distances if same else self._measured(self.eyes[:1], False)
+
+    @cached_property
+    def factors(self) -> np.ndarray | None:
+        """(n,) float64, the bias of each distance, or None."""
+        return None if self.bias is None else self.bias.at(self.crowd.x, self.crowd.y)
+
+    @cached_property
     def levels(self) -> np.ndarray:
-        return self.find_levels()
+        """(n,) uint8, the LOD of every agent."""
+        if self.known_levels is not None:
+            return self.known_levels
+        return assign(self.distances, self.begins, self.crowd.group, self.factors)
+
+    def phase_of(self, agents: np.ndarray) -> np.ndarray:
+        """(m,) float32 in [0, 1): the places of `agents` (m,) in their action's cycle."""
+        return self.trajectory.phase(self.crowd, self.time, agents)
+
+    def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
+        spheres, leave = self.trajectory.spheres, self.trajectory.left_out
+        return radar(self.crowd, eyes, spheres.centre, spheres.reach, None, radial, leave, every=True)[1]
 
 
 def plan(
@@ -101,7 +139,7 @@ def plan(
     leave, left = trajectory.leave, set(trajectory.left_out)
     groups = trajectory.groups
     cameras = (camera,) if isinstance(camera, Camera) else tuple(camera)
-    radius, reach = (np.array([getattr(g, name) for g in groups]) for name in ("radius", "reach"))
+    radius, reach = trajectory.spheres.radius, trajectory.spheres.reach
     ticks = [clock.perf_counter()]
     crowd = trajectory.at(time)
     ticks.append(clock.perf_counter())
@@ -118,8 +156,9 @@ def plan(
         if made is not None and made[1] == asked[1] and all(map(operator.is_, made[0], asked[0])):
             ticks += [clock.perf_counter()] * 3
             left_out = STATIC, *made[2].left_out
-            now = {"time": time, "crowd": crowd, "phase_of": partial(trajectory.phase, crowd, time)}
-            return replace(made[2], **now, camera=cameras[0], milliseconds=_milliseconds(ticks), left_out=left_out)
+            now = {"time": time, "crowd": crowd, "trajectory": trajectory, "eyes": cameras, "shutter": tuple(shutter)}
+            now |= {"policy": policy, "bias": bias}
+            return replace(made[2], **now, milliseconds=_milliseconds(ticks), left_out=left_out)
     begin = limits(policy, cameras[0], radius, deviations(groups, policy))
     views = [(time, pictured(cameras), reach), *((sample, pictured(eyes), grown) for sample, eyes in shutter)]
     way = _by_blocks if BLOCKS in leave & trajectory.left_out else _one_by_one
@@ -127,7 +166,7 @@ def plan(
     if sorter is not None and plain:
         left -= {item for item in left if item.stage == "culling"}
         way = partial(_elsewhere, sorter)
-    buckets, find_levels, counted, dropped, items = way(trajectory, crowd, views, policy, begin, bias, ticks)
+    buckets, levels, counted, dropped, items = way(trajectory, crowd, views, policy, begin, bias, ticks)
     left |= items
     if ONE_BUCKET in leave and np.count_nonzero(buckets.counts) <= 1:
         left.add(ONE_BUCKET)
@@ -137,11 +176,13 @@ def plan(
     frame = Frame(
         time=time,
         crowd=crowd,
-        camera=cameras[0],
+        trajectory=trajectory,
+        eyes=cameras,
+        shutter=tuple(shutter),
+        policy=policy,
+        bias=bias,
         buckets=buckets,
         begins=begin,
-        find_levels=find_levels,
-        phase_of=partial(trajectory.phase, crowd, time),
         vertices=vertices,
         triangles=triangles,
         full_vertices=full_vertices,
@@ -149,18 +190,19 @@ def plan(
         milliseconds=_milliseconds(ticks),
         dropped=dropped,
         left_out=tuple(item for item in ITEMS if item in left),
+        known_levels=levels,
     )
-    kept_of(trajectory).memo = None if asked is None else (*asked, frame)
+    kept_of(trajectory).memo = None if asked is None else (*asked, replace(frame, trajectory=None))  # it ends with its trajectory
     return frame
 
 
 def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
-    """(buckets, find_levels, what `tally` counts, how many are dropped, what was left out): every agent is tested. views:
+    """(buckets, all agents' LODs if they are known, what `tally` counts, how many are dropped, what was left out): every agent is tested. views:
     (time, the eyes' cameras, (G,) radii) of each time at which agents may be seen; LODs are those of the first."""
     leave, items = trajectory.leave, set()
     made = blocks_at(trajectory, views[0][0])  # for their order
     (_, cameras, radius), *shutter = views
-    centre = np.array([g.centre for g in trajectory.groups])
+    centre = trajectory.spheres.centre
     about = (centre, radius, policy.margin, policy.metric == "RADIAL", trajectory.left_out)
     box = bounds(crowd, cameras, *about) if leave else Bounds()
     gone = _lost(crowd, policy) if not box.finite else 0
@@ -190,13 +232,13 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     ticks.append(clock.perf_counter())
     if every is not None:
         items.add(ALL_INSIDE if every else ALL_OUTSIDE)
-    return buckets, lambda: levels, None, gone, items
+    return buckets, levels, None, gone, items
 
 
 def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     """The same as `_one_by_one`, where blocks of agents are decided at once (culling/blocks.py)."""
     since, blocks = blocks_at(trajectory, views[0][0])
-    centre = np.array([g.centre for g in trajectory.groups])
+    centre = trajectory.spheres.centre
     radius, radial = views[0][2], policy.metric == "RADIAL"
     gone = 0 if blocks.finite else _lost(crowd, policy)
     looks = [
@@ -221,8 +263,7 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     known = trajectory.leave if not len(places) else NOTHING
     items = {item for item, holds in items.items() if holds and item in known}
     counted = present, np.diff(blocks.groups)
-    find_levels = partial(_levels, trajectory, crowd, views, policy, begin, bias)
-    return buckets, find_levels, counted, gone, items
+    return buckets, None, counted, gone, items
 
 
 def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
@@ -237,15 +278,7 @@ def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ti
         counted = np.diff(edges, axis=1), np.diff(made[1].groups)
     buckets = Buckets(places if order is None else order[places], offsets)
     ticks += [clock.perf_counter()] * 3
-    return buckets, partial(_levels, trajectory, crowd, views, policy, begin, bias), counted, gone, set()
-
-
-def _levels(trajectory, crowd, views, policy, begin, bias) -> np.ndarray:
-    """The LODs (n,) uint8 of all agents, also of those culled."""
-    centre = np.array([g.centre for g in trajectory.groups])
-    about = (centre, views[0][2], policy.margin, policy.metric == "RADIAL", trajectory.left_out)
-    _, distance = radar(crowd, views[0][1], *about, True)
-    return assign(distance, begin, crowd.group, None if bias is None else bias.at(crowd.x, crowd.y))
+    return buckets, None, counted, gone, set()
 
 
 def _lost(crowd: Crowd, policy: LevelPolicy) -> int:

@@ -1,14 +1,12 @@
 """What the camera does not see still matters: agents whose shadow falls into the picture, or whom a flat mirror shows."""
 
 import time as clock
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
 
 import numpy as np
 
-from ..behaviour.trajectory import Trajectory
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import Blocks, near
@@ -227,22 +225,14 @@ def bounded(volume: Volume, box: np.ndarray) -> Volume:
     return replace(volume, normals=normals, offsets=offsets)
 
 
-def surround(
-    frame: Frame,
-    trajectory: Trajectory,
-    cameras: Camera | Sequence[Camera],
-    shutter: Sequence[tuple[float, Sequence[Camera]]],
-    around: Surroundings,
-) -> Frame:
-    """`frame`, whose plan had the same cameras and shutter, with the agents that it culled and that still matter: in
-    `shadow` those that only cast a shadow into the picture or into what mirrors show of it, in `mirrored` those that
-    mirrors show. A pure function of its arguments."""
+def surround(frame: Frame, around: Surroundings) -> Frame:
+    """`frame` with the agents that it culled and that still matter: in `shadow` those that only cast a shadow into the picture or
+    into what mirrors show of it, in `mirrored` those that mirrors show. A pure function of its arguments."""
     begun = clock.perf_counter()
-    cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
-    centre = np.array([group.centre for group in trajectory.groups])
-    radius = np.array([group.reach for group in trajectory.groups])
-    grown = radius + most_moved(trajectory, [time for time, _ in shutter])
-    moments = [(frame.time, frame.crowd, cameras, radius), *((time, trajectory.at(time), eyes, grown) for time, eyes in shutter)]
+    trajectory, centre, radius = frame.trajectory, frame.trajectory.spheres.centre, frame.trajectory.spheres.reach
+    grown = radius + most_moved(trajectory, [time for time, _ in frame.shutter])
+    moments = [(frame.time, frame.crowd, frame.eyes, radius)]
+    moments += [(time, trajectory.at(time), eyes, grown) for time, eyes in frame.shutter]
     unseen = ~frame.visible
     made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
     reflects, shades = (_Sought(unseen.copy(), made and np.ones(len(made[1].rows), bool)) for _ in range(2))

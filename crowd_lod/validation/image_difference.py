@@ -1,12 +1,9 @@
 """How far two pictures differ, and how far the silhouettes of a frame's LODs may."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ..crowd.agents import Group
-from ..culling.radar import radar
 from ..levels.assignment import shown
 from ..planning.frame import Frame
 
@@ -67,19 +64,17 @@ def _beyond(one: np.ndarray, other: np.ndarray) -> float:
     return float(FARTHEST)
 
 
-def predicted(frame: Frame, groups: Sequence[Group]) -> float | None:
+def predicted(frame: Frame) -> float | None:
     """Pixels by which the silhouettes of the frame's visible agents, drawn by LOD, may lie off those of LOD 0, from the
     groups' bounds of deviation: the most of levels.shown at the nearest that a LOD's surface may be, times sqrt(1 + s^2) at
     the slope s of the picture's corner: a point at p that moves by e to the depth z' moves by (e.XY - s e.Z) / z'. None
     where a deviation is not measured, no distance bounds it, or a lens bends the picture."""
-    agents, camera = frame.buckets.order, frame.camera
-    group, level = frame.crowd.group[agents], frame.levels[agents]
+    agents, camera, groups = frame.buckets.order, frame.camera, frame.trajectory.groups
+    group, level = frame.crowd.group[agents], frame.buckets.levels
     if camera.kind == "PANO" or not all(len(groups[g].bounds) > level[group == g].max() for g in np.unique(group)):
         return None
-    centre, radius = (np.array([getattr(each, name) for each in groups]) for name in ("centre", "radius"))
-    _, distance = radar(frame.crowd, camera, centre, radius)
     off = np.array([groups[g].bounds[k] for g, k in zip(group.tolist(), level.tolist(), strict=True)])
-    pixels = float(shown(off, distance[agents], camera, radius[group] + off).max(initial=0.0))
+    pixels = float(shown(off, frame.depths[agents], camera, frame.trajectory.spheres.radius[group] + off).max(initial=0.0))
     w = camera.window
     slope = 0.0 if camera.kind == "ORTHO" else np.hypot(max(abs(w.left), abs(w.right)), max(abs(w.bottom), abs(w.top)))
     return pixels * float(np.sqrt(1 + slope**2)) if np.isfinite(pixels) else None

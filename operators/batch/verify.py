@@ -235,7 +235,7 @@ def _frame(scene, at: frame_stepping.At, top, outline, number: int, wanted: Veri
     (folder / "outline.png").unlink()
     eyes = len(_views(scene.render))
     shift = max(image_difference.shift(*pair) for pair in zip(*(np.split(masks[name], eyes, axis=1) for name in "ac"), strict=True))
-    each = [image_difference.predicted(replace(planned, camera=camera), trajectory.groups) for camera in film]
+    each = [image_difference.predicted(replace(planned, eyes=(camera,))) for camera in film]
     predicted = None if None in each else max(each)
     row |= {"silhouette_shift": shift, "predicted_shift": predicted}
     row["culling_ok"] = row["b_pixels"] == 0 or (row["b_largest"] <= DISPLACED and bool(_displaced(scene)))

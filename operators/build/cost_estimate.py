@@ -128,7 +128,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
             eyes, around, shutter = lights.read_moment(scene, time, at)
             for name, choice in choices.items():
                 frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
-                frame = surround(frame, trajectory, eyes, shutter, around)
+                frame = surround(frame, around)
                 shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, trajectory, scene))
             yield (done + 1) / len(looked_at)

@@ -368,7 +368,7 @@ def frame_of(
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings, trajectory.world.area)
     frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
-    return frame if around is None else surround(frame, trajectory, eyes, shutter, around)
+    return frame if around is None else surround(frame, around)
 
 
 @bpy.app.handlers.persistent

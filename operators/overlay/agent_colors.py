@@ -5,9 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.culling.camera import Camera
-from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.reasons import reasons
 from ..blender.color_space import linear
@@ -32,9 +29,9 @@ def by_level(frame: Frame) -> Colours:
     return Colours(index, _opaque(TINTS))
 
 
-def by_state(frame: Frame, machine: StateMachine) -> Colours:
+def by_state(frame: Frame) -> Colours:
     """As the state machine says."""
-    return Colours(frame.crowd.state, _opaque(linear(machine.state_colours / 255)))
+    return Colours(frame.crowd.state, _opaque(linear(frame.trajectory.machine.state_colours / 255)))
 
 
 def by_group(frame: Frame) -> Colours:
@@ -42,9 +39,9 @@ def by_group(frame: Frame) -> Colours:
     return Colours(frame.crowd.group % np.uint8(len(TINTS)), _opaque(TINTS))
 
 
-def by_reason(frame: Frame, groups, cameras: Sequence[Camera], policy, bias: Bias | None) -> Colours:
+def by_reason(frame: Frame) -> Colours:
     """By the reason, of reasons.REASONS, why an agent is culled or has not the finest LOD."""
-    return Colours(reasons(frame, groups, cameras, policy, bias), _opaque(TINTS), culled=True)
+    return Colours(reasons(frame), _opaque(TINTS), culled=True)
 
 
 def by_material(frame: Frame, characters: Sequence[Character]) -> Colours:

@@ -10,9 +10,9 @@ from . import viewport_overlay
 WITHIN = 40.0  # nominal pixels from the cursor
 
 
-def places_of(frame: Frame, groups) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def places_of(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x, y, z, (n,) float64 each, of the agents' sphere centres."""
-    crowd, centre = frame.crowd, np.array([group.centre for group in groups])
+    crowd, centre = frame.crowd, frame.trajectory.spheres.centre
     return crowd.x, crowd.y, crowd.z + centre[crowd.group]
 
 
@@ -57,7 +57,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
             self.cancel(context)
             return {"FINISHED"}
         found = nearest(
-            places_of(shown.frame, shown.trajectory.groups),
+            places_of(shown.frame),
             np.array(region.data.perspective_matrix, np.float64),
             (region.width, region.height),
             (event.mouse_x - region.x, event.mouse_y - region.y),

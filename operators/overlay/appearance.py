@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
-from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.planning.cross_fade import fades_of
 from ...crowd_lod.planning.frame import Frame
 from ..blender import scene_data
@@ -44,29 +42,24 @@ def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | N
     return Cast(groups, characters if style.mode == "MESHES" else ())
 
 
-def colours_of(
-    chosen: str, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, characters: tuple[Character, ...]
-) -> agent_colors.Colours:
+def colours_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colours:
     """The agents' colours; `chosen` is of the setting overlay_colour."""
     if chosen == "STATE":
-        return agent_colors.by_state(frame, trajectory.machine)
+        return agent_colors.by_state(frame)
     if chosen == "GROUP":
         return agent_colors.by_group(frame)
     if chosen == "REASON":
-        return agent_colors.by_reason(frame, trajectory.groups, eyes, policy, bias)
+        return agent_colors.by_reason(frame)
     if chosen == "MATERIAL" and characters:
         return agent_colors.by_material(frame, characters)
     return agent_colors.by_level(frame)
 
 
-def drawing_of(
-    settings, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, style: Style, coloured, framed: bool = True
-) -> Drawing:
+def drawing_of(settings, frame: Frame, style: Style, coloured: agent_colors.Colours, framed: bool = True) -> Drawing:
     """The drawing of the frame as the settings have it; `framed` with the lines of the camera's frustum."""
-    groups = trajectory.groups
-    slopes = trajectory.heights if settings.tilt else None
+    slopes = frame.trajectory.heights if settings.tilt else None
     fades = None
     if style.mode == "MESHES" and settings.overlay_fade:
-        fades = fades_of(frame, groups, eyes, policy, bias, settings.overlay_fade)
-    what = drawing(frame, groups, style, coloured, slopes, fades)
+        fades = fades_of(frame, settings.overlay_fade)
+    what = drawing(frame, style, coloured, slopes, fades)
     return what if framed else replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])

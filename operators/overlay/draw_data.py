@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.crowd.agents import Crowd, Group
+from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.crowd.maps import HeightMap
 from ...crowd_lod.culling.camera import Camera, frustum_corners
 from ...crowd_lod.planning.frame import Frame
@@ -69,20 +69,18 @@ class Drawing:
 
 def drawing(
     frame: Frame,
-    groups: tuple[Group, ...],
     style: Style = Style(),  # noqa: B008  frozen
     colours: Colours | None = None,
     slopes: HeightMap | None = None,
     fades: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Drawing:
-    """The drawing of `frame`, whose crowd is of `groups`.
+    """The drawing of `frame`.
 
     colours: None for those of the LODs. slopes: what agents lean with. fades: from fading.fade, of all agents.
     """
     crowd, origin = frame.crowd, frame.camera.origin
     colours = colours or by_level(frame)
-    centre = np.array([g.centre for g in groups])
-    radius = np.array([g.radius for g in groups])
+    centre, radius = frame.trajectory.spheres.centre, frame.trajectory.spheres.radius
     points = style.mode == "POINTS"
     seen = len(frame.buckets.order) if points else 0
     culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)

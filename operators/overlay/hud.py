@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.planning.agent_under_cursor import Account
 from ...crowd_lod.planning.frame import Frame
 from ..blender.color_space import encoded
@@ -169,11 +168,11 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
     return left - region.x, bottom - region.y, right - region.x, top - region.y - (own * LINE + MARGIN) * ui_scale
 
 
-def ring(frame: Frame, trajectory: Trajectory, agent: int, region, ui_scale: float) -> None:
+def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
     """Draw a ring round the agent into the region that is being drawn, in its pixels."""
     from gpu_extras.batch import batch_for_shader
 
-    matrix, group = np.array(region.data.perspective_matrix, np.float64), trajectory.groups[frame.crowd.group[agent]]
+    matrix, group = np.array(region.data.perspective_matrix, np.float64), frame.trajectory.groups[frame.crowd.group[agent]]
     here = [column[agent] for column in (frame.crowd.x, frame.crowd.y, frame.crowd.z)]
     x, y, _, w = matrix @ (here[0], here[1], here[2] + group.centre, 1.0)
     if w <= 0:

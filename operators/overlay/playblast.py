@@ -12,9 +12,9 @@ import numpy as np
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
-from ..blender import cameras, console, image_data
+from ..blender import console, image_data
 from ..blender.color_space import linear
-from ..crowd.scene_crowd import bias_of, policy_of
+from ..crowd.scene_crowd import policy_of
 from . import character_cache, hud
 from .appearance import cast_of, colours_of, drawing_of, style_of
 from .gpu_draw import Batches, paint, put_depth
@@ -152,12 +152,10 @@ class Playblast:
 
     def place(self, frame: Frame) -> None:
         """Hand the frame's agents to the GPU."""
-        stage, settings, trajectory = self.stage, self.stage.crowd_lod, self.trajectory
-        eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
-        planned = eyes, policy_of(settings), bias_of(settings, trajectory.world.area)
-        coloured = colours_of(settings.overlay_colour, frame, trajectory, *planned, self.characters)
+        settings = self.stage.crowd_lod
+        coloured = colours_of(settings.overlay_colour, frame, self.characters)
         # the frustum that is looked along is the picture's edge
-        what = drawing_of(settings, frame, trajectory, *planned, self.style, coloured, framed=False)
+        what = drawing_of(settings, frame, self.style, coloured, framed=False)
         self.batches = Batches(what, self.cast)
 
     def main(self, path: Path, caption: str) -> None:

@@ -8,10 +8,9 @@ from dataclasses import dataclass, fields, replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.planning.agent_under_cursor import Account, account
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.hysteresis import held
@@ -28,22 +27,18 @@ from .viewport_camera import viewpoint
 
 @dataclass
 class Shown:
-    """What the viewport shows of a scene: a frame of a trajectory, or a problem, ready for the user.
+    """What the viewport shows of a scene: a frame, or a problem, ready for the user.
 
     crowd_inputs, frame_inputs, cast_inputs: what it follows from, as values that compare. looked: when the trajectory was last
-    compared with the map and the state machine, seconds. eyes, policy, bias: what the frame was planned with. cast, batches:
-    on the GPU; prepared, painted: milliseconds to put them there, and to ask for them once. above: the picture from above,
-    once it was asked for. notes: what the user should know of it.
+    compared with the map and the state machine, seconds. cast, batches: on the GPU; prepared, painted: milliseconds to put
+    them there, and to ask for them once. above: the picture from above, once it was asked for. notes: what the user should
+    know of it.
     """
 
     crowd_inputs: tuple = ()
     frame_inputs: tuple = ()
     cast_inputs: tuple = ()
     looked: float = 0.0
-    trajectory: Trajectory | None = None
-    eyes: tuple[Camera, ...] = ()
-    policy: LevelPolicy | None = None
-    bias: Bias | None = None
     frame: Frame | None = None
     coloured: agent_colors.Colours | None = None
     cast: Cast | None = None
@@ -129,8 +124,7 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
     shown, agent = shown_of(scene), scene.crowd_lod.agent
     if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
         return None
-    trajectory = shown.trajectory
-    return account(shown.frame, agent, trajectory.groups, trajectory.machine, shown.eyes, shown.policy, shown.bias)
+    return account(shown.frame, agent)
 
 
 def _draw(part) -> None:
@@ -175,7 +169,7 @@ def _draw_figures(context) -> None:
     above = _picture_from_above(shown, ui_scale) if settings.inset and main else None
     told = account_of(scene)
     if told is not None:
-        hud.ring(shown.frame, shown.trajectory, told.agent, region, ui_scale)
+        hud.ring(shown.frame, told.agent, region, ui_scale)
     taken = box[0], box[3]
     if settings.hud and main:
         gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
@@ -187,9 +181,9 @@ def _draw_figures(context) -> None:
 def _picture_from_above(shown: Shown, ui_scale: float):
     """The texture of the frame from above, painted once."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
-        what = drawing(shown.frame, shown.trajectory.groups, Style("POINTS"), shown.coloured)
+        what = drawing(shown.frame, Style("POINTS"), shown.coloured)
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
-        view, projection = inset.from_above(shown.trajectory.world.area, what.origin, places)
+        view, projection = inset.from_above(shown.frame.trajectory.world.area, what.origin, places)
         shown.above = inset.picture(Batches(what), view, projection, ui_scale)
     return shown.above
 
@@ -223,38 +217,35 @@ def _shown_now(context, before: Shown | None) -> Shown:
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
         frame_inputs += style, notes, settings.overlay_colour, round(settings.overlay_fade, 6)
-        known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
+        known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN:
-            trajectory, bias, looked = known, before.bias, before.looked
+            trajectory, bias, looked = known.trajectory, known.bias, before.looked
         else:
             trajectory = trajectory_of(scene)
             bias = bias_of(settings, trajectory.world.area)
-            if known is not None and _same(bias, before.bias):
-                bias = before.bias
+            if known is not None and _same(bias, known.bias):
+                bias = known.bias
         cast_inputs = trajectory.groups, style.mode, characters
         same_cast = before is not None and before.cast_inputs == cast_inputs
-        if trajectory is known and bias is before.bias and before.frame_inputs == frame_inputs and same_cast:
+        same_crowd = known is not None and trajectory is known.trajectory
+        if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
         frame = _faster.plan(trajectory, eyes, policy, time, shutter, bias)
         same_view = before is not None and before.frame_inputs[:1] == (own,)
-        if policy.hysteresis and same_view and before.trajectory is trajectory:
-            frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
+        if policy.hysteresis and same_view and same_crowd:
+            frame = held(frame, known.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
-        coloured = colours_of(settings.overlay_colour, frame, trajectory, eyes, policy, bias, characters)
+        coloured = colours_of(settings.overlay_colour, frame, characters)
         framed = own is None  # else its frustum is the viewport's edge
-        what = drawing_of(settings, frame, trajectory, eyes, policy, bias, style, coloured, framed)
+        what = drawing_of(settings, frame, style, coloured, framed)
         batches = Batches(what, cast, before and before.batches)
         return Shown(
             crowd_inputs=crowd_inputs,
             frame_inputs=frame_inputs,
             cast_inputs=cast_inputs,
             looked=looked,
-            trajectory=trajectory,
-            eyes=eyes,
-            policy=policy,
-            bias=bias,
             frame=frame,
             coloured=coloured,
             cast=cast,

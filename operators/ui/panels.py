@@ -130,8 +130,8 @@ class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
         if settings.trouble:
             _say(context, layout, settings.trouble, "ERROR")
         shown = viewport_overlay.shown_of(context.scene)
-        if shown and shown.trajectory:
-            machine = shown.trajectory.machine
+        if shown and shown.frame:
+            machine = shown.frame.trajectory.machine
             layout.label(text=f"{machine.name}: {len(machine.states)} states, {len(machine.labels)} labels")
             layout.label(text=f"At the map's edge: {machine.edge}")
 

@@ -72,7 +72,7 @@ def accounts(kind="PERSP", groups=GROUPS):
     policy = LevelPolicy((0.25, 0.6))
     world = edge_map(Area(-60, -60, 60, 60), machine.labels)
     frame = plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
-    return [account(frame, agent, groups, machine, (camera,), policy) for agent in range(n)], machine, frame
+    return [account(frame, agent) for agent in range(n)], machine, frame
 
 
 def test_an_account_says_what_the_plan_made_of_an_agent():
@@ -105,7 +105,7 @@ def test_without_measured_lods_there_is_no_error():
 
 
 def test_an_agent_that_is_not_there_is_named():
-    found, machine, frame = accounts()
+    _, _, frame = accounts()
     for agent in (-1, len(AGENTS)):
         with pytest.raises(CrowdError, match=f"no agent {agent}: the crowd has 7"):
-            account(frame, agent, GROUPS, machine, (frame.camera,), LevelPolicy((0.25, 0.6)))
+            account(frame, agent)

@@ -126,10 +126,7 @@ def test_shadows_and_reflections_of_random_shots_are_those_of_testing_every_agen
         shutter = [(time, opened(moving)) for time in (8.5, 9.0)] if random.random() < 0.3 else ()
         around = random_surroundings(random, camera)
         for time in (9,) if shutter else (9, 16.5):
-            made = [
-                surround(plan(each, camera, POLICY, time, shutter), each, camera, shutter, around)
-                for each in (trajectory, trajectory.full)
-            ]
+            made = [surround(plan(each, camera, POLICY, time, shutter), around) for each in (trajectory, trajectory.full)]
             for name in ("shadow", "mirrored"):
                 one, other = (getattr(frame, name) for frame in made)
                 assert one.order.tobytes() == other.order.tobytes() and (one.offsets == other.offsets).all()

@@ -7,8 +7,12 @@ from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign
+from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account
+from crowd_lod_extension.crowd_lod.planning.cross_fade import fades_of
 from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.hysteresis import held
+from crowd_lod_extension.crowd_lod.planning.reasons import reasons
 
 from .crowds import walker
 from .test_culling import straight
@@ -62,6 +66,23 @@ def test_two_eyes_and_a_painted_bias():
     near_everywhere = Bias(np.ones((2, 2)), trajectory.world.area)
     finer = plan(trajectory, eyes, policy, 10, bias=near_everywhere)
     assert (finer.levels == 0).all() and both.levels.max() == 2  # 100 m count as 25
+
+
+@pytest.mark.parametrize("metric", ["AXIS", "RADIAL"])
+def test_distances_are_found_when_asked_for_and_once(metric):
+    trajectory, policy = shot(), LevelPolicy((0.3, 0.6), metric, hysteresis=0.1)
+    eyes = straight(offset=(-5, 0, 0)), straight(offset=(5, 0, 0))
+    frame = plan(trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area))
+    assert not {"distances", "depths", "factors"} & set(vars(frame))
+    spheres = trajectory.spheres
+    centres = np.stack([frame.crowd.x, frame.crowd.y, frame.crowd.z + spheres.centre[frame.crowd.group]], axis=1)
+    away = [centres - eye.origin for eye in eyes]
+    expected = np.min([np.linalg.norm(v, axis=1) if metric == "RADIAL" else v @ eyes[0].Z for v in away], axis=0)
+    found = frame.distances
+    assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)
+    reasons(frame), fades_of(frame), held(frame, frame.levels), account(frame, 5)
+    assert frame.distances is found
+    assert (assign(found, frame.begins, frame.crowd.group, frame.factors) == frame.levels).all()
 
 
 def test_lost_agents_stop_the_plan_or_are_dropped_and_counted():

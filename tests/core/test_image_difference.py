@@ -55,7 +55,9 @@ def test_no_point_off_by_its_lods_deviation_lies_off_by_more_pixels_than_predict
     groups = tuple(
         replace(group, deviations=off) for group, off in zip(trajectory.groups, ((0, 0.1, 0.4), (0, 0.05, 1.5)), strict=True)
     )
-    frame = plan(trajectory, camera, LevelPolicy((0.3, 0.6)), 20)
+    bare, frame = (
+        plan(each, camera, LevelPolicy((0.3, 0.6)), 20) for each in (trajectory, replace(trajectory, groups=groups, _kept={}))
+    )
     agents = np.repeat(frame.buckets.order, 300)
     crowd, group = frame.crowd, frame.crowd.group[agents]
     way = random.normal(size=(2, len(agents), 3))
@@ -67,7 +69,7 @@ def test_no_point_off_by_its_lods_deviation_lies_off_by_more_pixels_than_predict
     both = [each[:, ::2] / (each[:, 1:2] if kind == "PERSP" else 1.0) * camera.pixels_per_unit for each in (points, there)]
     inside = (np.abs(both[0]) <= 50).all(axis=1)  # the picture has 100 x 100 pixels
     pixels = np.linalg.norm(both[1] - both[0], axis=1)[inside]
-    bound = predicted(frame, groups)
+    bound = predicted(frame)
     assert 0.4 * bound < pixels.max() <= bound
-    assert predicted(frame, trajectory.groups) is None
-    assert predicted(replace(frame, camera=straight(kind="PANO")), groups) is None
+    assert predicted(bare) is None
+    assert predicted(replace(frame, eyes=(straight(kind="PANO"),))) is None

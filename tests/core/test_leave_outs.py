@@ -1,4 +1,6 @@
+import gc
 import json
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -210,6 +212,17 @@ def test_a_crowd_that_stands_plays_its_actions_and_is_planned_once():
     assert leave_outs.STATIC not in left(trajectory, camera, POLICY, 12, open_)
     assert leave_outs.STATIC in left(trajectory, camera, POLICY, 12, open_)
     assert leave_outs.STATIC not in left(trajectory, camera, POLICY, 12, [*open_[:1], (12.5, (straight(offset=(2, 30, 0)),))])
+
+
+def test_what_is_kept_of_a_crowd_ends_with_it():
+    for table in (None, walking()):  # of one that stands, the last plan is kept, too
+        trajectory = shot(table)
+        frames = [plan(trajectory, straight(), POLICY, 5) for _ in range(2)]
+        assert (leave_outs.STATIC in frames[1].left_out) == (table is None) and frames[1].trajectory is trajectory
+        end = weakref.ref(trajectory)
+        del trajectory, frames
+        gc.collect()
+        assert end() is None
 
 
 def test_agents_off_the_map_are_taken_onto_it_before_they_stand():

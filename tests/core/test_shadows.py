@@ -173,15 +173,15 @@ def test_buckets_hold_each_agent_once_at_their_lod_and_do_not_depend_on_what_was
     trajectory, camera, policy = shot(), straight(), LevelPolicy((0.3, 0.6))
     glass = Mirror(np.array([0, 1.0, 0]), np.array([(-9, 60, 0), (9, 60, 0), (9, 60, 5), (-9, 60, 5)], float))
     both = around(mirrors=(glass,))
-    made = {time: surround(plan(trajectory, camera, policy, time), trajectory, camera, (), both) for time in (33.5, 80, 5, 33.5)}
+    made = {time: surround(plan(trajectory, camera, policy, time), both) for time in (33.5, 80, 5, 33.5)}
     for frame in made.values():
         seen = [set(b.order.tolist()) for b in (frame.buckets, frame.shadow, frame.mirrored)]
         assert all(seen) and len(set.union(*seen)) == sum(map(len, seen))
         assert frame.shadow.counts.tolist()[:2] == frame.mirrored.counts.tolist()[:2] == [0, 0]
     again = shot()
-    fresh = surround(plan(again, camera, policy, 33.5), again, camera, (), both)
+    fresh = surround(plan(again, camera, policy, 33.5), both)
     assert (fresh.shadow.order == made[33.5].shadow.order).all()
-    finest = surround(plan(again, camera, policy, 33.5), again, camera, (), replace(both, level=0))
+    finest = surround(plan(again, camera, policy, 33.5), replace(both, level=0))
     assert (finest.shadow[0] == fresh.shadow[2]).all() and len(finest.shadow[0])
 
 
@@ -191,8 +191,8 @@ def test_a_box_of_what_is_there_ends_the_shadows_of_a_low_sun():
     frame = plan(trajectory, camera, policy, 1)
     low = Light(None, np.array([0.999, 0, -0.0447]), angle=0.005)
     scene = Surroundings(lights=(low,), box=np.array([(-60, -60, -1), (60, 160, 0.0)]))
-    with_box = surround(frame, trajectory, camera, (), scene).shadow.order
-    without = surround(frame, trajectory, camera, (), replace(scene, box=None)).shadow.order
+    with_box = surround(frame, scene).shadow.order
+    without = surround(frame, replace(scene, box=None)).shadow.order
     assert 0 < len(with_box) <= len(without) and set(with_box) <= set(without)
 
 
@@ -200,10 +200,10 @@ def test_an_open_shutter_keeps_whoevers_shadow_passes_through():
     trajectory, policy, camera = shot(), LevelPolicy((0.3, 0.6)), straight()
     trajectory.seconds_per_frame = 8.0
     samples = [(time, (camera,)) for time in (39.5, 40.0, 40.5)]
-    blurred = surround(plan(trajectory, camera, policy, 40, samples), trajectory, camera, samples, around())
+    blurred = surround(plan(trajectory, camera, policy, 40, samples), around())
     held = np.concatenate([blurred.buckets.order, blurred.shadow.order])
     for time in np.linspace(39.5, 40.5, 9):
-        frame = surround(plan(trajectory, camera, policy, float(time)), trajectory, camera, (), around())
+        frame = surround(plan(trajectory, camera, policy, float(time)), around())
         assert not set(frame.shadow.order) - set(held)
 
 
@@ -213,5 +213,5 @@ def test_lost_agents_cast_no_shadow():
     x[[5, 8]] = np.nan, np.inf
     lost = replace(trajectory, start=replace(trajectory.start, x=x), _kept={})
     frame = plan(lost, camera, LevelPolicy((), drop_lost=True), 1)
-    found = surround(frame, lost, camera, (), around()).shadow.order
+    found = surround(frame, around()).shadow.order
     assert len(found) and not {5, 8} & set(found)

@@ -140,36 +140,36 @@ def planned(bias=None, policy=PLAIN):
     machine = load_preset("chapter")
     groups = (Group("one", 0.9, 1.0, 0.0, 1.0),)
     world = edge_map(Area(-100, -100, 100, 100), machine.labels)
-    return plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1, (), bias), groups, (camera,), policy, bias
+    return plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1, (), bias)
 
 
 def test_each_agent_has_its_reason():
-    assert reasons(*planned()).tolist() == [NEAR_ENOUGH, DISTANCE, FAR, BESIDE, NEAR, NEAR_ENOUGH]
+    assert reasons(planned()).tolist() == [NEAR_ENOUGH, DISTANCE, FAR, BESIDE, NEAR, NEAR_ENOUGH]
     dark = Bias(np.zeros((2, 2)), Area(-100, -100, 100, 100))
-    frame, *rest = planned(dark)
-    assert frame.levels[5] == 2 and reasons(frame, *rest)[[0, 1, 5]].tolist() == [DETAIL_MAP, DISTANCE, DETAIL_MAP]
+    frame = planned(dark)
+    assert frame.levels[5] == 2 and reasons(frame)[[0, 1, 5]].tolist() == [DETAIL_MAP, DISTANCE, DETAIL_MAP]
 
 
 def test_who_lacks_finer_lods_is_told_so_and_who_asks_for_none_is_not():
     limited = replace(PLAIN, finest=(1,))
-    frame, *rest = planned(None, limited)
+    frame = planned(None, limited)
     assert frame.levels[[0, 1, 5]].tolist() == [1, 2, 1]
-    assert reasons(frame, *rest).tolist() == [LEFT_OUT, DISTANCE, FAR, BESIDE, NEAR, LEFT_OUT]
-    frame, *rest = planned(None, replace(limited, thresholds=(0.15, 0.5)))  # LOD 1 begins at 6 m
-    assert reasons(frame, *rest)[[0, 1, 5]].tolist() == [LEFT_OUT, DISTANCE, DISTANCE]
+    assert reasons(frame).tolist() == [LEFT_OUT, DISTANCE, FAR, BESIDE, NEAR, LEFT_OUT]
+    frame = planned(None, replace(limited, thresholds=(0.15, 0.5)))  # LOD 1 begins at 6 m
+    assert reasons(frame)[[0, 1, 5]].tolist() == [LEFT_OUT, DISTANCE, DISTANCE]
     dark = Bias(np.full((2, 2), 0.1), Area(-100, -100, 100, 100))
-    frame, *rest = planned(dark, limited)  # 5 m counts as 15 m, and 8 m as 24 m
-    assert frame.levels[[0, 5]].tolist() == [1, 2] and reasons(frame, *rest)[[0, 5]].tolist() == [DETAIL_MAP, DETAIL_MAP]
+    frame = planned(dark, limited)  # 5 m counts as 15 m, and 8 m as 24 m
+    assert frame.levels[[0, 5]].tolist() == [1, 2] and reasons(frame)[[0, 5]].tolist() == [DETAIL_MAP, DETAIL_MAP]
     old = frame.levels.copy()
     old[0] = 2
-    frame, *rest = planned(None, limited)
-    held = replace(frame, find_levels=lambda: old)
-    assert reasons(held, *rest)[0] == HYSTERESIS
+    frame = planned(None, limited)
+    held = replace(frame, known_levels=old)
+    assert reasons(held)[0] == HYSTERESIS
 
 
 def test_fades_of_a_frame_are_those_of_its_distances():
-    frame, groups, cameras, policy, bias = planned()
+    frame = planned()
     depth = frame.crowd.y
-    expected = fade(depth, limits(policy, cameras[0], np.array([1.0])), frame.crowd.group, None, 0.3)
-    for mine, theirs in zip(fades_of(frame, groups, cameras, policy, bias, 0.3), expected, strict=True):
+    expected = fade(depth, limits(PLAIN, frame.camera, np.array([1.0])), frame.crowd.group, None, 0.3)
+    for mine, theirs in zip(fades_of(frame, 0.3), expected, strict=True):
         assert mine == pytest.approx(theirs)

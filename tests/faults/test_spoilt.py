@@ -10,7 +10,6 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account
-from crowd_lod_extension.operators.blender import cameras
 from crowd_lod_extension.operators.crowd import scene_crowd
 
 from ..blender import conftest
@@ -103,9 +102,7 @@ def step(scene, name):
         scene.frame_set(2)
     elif name == "look":
         depsgraph = bpy.context.evaluated_depsgraph_get()
-        frame, trajectory = scene_crowd.frame_of(scene, depsgraph), scene_crowd.trajectory_of(scene)
-        eyes, policy = cameras.read_cameras(scene, depsgraph), scene_crowd.policy_of(scene.crowd_lod)
-        account(frame, 0, trajectory.groups, trajectory.machine, eyes, policy, None)
+        account(scene_crowd.frame_of(scene, depsgraph), 0)
     else:
         getattr(bpy.ops.crowd_lod, name)()
 

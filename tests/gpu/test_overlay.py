@@ -57,8 +57,8 @@ def planned(shift=(0.0, 0.0, 0.0)):
     axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
     camera = Camera("PERSP", eye, *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
     frame = plan(Trajectory(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
-    what = drawing(frame, GROUPS)
-    drawing(frame, GROUPS, Style("BOXES"))
+    what = drawing(frame)
+    drawing(frame, Style("BOXES"))
     assert "levels" not in vars(frame)  # those of all agents, whom neither shows
     found = [int(level) if seen else None for level, seen in zip(frame.levels, frame.visible, strict=True)]
     assert found == [level for _, _, level in AGENTS]
@@ -182,10 +182,10 @@ def test_points_are_in_order_of_lod_and_those_culled_last():
 def test_of_many_culled_agents_a_part_shows_and_all_those_seen(monkeypatch):
     frame, every = planned()
     monkeypatch.setattr(draw_data, "MOST_CULLED", 3)  # of six agents every second may show where it is culled, the fifth is
-    some = drawing(frame, GROUPS)
+    some = drawing(frame)
     assert len(every.positions) == 6 and (some.positions == every.positions[:5]).all()
     assert (some.colours == every.colours[:5]).all() and (some.sizes == every.sizes[:5]).all()
-    assert len(drawing(frame, GROUPS, Style(culled=False)).positions) == 4
+    assert len(drawing(frame, Style(culled=False)).positions) == 4
 
 
 def test_what_did_not_change_is_not_uploaded_again():

@@ -40,7 +40,7 @@ def canvas():
 def boxes(scene):
     """The crowd as boxes in the tints of its LODs, alone."""
     groups = groups_of(scene.crowd_lod)
-    what = drawing(frame_of(scene, scene.view_layers[0].depsgraph), groups, Style("BOXES", culled=False))
+    what = drawing(frame_of(scene, scene.view_layers[0].depsgraph), Style("BOXES", culled=False))
     return Batches(replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0]), Cast(groups, ()))
 
 
