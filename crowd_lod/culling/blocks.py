@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..crowd import morton_order
-from ..crowd.agents import Crowd, Group
+from ..crowd.agents import Crowd, Spheres
 from ..crowd.maps import Area, HeightMap
 from ..crowd.state_machine import StateMachine
 from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
@@ -115,7 +115,7 @@ def _largest(count: int) -> int:
 def blocks_of(
     crowd: Crowd,
     order: np.ndarray,
-    groups: Sequence[Group],
+    spheres: Spheres,
     area: Area,
     wraps: tuple | None = None,
     flat: bool = False,
@@ -128,7 +128,7 @@ def blocks_of(
     count, rows = len(crowd), order.reshape(-1, LEAF)
     leaves, size = len(rows), _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]
-    centre, radius = (np.array([getattr(g, name) for g in groups]) for name in ("centre", "reach"))
+    centre, radius = spheres.centre, spheres.reach
     boxes = np.empty((8, leaves))
     low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):
@@ -159,9 +159,9 @@ def blocks_of(
             low[:] = (low + high) / 2
             high[:] = half
     sizes = [count]
-    if len(groups) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
+    if len(centre) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
         parts = (crowd.group[at : at + morton_order.BLOCK] for at in range(0, count, morton_order.BLOCK))
-        sizes = sum(np.bincount(part, minlength=len(groups)) for part in parts)
+        sizes = sum(np.bincount(part, minlength=len(centre)) for part in parts)
     return Blocks(rows, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
 
 

@@ -57,7 +57,7 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
         kept.boxes, found = (None, None), None  # let go before others are made
         ordered = frame - frame % (ORDERED * every)
         known, order = kept.order
-        area, groups, heights = trajectory.world.area, trajectory.groups, trajectory.heights
+        area, heights = trajectory.world.area, trajectory.heights
         if known != ordered:
             kept.order, order = (None, None), None
             crowd = trajectory.kept_at(ordered)
@@ -65,7 +65,7 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
             kept.order = ordered, order
         longest = trajectory.seconds_per_frame * np.array([-SHUTTER, every + SHUTTER])
         wraps = kept.pace.between(longest) if trajectory.machine.edge == "wrap" else None
-        found = blocks.blocks_of(trajectory.kept_at(frame), order, groups, area, wraps, heights is None, heights)
+        found = blocks.blocks_of(trajectory.kept_at(frame), order, trajectory.spheres, area, wraps, heights is None, heights)
         made = first + frame
         kept.boxes = made, found
     return made, found

@@ -41,8 +41,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[fl
                 begun = 0.5 * (k + part) / len(chosen)
                 yield begun
         views = [(error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
-        centre = np.array([group.centre for group in trajectory.groups])
-        radius = np.array([group.radius for group in trajectory.groups])
+        centre, radius = trajectory.spheres.centre, trajectory.spheres.radius
         crowd = error_vs_runtime.some(trajectory.start, MOST_AGENTS)
         parts = {  # name: (rows to come, of about how many, share of the time)
             "behaviour": (

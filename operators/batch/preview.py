@@ -102,7 +102,6 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
         drawing = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
         view = first = None
         stage.collection.objects.link(drawing)
-        centre = np.array([group.centre for group in trajectory.groups])
         rows, pictures = [], []
         each = (DRAWN - ready) / len(wanted.frames)
         at = opened.enter_context(frame_stepping.stepped(scene))
@@ -129,7 +128,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             view = stage.crowd_lod.above or view or top_view.straight_down(stage, trajectory.world.area, frame.camera)
             with _sized(stage.render, size):
                 layer.update()
-                top_view.draw(drawing.data, frame, centre, cameras.camera_from(view, stage.render, layer.depsgraph))
+                top_view.draw(drawing.data, frame, cameras.camera_from(view, stage.render, layer.depsgraph))
                 drawing.hide_render = drawing.hide_viewport = False
                 _shade(stage, "VERTEX", "FLAT")
                 stage.camera = view

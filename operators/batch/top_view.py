@@ -32,10 +32,10 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
     return item
 
 
-def draw(mesh: bpy.types.Mesh, frame: Frame, centre: np.ndarray, view: Camera) -> None:
+def draw(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
     """Make `mesh` the drawing of `frame` for the camera `view`: agents in the tint of their LOD, those culled in grey,
-    all at their spheres' centres (heights `centre` (G,) above the feet). Sizes are in the picture's pixels."""
-    arrows, tints = _arrows(frame, centre, view)
+    all at their spheres' centres. Sizes are in the picture's pixels."""
+    arrows, tints = _arrows(frame, view)
     lines, line_tints = _frustum(frame, view)
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
     count = len(arrows)
@@ -58,11 +58,11 @@ def _pixel(view: Camera, points: np.ndarray) -> np.ndarray:
     return np.broadcast_to(extent / view.pixels[0], len(points))
 
 
-def _arrows(frame: Frame, centre: np.ndarray, view: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3, 3) float64 corners of an arrowhead an agent, and its colour (n, 3). Culled agents come first, finest LODs
     last, a little nearer to the view each, so that what counts lies on top."""
     crowd = frame.crowd
-    at = np.stack([crowd.x, crowd.y, crowd.z + centre[crowd.group]], axis=1)
+    at = np.stack([crowd.x, crowd.y, crowd.z + frame.trajectory.spheres.centre[crowd.group]], axis=1)
     rank = np.where(frame.visible, len(TINTS) - frame.levels.astype(int), 0)
     size = np.maximum(ARROW_METRES, ARROW_PIXELS * _pixel(view, at))
     forward = np.stack([np.cos(crowd.heading), np.sin(crowd.heading)], axis=1)

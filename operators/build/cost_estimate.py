@@ -130,7 +130,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
                 frame = plan(trajectory, eyes, choice.policy, time, shutter, bias)
                 frame = surround(frame, around)
                 shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
-            rays.append(samples * covered(frame, trajectory, scene))
+            rays.append(samples * covered(frame, scene))
             yield (done + 1) / len(looked_at)
     works, mine, pictures = {}, CHOICES[scene.crowd_lod.choice], shown_images(scene)
     full = [(image, 0) for own in pictures.values() for image, _ in own]
@@ -176,12 +176,12 @@ def _samples(scene: bpy.types.Scene) -> int:
     return scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
 
 
-def covered(frame: Frame, trajectory: Trajectory, scene: bpy.types.Scene) -> float:
+def covered(frame: Frame, scene: bpy.types.Scene) -> float:
     """Pixels of the picture that the frame's agents cover, about."""
     camera, crowd, agents = frame.camera, frame.crowd, frame.buckets.order
     render = scene.render
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
-    radius = np.array([group.radius for group in trajectory.groups])[crowd.group[agents]]
+    radius = frame.trajectory.spheres.radius[crowd.group[agents]]
     away = np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + radius]) - np.asarray(camera.origin)[:, None]
     distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
     squares = (2 * radius * camera.pixels_per_unit / distance) ** 2

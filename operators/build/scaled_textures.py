@@ -79,7 +79,7 @@ def _pixels(scene: bpy.types.Scene) -> dict[bpy.types.Object, float]:
     policy, trajectory, found = policy_of(scene.crowd_lod), trajectory_of(scene), {}
     bias = bias_of(scene.crowd_lod, trajectory.world.area)
     farther = 1.0 if bias is None else 4.0 ** (1 - 2 * float(bias.values.min()))
-    radius = np.array([group.radius for group in trajectory.groups])
+    radius = trajectory.spheres.radius
     frames = {*np.linspace(scene.frame_start, scene.frame_end, LOOKED_AT).round().tolist(), scene.frame_current}
     grains = []
     for eyes in cameras.cameras_at(scene, [scene_data.remapped(scene.render, frame) for frame in sorted(frames)]):

@@ -74,8 +74,7 @@ class Planner:
     def __init__(self, trajectory: Trajectory):
         area = trajectory.world.area
         self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
-        groups = trajectory.groups
-        self.spheres = np.array([group.centre for group in groups]), np.array([group.reach for group in groups])
+        self.spheres = trajectory.spheres.centre, trajectory.spheres.reach
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.agents import populate, spheres_of
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur, opened
@@ -35,7 +35,7 @@ def small_crowds_stand_in_blocks(monkeypatch):
 def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
     """(visible, levels) by `radar` and `assign` of every agent."""
     eyes = camera if isinstance(camera, tuple) else (camera,)
-    centre, radius = (np.array([getattr(g, name) for g in trajectory.groups]) for name in ("centre", "radius"))
+    centre, radius = trajectory.spheres.centre, trajectory.spheres.radius
     crowd = trajectory.at(time)
     visible, distance = radar(crowd, eyes, centre, radius, policy.margin, policy.metric == "RADIAL")
     times = [sample for sample, _ in shutter]
@@ -154,7 +154,7 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         margin, radial = random.choice([None, 0.25]), bool(random.integers(2))
         begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
         order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
-        found = blocks.blocks_of(crowd, order, (group,), AREA)
+        found = blocks.blocks_of(crowd, order, spheres_of((group,)), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
         levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], begin, margin, radial))
         visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], margin, radial)
