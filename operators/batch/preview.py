@@ -47,7 +47,7 @@ from . import lod_table, top_view
 
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": scene_data.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
-COLOURS = ("LOD", "MATERIAL")  # that every engine has
+COLOR_MODES = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
@@ -59,7 +59,7 @@ THUMBNAIL = 480  # pixels wide, at least
 
 @dataclass(frozen=True)
 class Preview:
-    """What to preview. frames: increasing. width: of the pictures, pixels. engine: of ENGINES. colour: of COLOURS, with the
+    """What to preview. frames: increasing. width: of the pictures, pixels. engine: of ENGINES. colour: of COLOR_MODES, with the
     engine OVERLAY of the setting overlay_colour."""
 
     frames: list[int]
@@ -129,7 +129,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             view = stage.crowd_lod.above or view or top_view.straight_down(stage, trajectory.world.area, frame.camera)
             with _sized(stage.render, size):
                 layer.update()
-                top_view.draw(drawing.data, frame, centre, cameras.camera_from(view, stage.render, layer.depsgraph))
+                top_view.draw_crowd(drawing.data, frame, centre, cameras.camera_from(view, stage.render, layer.depsgraph))
                 drawing.hide_render = drawing.hide_viewport = False
                 _shade(stage, "VERTEX", "FLAT")
                 stage.camera = view

@@ -179,7 +179,7 @@ def _draw_figures(context) -> None:
     taken = box[0], box[3]
     if settings.hud and main:
         gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
-        taken = hud.write(hud.lines(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
+        taken = hud.write(hud.figures(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
     if above is not None:
         inset.show(above, box, taken, ui_scale)
 

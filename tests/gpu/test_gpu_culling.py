@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.overlay import gpu_culling
 
 from ..core.crowds import crowd_at, walker
 from ..core.test_culling import straight
-from ..core.test_lean import AREA, IDLER, ground, machine, raw, shot, walking
+from ..core.test_leave_outs import AREA, IDLER, ground, machine, raw, shot, walking
 
 FLAT = [lens for lens in LENSES if lens != "panoramic"]
 
