@@ -49,8 +49,8 @@ def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
 
 
 def test_what_is_not_known_of_an_agent_is_said():
-    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="beside the view", pixels=None, error=None)))
-    assert culled["Culled"] == "beside the view" and culled["Size"] == culled["LOD error"] == "-"
+    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="outside the frustum", pixels=None, error=None)))
+    assert culled["Culled"] == "outside the frustum" and culled["Size"] == culled["LOD error"] == "-"
     assert dict(hud.told(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
 
 
