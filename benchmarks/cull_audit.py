@@ -7,7 +7,7 @@ import sys
 import time
 
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit
-from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, to_text
+from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 
 
 def main(pairs: int) -> None:
@@ -26,7 +26,7 @@ def main(pairs: int) -> None:
     print(
         "\nextremes (a quarter of the agents are put within roundings of a plane: those kept graze it; depth error as a part of its bound)"
     )
-    print(to_text(list(table())))
+    print(table_text(list(table())))
 
 
 if __name__ == "__main__":

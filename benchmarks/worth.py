@@ -21,7 +21,7 @@ from bench import table
 from crowd_lod_extension.crowd_lod.reporting import files as outputs
 from crowd_lod_extension.crowd_lod.reporting import tables
 from crowd_lod_extension.operators.batch.error_report import machine_name
-from crowd_lod_extension.operators.batch.plots import COLOURS, MARKERS
+from crowd_lod_extension.operators.batch.plots import MARKERS, PLOT_COLORS
 from ways import BAKED, EVERYONE, FRAMES, NOBODY, shown_by
 
 NEAR, FAR = ({"groups": 4, "metres": metres, "finer": 1} for metres in (2, 20))
@@ -196,7 +196,7 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     figure.suptitle(f"What the crowd takes, as a part of everyone at full detail. {machine}", fontsize=8, color="#444444")
     panels = figure.subplots(1, len(PARTS), sharey=True)
     for axes, part in zip(panels, PARTS.values(), strict=True):
-        for way, colour, marker in zip(ways, COLOURS, MARKERS, strict=False):
+        for way, colour, marker in zip(ways, PLOT_COLORS, MARKERS, strict=False):
             found = {(row["engine"], row["crowd"], row["agents"]): row[part] for row in rows if row["way"] == way}
             known = [(place, found[crowd]) for place, crowd in enumerate(crowds) if found.get(crowd) is not None]
             axes.scatter(

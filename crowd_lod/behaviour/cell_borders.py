@@ -9,7 +9,7 @@ FAR = 2
 # A way shorter than this part of a cell is no progress.
 PROGRESS = 1e-9
 # Pieces of a step before agents are looked at that come back to where they were, or get nowhere.
-MANY = 8
+MANY_PIECES = 8
 
 
 def _borders(x, y, column, row, velocity, world: LabelMap, past=0):
@@ -142,7 +142,7 @@ class Rounds:
         self.rounding = 4 * np.spacing(np.abs((area.x_min, area.y_min, area.x_max, area.y_max)).max())  # metres a border
 
     def piece(self, pieces: int, now: np.ndarray | None, rest: np.ndarray, gone: np.ndarray) -> tuple:
-        """After so many `pieces`, of which none is left out from MANY on: (times, seconds, round, caught, stands): how often
+        """After so many `pieces`, of which none is left out from MANY_PIECES on: (times, seconds, round, caught, stands): how often
         agents go their round within `rest`, (k,), the seconds that one takes, (k,), and what is `gone` in it, (2, k); who gets
         nowhere, (k,) bool, and of these who stands.
 

@@ -11,7 +11,7 @@ from ..errors import CrowdError
 # a walker's step from one frame to the next.
 FARTHEST = 1e6
 # Agents that are looked up at a time: their columns stay in the processor's cache.
-BLOCK = 8192
+LOOK_UPS = 8192
 
 
 @dataclass(frozen=True)
@@ -160,8 +160,8 @@ class HeightMap:
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """World z (n,) float64 of the ground at the world positions x, y (n,)."""
         z = np.empty(len(x))
-        for begin in range(0, len(x), BLOCK):
-            block = slice(begin, begin + BLOCK)
+        for begin in range(0, len(x), LOOK_UPS):
+            block = slice(begin, begin + LOOK_UPS)
             (a, b, c, d), u, v, _ = self._corners(x[block], y[block])
             z[block] = self.area.z + a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
         return z

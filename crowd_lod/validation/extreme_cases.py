@@ -142,7 +142,7 @@ def _lost(seed: int) -> Row:
     return Row("NaN and infinity", replace(verdict, kept=int(visible.sum())), spent, note)
 
 
-def to_text(rows: list[Row]) -> str:
+def table_text(rows: list[Row]) -> str:
     """The table as lines of text. Surplus: kept for nothing, but for those that graze a plane, within its roundings."""
     head = ("case", "agents", "visible", "kept", "missed", "surplus", "grazing", "depth error", "ms")
     lines = [head]

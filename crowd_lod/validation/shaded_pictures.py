@@ -7,7 +7,7 @@ import numpy as np
 
 from ..simplification import rasterizer
 
-FINER = 3  # pixels drawn across one of the picture
+SUPERSAMPLING = 3  # pixels drawn across one of the picture
 LIGHT = np.array([0.35, 0.45, 0.82]) / np.linalg.norm((0.35, 0.45, 0.82))  # right, up, towards the eye
 SKY = 0.3  # of the light: that from everywhere
 PAPER = 0.18  # linear grey behind the body
@@ -47,13 +47,15 @@ def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], 
     columns, rows = np.ceil(np.max([at[:, :2].max(axis=0) for at in flat], axis=0) + MARGIN - low).astype(int)
     found = []
     for body, at in zip(bodies, flat, strict=True):
-        corners = ((at[:, :2] - low) * FINER)[body.triangles]
-        pixel, triangle, weights = rasterizer.nearest(corners, at[:, 2][body.triangles], (rows * FINER, columns * FINER))
+        corners = ((at[:, :2] - low) * SUPERSAMPLING)[body.triangles]
+        pixel, triangle, weights = rasterizer.nearest(
+            corners, at[:, 2][body.triangles], (rows * SUPERSAMPLING, columns * SUPERSAMPLING)
+        )
         normal = np.einsum("nk,nkd->nd", weights, body.normals[triangle])
         light = np.clip(normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1)
-        fine = np.full((rows * FINER * columns * FINER, 3), PAPER)
+        fine = np.full((rows * SUPERSAMPLING * columns * SUPERSAMPLING, 3), PAPER)
         fine[pixel] = _colours(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
-        found.append(fine.reshape(rows, FINER, columns, FINER, 3).mean(axis=(1, 3)))
+        found.append(fine.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3)))
     return found
 
 

@@ -7,7 +7,7 @@ from ..simplification import rasterizer
 
 AROUND, ABOVE = 8, 4  # directions at eye level, and from ABOVE_DEGREES above it
 ABOVE_DEGREES = 35.0
-FINER = 4  # pixels of the masks across a pixel of the picture, and across the error that is expected, if that is less
+MASK_PIXELS = 4  # pixels of the masks across a pixel of the picture, and across the error that is expected, if that is less
 MOST_PIXELS = 1500  # of a mask's side: a larger one is rendered coarser
 # Pixels by which a distance between masks errs at most: a point of an area lies within 1.5 pixels of the centre of a pixel of its
 # mask, and each such centre within 0.71 of a point of the area.
@@ -35,7 +35,7 @@ def project(points: np.ndarray, centre: np.ndarray, towards: np.ndarray, distanc
     return np.stack([v @ right * scale, v @ np.cross(towards, right) * scale, depth], axis=1)
 
 
-def shift(one: np.ndarray, other: np.ndarray) -> float:
+def outline_distance(one: np.ndarray, other: np.ndarray) -> float:
     """The largest distance in pixels, between centres, from a pixel that one mask covers and the other does not, to the
     nearest that the other covers: how far the outline of one lies outside the other's. Masks: (rows, columns) bool.
 
@@ -74,15 +74,15 @@ def _along_rows(area: np.ndarray) -> np.ndarray:
 def error(
     one: tuple, other: tuple, centre: np.ndarray, distance: float, camera: Camera, expected: float = 1.0
 ) -> tuple[float, float]:
-    """Between which two numbers of pixels of the picture the largest `shift` between two surfaces' silhouettes over all
+    """Between which two numbers of pixels of the picture the largest `outline_distance` between two surfaces' silhouettes over all
     `directions` lies.
 
     one, other: (points (n, 3) metres, triangles (m, 3)); the camera looks at centre (3,) from `distance` metres, and must
-    be outside both. expected: about how many pixels it will be. Masks are FINER than the picture, and than what is expected, but
-    coarser for more than FINER, and up to MOST_PIXELS; where outlines are farthest apart, up to CLOSER times finer.
+    be outside both. expected: about how many pixels it will be. Masks are MASK_PIXELS than the picture, and than what is expected, but
+    coarser for more than MASK_PIXELS, and up to MOST_PIXELS; where outlines are farthest apart, up to CLOSER times finer.
     """
     least = most = 0.0
-    wanted = FINER / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
+    wanted = MASK_PIXELS / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
     for towards in directions():
         flat = [project(points, centre, towards, distance, camera)[:, :2][triangles] for points, triangles in (one, other)]
         low = np.minimum(*(each.min(axis=(0, 1)) for each in flat))

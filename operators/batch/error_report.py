@@ -92,7 +92,7 @@ def _plots(folder: Path, tables: dict, caption: str) -> str:
         from . import plots
     except ImportError:
         return "matplotlib is not in this Blender, so there are tables and no plots: the command crowd-lod in the shell has it."
-    plots.draw(folder, tables, caption)
+    plots.draw_plots(folder, tables, caption)
     return ""
 
 
@@ -130,7 +130,7 @@ def _cases_text(name: str, rows: list[extreme_cases.Row]) -> str:
         "# Extreme cases\n\nEach is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
         "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a plane, where a quarter of the agents "
         "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states. Made with "
-        f"`crowd-lod report extremes --out {name}` on {machine_name()}.\n\n```\n{extreme_cases.to_text(rows)}\n```\n"
+        f"`crowd-lod report extremes --out {name}` on {machine_name()}.\n\n```\n{extreme_cases.table_text(rows)}\n```\n"
     )
 
 

@@ -10,7 +10,7 @@ from ...crowd_lod.simplification import rasterizer
 from ..blender import mesh_data
 from ..lod_meshes.surface import Surface
 
-FINER = 2  # pixels drawn across a pixel of the picture
+SUPERSAMPLING = 2  # pixels drawn across a pixel of the picture
 TALL = 380  # pixels of the character's height
 GAP = 22  # pixels
 LETTER = 15  # pixels high
@@ -27,7 +27,7 @@ def ramp(part: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(part, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T], axis=1)
 
 
-def draw(
+def draw_lods(
     character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float, metres: float = 1.0
 ) -> tuple[np.ndarray, float]:
     """(the picture (rows, columns, 4) uint8 with the bottom row first, metres that its brightest colour stands for).
@@ -43,7 +43,7 @@ def draw(
     scale = TALL / max(high[1] - low[1], (high[0] - low[0]) / 1.5)
     width, height = int((high[0] - low[0]) * scale) + 2, int((high[1] - low[1]) * scale) + 2
     looks = [
-        _look((at - low) * scale * FINER, surface, (height * FINER, width * FINER))
+        _look((at - low) * scale * SUPERSAMPLING, surface, (height * SUPERSAMPLING, width * SUPERSAMPLING))
         for at, surface in zip(seen, levels, strict=True)
     ]
     away = [_distances(character, surface, *look[:3]) for surface, look in zip(levels, looks, strict=True)]
@@ -87,8 +87,8 @@ def _look(at: np.ndarray, surface: Surface, shape: tuple[int, int]) -> tuple:
     u, v = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     doubled = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
     heights = doubled[:, None] / np.maximum(opposite, 1e-12)
-    line = (weights * heights[triangle]).min(axis=1) < 0.5 * FINER
-    strength = np.clip(np.sqrt(doubled) / (9 * FINER), 0.1, 0.85)  # lines of a dense mesh must not hide its shape
+    line = (weights * heights[triangle]).min(axis=1) < 0.5 * SUPERSAMPLING
+    strength = np.clip(np.sqrt(doubled) / (9 * SUPERSAMPLING), 0.1, 0.85)  # lines of a dense mesh must not hide its shape
     return pixel, triangle, weights, shade[triangle].clip(0, 1), line * strength[triangle]
 
 
@@ -101,10 +101,10 @@ def _distances(character: Surface, surface: Surface, pixel, triangle, weights) -
 
 
 def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colours: np.ndarray, shape: tuple[int, int]) -> None:
-    """Put the drawn pixels (k,), FINER than the picture, with colours (k, 3), over the sheet."""
-    fine = np.repeat(np.repeat(sheet[row : row + shape[0], left : left + shape[1]], FINER, axis=0), FINER, axis=1)
+    """Put the drawn pixels (k,), SUPERSAMPLING than the picture, with colours (k, 3), over the sheet."""
+    fine = np.repeat(np.repeat(sheet[row : row + shape[0], left : left + shape[1]], SUPERSAMPLING, axis=0), SUPERSAMPLING, axis=1)
     fine.reshape(-1, 3)[pixel] = colours
-    blocks = fine.reshape(shape[0], FINER, shape[1], FINER, 3)
+    blocks = fine.reshape(shape[0], SUPERSAMPLING, shape[1], SUPERSAMPLING, 3)
     sheet[row : row + shape[0], left : left + shape[1]] = blocks.mean(axis=(1, 3))
 
 

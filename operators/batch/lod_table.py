@@ -62,7 +62,7 @@ def tables(
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
             captions = [f"{row['triangles']:,} triangles" for row in rows]
-            pixels, _ = lod_picture.draw(character, levels, captions, AZIMUTH - scene_data.rotation(settings.forward), metres)
+            pixels, _ = lod_picture.draw_lods(character, levels, captions, AZIMUTH - scene_data.rotation(settings.forward), metres)
             entry["picture"] = _file_name(group.name, g, taken)
             image_data.save_png(folder / entry["picture"], pixels)
         yield start + span * (g + 1)

@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 
 from ...crowd_lod.validation.error_vs_runtime import LEVEL_OFFSETS
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
+PLOT_COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 MARKERS = "osD^v<>"
 
 
-def draw(folder: Path, tables: dict[str, list[dict]], caption: str) -> None:
+def draw_plots(folder: Path, tables: dict[str, list[dict]], caption: str) -> None:
     """error_behaviour.png, error_culling.png, error_levels.png in `folder`."""
     figure = _figure("Behaviour: distance from the exact walk", caption)
     _behaviour(figure.add_subplot(1, 2, 1), tables["behaviour"])
@@ -79,7 +79,7 @@ def _legend(axes) -> None:
 
 def _behaviour(axes, rows: list[dict]) -> None:
     floor = 1e-17
-    for colour, (name, found) in zip(COLOURS, groupby(rows, lambda r: r["method"]), strict=False):
+    for colour, (name, found) in zip(PLOT_COLORS, groupby(rows, lambda r: r["method"]), strict=False):
         found = list(found)
         order = found[0]["order"]
         if name == "exact walk":
@@ -117,7 +117,7 @@ def _drift(axes, rows: list[dict]) -> None:
         label += " (default)" if precision == "float64" else ""
         for what, line in (("worst", "-"), ("mean", "--")):
             style = {
-                "color": COLOURS[k],
+                "color": PLOT_COLORS[k],
                 "marker": "*" if precision == "float64" else MARKERS[k],
                 "ms": 10 if precision == "float64" else 5,
             }
@@ -135,7 +135,7 @@ def _culling(axes, rows: list[dict], what: str, legend: bool) -> None:
     floor = min((r[what] for r in rows if r[what]), default=1.0) / 5
     for k, ((name, precision, offset), found) in enumerate(kinds.items()):
         label = ", ".join(filter(None, (name, precision, f"{offset / 1000:g} km away" if offset else "")))
-        style = {"color": COLOURS[k % 7], "marker": MARKERS[k % 7], "ls": "-" if name == "fixed Delta" else "none"}
+        style = {"color": PLOT_COLORS[k % 7], "marker": MARKERS[k % 7], "ls": "-" if name == "fixed Delta" else "none"}
         style |= {"mfc": "none"} if offset else {}
         _points(axes, found, lambda r: r[what], floor, label=label, **style)
         for row in found if name == "fixed Delta" else ():
@@ -187,4 +187,4 @@ def _ids(axes, rows: list[dict]) -> None:
 
 def _level_style(row: dict, rows: list[dict]) -> dict:
     ways, metrics = (list(dict.fromkeys(r[key] for r in rows)) for key in ("precision", "metric"))
-    return {"color": COLOURS[ways.index(row["precision"])], "marker": MARKERS[metrics.index(row["metric"])]}
+    return {"color": PLOT_COLORS[ways.index(row["precision"])], "marker": MARKERS[metrics.index(row["metric"])]}

@@ -47,7 +47,7 @@ from . import lod_table, top_view
 
 # What renders the pictures; the overlay's are drawn, and only the pictures of LODs rendered.
 ENGINES = {"WORKBENCH": "BLENDER_WORKBENCH", "CYCLES": "CYCLES", "EEVEE": scene_data.EEVEE, "OVERLAY": "BLENDER_WORKBENCH"}
-COLOURS = ("LOD", "MATERIAL")  # that every engine has
+COLOR_MODES = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
@@ -59,7 +59,7 @@ THUMBNAIL = 480  # pixels wide, at least
 
 @dataclass(frozen=True)
 class Preview:
-    """What to preview. frames: increasing. width: of the pictures, pixels. engine: of ENGINES. colour: of COLOURS, with the
+    """What to preview. frames: increasing. width: of the pictures, pixels. engine: of ENGINES. colour: of COLOR_MODES, with the
     engine OVERLAY of the setting overlay_colour."""
 
     frames: list[int]
@@ -128,7 +128,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iter
             view = stage.crowd_lod.above or view or top_view.straight_down(stage, trajectory.world.area, frame.camera)
             with _sized(stage.render, size):
                 layer.update()
-                top_view.draw(drawing.data, frame, cameras.camera_from(view, stage.render, layer.depsgraph))
+                top_view.draw_crowd(drawing.data, frame, cameras.camera_from(view, stage.render, layer.depsgraph))
                 drawing.hide_render = drawing.hide_viewport = False
                 _shade(stage, "VERTEX", "FLAT")
                 stage.camera = view
@@ -215,7 +215,7 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     render.stamp_background = (0, 0, 0, 0.6)
     stage.display.render_aa = "FXAA"  # one pass; Workbench draws the whole scene anew for every other sample
     if wanted.engine == "OVERLAY":
-        stage.crowd_lod.overlay_colour = wanted.colour
+        stage.crowd_lod.overlay_color = wanted.colour
     if wanted.colour != "MATERIAL":
         stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
         stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
@@ -405,7 +405,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             folder=files.absolute(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,
-            colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,
+            colour=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         said = f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."

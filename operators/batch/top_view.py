@@ -32,7 +32,7 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
     return item
 
 
-def draw(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
+def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
     """Make `mesh` the drawing of `frame` for the camera `view`: agents in the tint of their LOD, those culled in grey,
     all at their spheres' centres. Sizes are in the picture's pixels."""
     arrows, tints = _arrows(frame, view)

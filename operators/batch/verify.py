@@ -38,7 +38,7 @@ SILHOUETTE_SAMPLES = 16  # a pixel
 PAIRS = bpy.app.version >= (5, 2, 0)  # Blender 4.5 does not read back the values that it writes of two eyes
 LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
 DISPLACED = 1e-3  # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its instances stands
-MOST_IN_SHEET = 8  # frames on the contact sheet
+MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
 
 
@@ -98,7 +98,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterat
         result = _result(rows, wanted, command, left_out + _left_out(scene, rows, wanted), not_proved)
         (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
         (folder / "verify.csv").write_text(tables.to_csv(rows), encoding="utf-8")
-        tiles = [picture for pictures in evenly(sheet, MOST_IN_SHEET) for picture in pictures]
+        tiles = [picture for pictures in evenly(sheet, MOST_PROVED_IN_SHEET) for picture in pictures]
         image_data.save_png(folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3))
         yield 1.0
         return result

@@ -1,4 +1,4 @@
-"""Blender's cameras -> the core's. With crowd_lod/scene.py the only files that copy between bpy and NumPy."""
+"""Blender's cameras -> the core's. With image_data.py and mesh_data.py what copies between bpy and NumPy."""
 
 from collections.abc import Sequence
 
@@ -9,6 +9,7 @@ from ...crowd_lod.culling import stereo
 from ...crowd_lod.culling.camera import Camera, Window, crop, lens_blur, opened, referential, window
 from ...crowd_lod.errors import CrowdError
 from .frame_stepping import At, stage, stepped
+from .ownership import is_ours
 from .scene_data import EEVEE, remapped
 
 OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
@@ -199,7 +200,7 @@ def cameras_at(
 def _stands(camera: bpy.types.Object) -> bool:
     """Whether nothing that a file holds moves the camera: the scene need not be stepped to see it."""
     data, handlers = camera.data, bpy.app.handlers
-    scripts = [f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not f.__module__.startswith(__package__)]
+    scripts = [f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not is_ours(f)]
     moved = camera.animation_data or data.animation_data or camera.parent or camera.constraints or camera.rigid_body
     return not (moved or data.dof.focus_object or scripts)
 

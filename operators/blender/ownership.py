@@ -1,10 +1,16 @@
-"""What Crowd LOD made, and may remove: it bears a custom property."""
+"""What is Crowd LOD's own: what it made, and may remove, and its handlers."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import bpy
 
 OWNED = "crowd_lod"  # custom property on what Crowd LOD made, and may remove
+PACKAGE = __package__.rpartition(".")[0]  # that all our handlers are from
+
+
+def is_ours(handler: Callable) -> bool:
+    """Whether the `handler` of one of bpy.app.handlers is Crowd LOD's."""
+    return getattr(handler, "__module__", "").startswith(PACKAGE)
 
 
 def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:

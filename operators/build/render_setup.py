@@ -23,7 +23,7 @@ from .nodes import baked, instances, trees
 from .phase_characters import Cast, Wanted, make_cast
 
 # Custom properties. Of a point object: its LOD and its bucket; in builds from before there were rigs its poses, and their rates.
-LEVEL, BUCKET, POSES, RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
+LEVEL, BUCKET, OLD_POSES, OLD_RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
 LIBRARY = "crowd_lod_library"  # of the collection of all characters, and of a LOD's collection in it
 RIGS = "crowd_lod_rigs"  # of the collection of all rigs in that
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
@@ -41,14 +41,16 @@ def library_of(top: bpy.types.Collection, points: bpy.types.Object, gaits: Gaits
     groups = len(gaits.rates)
     if POSED in top:
         return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
-    if POSES not in points:  # from before there were poses
+    if OLD_POSES not in points:  # from before there were poses
         return Library(np.ones(groups, np.intp))
     rates = np.ones((groups, 1))
-    if RATES in points:
-        rates = np.array(stored_values.read(points, RATES, float, REMEDY, range(groups, 4 * groups + 1, groups))).reshape(
+    if OLD_RATES in points:
+        rates = np.array(stored_values.read(points, OLD_RATES, float, REMEDY, range(groups, 4 * groups + 1, groups))).reshape(
             groups, -1
         )
-    return Library(np.array(stored_values.read(points, POSES, int, REMEDY, (groups,), (1, np.inf))), np.isfinite(rates).sum(axis=1))
+    return Library(
+        np.array(stored_values.read(points, OLD_POSES, int, REMEDY, (groups,), (1, np.inf))), np.isfinite(rates).sum(axis=1)
+    )
 
 
 def libraries_of(
@@ -175,7 +177,7 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
     for bucket in buckets_of(scene):
         points = made.pop(bucket.name, None) or _points(top, bucket)
         points[LEVEL], points[BUCKET] = bucket.level, bucket.name
-        for key in (POSES, RATES):
+        for key in (OLD_POSES, OLD_RATES):
             points.pop(key, None)
     bpy.data.batch_remove([block for points in made.values() for block in (points, points.data)])
     dress_all(scene)
@@ -375,7 +377,7 @@ def upgrade(*_) -> None:
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
         both = trees.made(baked.NAME)
         if both is not None:
-            both[trees.VERSION] = 0  # it holds the other, whose sockets are new
+            both[trees.TREE_VERSION] = 0  # it holds the other, whose sockets are new
         instances.instances()
         if both is not None:
             baked.baked()

@@ -20,7 +20,7 @@ from ...crowd_lod.reporting import files, interrupt, standard_streams
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
 from ..batch import error_report
-from ..batch.preview import COLOURS, Preview, preview
+from ..batch.preview import COLOR_MODES, Preview, preview
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping
 from ..build import bake, render_setup
@@ -125,8 +125,8 @@ def _preview(args, command: list[str]) -> dict:
     stem = _stem(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
-    colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
-    if engine != "OVERLAY" and colour not in COLOURS:
+    colour = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
+    if engine != "OVERLAY" and colour not in COLOR_MODES:
         raise CrowdError(
             f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."
         )
@@ -194,7 +194,7 @@ def _report_extremes(args, command: list[str]) -> dict:
     most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
     rows = _finish(error_report.cases(most, seed, args.out and files.absolute(args.out)), "extreme cases", args.quiet)
     found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
-    return {"cases": found, "summary": extreme_cases.to_text(rows)}
+    return {"cases": found, "summary": extreme_cases.table_text(rows)}
 
 
 def _report_cull(args, command: list[str]) -> dict:

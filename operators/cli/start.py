@@ -8,7 +8,7 @@ import sys
 from ...crowd_lod.reporting import interrupt
 
 
-def main() -> int:
+def start() -> int:
     """`crowd-lod ARGV` in the shell: the exit code."""
     interrupt.heed()
     with interrupt.unfinished(_forget_session):

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
-from ..blender.ownership import OWNED
+from ..blender.ownership import OWNED, is_ours
 from ..blender.references import reached
 
 SOLID = {"MESH", "CURVE", "SURFACE", "META", "FONT", "CURVES", "POINTCLOUD", "VOLUME", "GREASEPENCIL"}
@@ -237,7 +237,7 @@ def _alone(own, event: str) -> bool:
     """Whether `own` is a handler of the `event`, and all others are ours: what those of others change then, Blender evaluates
     without telling anyone."""
     handlers = getattr(bpy.app.handlers, event)
-    return own in handlers and all(getattr(each, "__module__", "").startswith(__package__) for each in handlers)
+    return own in handlers and all(map(is_ours, handlers))
 
 
 @bpy.app.handlers.persistent

@@ -33,7 +33,7 @@ HUGE, TINY = 1e15, 1e-20
 # Frames that each way is tried for, and milliseconds from which on a plan is worth trying another.
 TRIES, WORTH = 4, 1.0
 
-VIEW = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
+PLAN = "struct CrowdPlan { vec4 planes[6]; vec4 axis; vec4 origin; vec4 slack; };"
 # Of each pass, in their order: what it reads, what it writes, and the numbers that it is told.
 PASSES = {
     "levels": (("agents", "spheres", "feet_x", "feet_y", "feet_z"), ("kinds", "counts"), ("runs", "count")),
@@ -61,7 +61,7 @@ def program(name: str, levels: int, radial: bool):
     for each in told:
         info.push_constant("INT", each)
     if name == "levels":
-        info.typedef_source(VIEW)
+        info.typedef_source(PLAN)
         info.uniform_buf(0, "CrowdPlan", "view")
     info.local_group_size(THREADS)
     info.compute_source(source("texel.glsl", f"{name}.comp.glsl"))

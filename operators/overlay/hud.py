@@ -31,7 +31,7 @@ class Line:
     colour: tuple[float, float, float] | None = None
 
 
-def lines(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None = None) -> tuple[Line, ...]:
+def figures(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None = None) -> tuple[Line, ...]:
     """What the overlay says of `frame`.
 
     drawing: milliseconds that it took to hand its drawing to the GPU. gpu_bytes: of what is kept there. account: of the

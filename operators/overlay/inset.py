@@ -8,7 +8,7 @@ from .gpu_draw import Batches, paint
 SIZE = 360, 270  # nominal pixels
 SMALLEST = 0.3  # of SIZE, below which there is none
 MOST = 0.45  # of the viewport's width and height
-MARGIN = 10.0  # nominal pixels
+INSET_MARGIN = 10.0  # nominal pixels
 POINTS = 0.6  # how large agents are, compared with those in the viewport
 BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
 
@@ -61,7 +61,7 @@ def show(texture, box: tuple[float, float, float, float], taken: tuple[float, fl
 
     left, bottom, right, top = box
     width, height = SIZE
-    margin = MARGIN * ui_scale
+    margin = INSET_MARGIN * ui_scale
     free = max((right - taken[0] - 2 * margin) / width, (taken[1] - bottom - 2 * margin) / height)
     scale = min(ui_scale, free, MOST * (right - left) / width, MOST * (top - bottom) / height)
     if scale >= SMALLEST * ui_scale:

@@ -153,7 +153,7 @@ class Playblast:
     def place(self, frame: Frame) -> None:
         """Hand the frame's agents to the GPU."""
         settings = self.stage.crowd_lod
-        coloured = colours_of(settings.overlay_colour, frame, self.characters)
+        coloured = colours_of(settings.overlay_color, frame, self.characters)
         # the frustum that is looked along is the picture's edge
         what = drawing_of(settings, frame, self.style, coloured, framed=False)
         self.batches = Batches(what, self.cast)

@@ -12,7 +12,7 @@ from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.build import render_setup as builder
 from crowd_lod_extension.operators.build.bake import bake, keep_what_renders
 from crowd_lod_extension.operators.build.hidden_characters import HIDDEN
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 FRAMES = (27, 12, 20)

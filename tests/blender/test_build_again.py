@@ -153,7 +153,7 @@ def stale(tree):
     """Make it the tree of version 2, which instanced the child of index `group`, with other sockets."""
     tree.name = NAME
     del tree[trees.KIND]
-    tree[trees.VERSION] = 2
+    tree[trees.TREE_VERSION] = 2
     tree.nodes.clear()
     tree.interface.clear()
     for name, kind in (("Spare", "Int"), ("Characters", "Collection"), ("Geometry", "Geometry")):
@@ -173,7 +173,7 @@ def test_a_stale_tree_is_rebuilt_in_place_when_its_file_is_opened(built, tmp_pat
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
     scene = bpy.context.scene
     tree = bpy.data.node_groups[NAME]
-    assert tree[trees.VERSION] == VERSION and len(bpy.data.node_groups) == 1
+    assert tree[trees.TREE_VERSION] == VERSION and len(bpy.data.node_groups) == 1
     np.testing.assert_allclose(visible(), shown)
     scene.frame_set(20)
     assert len(visible()) and not np.array_equal(visible(), shown)

@@ -362,3 +362,15 @@ def test_the_bounding_sphere_holds_the_action_between_frames_too(scene):
         points = mesh_data.world_points(item.evaluated_get(scene.view_layers[0].depsgraph))
         assert np.linalg.norm(points - (0, 0, centre), axis=1).max() <= radius
     assert radius < 3 * 2.1
+
+
+def test_handlers_of_ours_move_no_camera(scene):
+    """A camera that nothing else moves is read where it stands: stepping the scene takes seconds."""
+    from crowd_lod_extension.operators.blender import cameras
+
+    assert bpy.app.handlers.frame_change_post and cameras._stands(scene.camera)
+    bpy.app.handlers.frame_change_post.append(test_handlers_of_ours_move_no_camera)
+    try:
+        assert not cameras._stands(scene.camera)
+    finally:
+        bpy.app.handlers.frame_change_post.remove(test_handlers_of_ours_move_no_camera)

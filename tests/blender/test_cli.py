@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 SHORT = ("--frames", "1,60", "--width", "160", "--quiet")

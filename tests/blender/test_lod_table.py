@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.reporting.html_report import page
 from crowd_lod_extension.operators.batch import lod_picture, lod_table
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd import character_extent, scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.surface import Surface
@@ -91,14 +91,14 @@ def test_the_picture_tints_by_the_distance_to_the_source():
     square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float)
     faces = np.array([(0, 1, 2), (0, 2, 3)])
     flat, off = Surface(square, faces), Surface(square + (0.25, 0, 0), faces)
-    pixels, most = lod_picture.draw(flat, [flat, off], ["two triangles", "two triangles"], 0.0)
+    pixels, most = lod_picture.draw_lods(flat, [flat, off], ["two triangles", "two triangles"], 0.0)
     assert most == pytest.approx(0.25, rel=1e-5)
     low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3).astype(int)
     for end in lod_picture.RAMP[[0, -1]] * 255:  # the near one all in the ramp's first colour, the far one in its last
         shades = np.arange(0.8, 1.001, 0.01)[:, None] * end
         assert (np.abs(low[:, None] - shades[None]).max(axis=2).min(axis=1) <= 3).mean() > 0.1
     before = len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)
-    lod_picture.draw(flat, [flat], ["again"], 1.0)
+    lod_picture.draw_lods(flat, [flat], ["again"], 1.0)
     assert (len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)) == before
 
 

@@ -5,7 +5,7 @@ import json
 import os
 
 import pytest
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 
 
 def run(*words):

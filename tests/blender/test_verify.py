@@ -11,7 +11,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.validation.render_proof import to_text
 from crowd_lod_extension.operators.batch.verify import PAIRS, Verify, verify
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.sample_scenes.scenery import add, material, tile
 
 FAST = """{"version": 1, "labels": {"ground": {"color": "#808080"}},

@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.culling.radar import BLOCK, lost, radar, refu
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter, seen, sees
-from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, to_text
+from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 
 from .crowds import crowd_at
 
@@ -135,7 +135,7 @@ def test_extremes():
     assert "9 9 9 9 9" in by_name["exactly on thresholds"].note  # on each threshold the coarser LOD
     assert by_name["camera inside an agent"].verdict.kept == 2
     assert "3 of 4,000" in by_name["NaN and infinity"].note and "agent 4" in by_name["NaN and infinity"].note
-    assert "denormals" in to_text(rows)
+    assert "denormals" in table_text(rows)
 
 
 def test_lost_agents_are_found_named_and_never_visible():

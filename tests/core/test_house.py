@@ -26,6 +26,83 @@ def test_package_imports_without_blender(tmp_path):
     assert subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=False).returncode == 0
 
 
+# The floors of each package, lowest first; "" are the modules that lie in the package itself.
+FLOORS = {
+    "crowd_lod": (
+        *("", "crowd", "animation", "behaviour", "culling", "levels", "sorting"),
+        *("simplification", "planning", "validation", "reporting"),
+    ),
+    "operators": ("blender", "crowd", "lod_meshes", "overlay", "build", "batch", "cli", "ui", ""),
+}
+
+
+def modules():
+    """Of each file of the floors: (package, floor, path in it without .py)."""
+    for package in FLOORS:
+        for path in sorted((ROOT / package).rglob("*.py")):
+            parts = path.relative_to(ROOT / package).with_suffix("").parts
+            yield package, parts[0] if len(parts) > 1 else "", path
+
+
+def imported(path):
+    """The files and packages of ours that the file at `path` imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            base = path.parents[node.level - 1].joinpath(*(node.module or "").split("."))
+            for place in [base, *(base / alias.name for alias in node.names)]:
+                if place.with_suffix(".py").is_file():
+                    yield place.with_suffix(".py")
+
+
+def floor_of(path):
+    package, *rest = path.relative_to(ROOT).parts
+    return package, rest[0] if len(rest) > 1 else ""
+
+
+def test_every_folder_is_a_floor_that_says_what_comes_in_and_goes_out():
+    for package, floors in FLOORS.items():
+        found = {path.name for path in (ROOT / package).iterdir() if (path / "__init__.py").exists()}
+        assert found == set(floors) - {""}
+        for floor in found - {"ui", "cli"}:
+            contract = ast.get_docstring(ast.parse((ROOT / package / floor / "__init__.py").read_text(encoding="utf-8")))
+            assert "In: " in contract and "Out: " in contract, floor
+
+
+def test_imports_go_down_the_floors():
+    up = []
+    for package, floor, path in modules():
+        for other in imported(path):
+            home, own = floor_of(other)
+            if home in FLOORS and (
+                (package, home) == ("crowd_lod", "operators")
+                or (package == home and FLOORS[package].index(own) > FLOORS[package].index(floor))
+            ):
+                up.append(f"{path.relative_to(ROOT)} imports {other.relative_to(ROOT)}")
+    assert not up
+
+
+def test_no_files_import_each_other_in_a_circle():
+    known = {path: set(imported(path)) for *_, path in modules()}
+    while free := [path for path, others in known.items() if not others & known.keys()]:
+        for path in free:
+            del known[path]
+    assert not known
+
+
+def test_names_are_unique_on_their_floor():
+    known, twice = {}, []
+    for package, floor, path in modules():
+        for node in ast.parse(path.read_text(encoding="utf-8")).body:
+            targets = getattr(node, "targets", [getattr(node, "target", None)])
+            names = [node.name] if isinstance(node, ast.FunctionDef | ast.ClassDef) else []
+            names += [each.id for target in targets if target for each in ast.walk(target) if isinstance(each, ast.Name)]
+            for name in names:
+                if not name.startswith("_") and name not in ("CLASSES", "NAME", "VERSION", "register", "unregister"):
+                    other = known.setdefault((package, floor, name), path)
+                    twice += [f"{name}: {other.name}, {path.name}"] * (other != path)
+    assert not twice
+
+
 @pytest.mark.parametrize("folder", ["crowd_lod", "operators", "sample_scenes"])
 def test_files_are_what_one_head_holds(folder):
     lengths = {str(p.relative_to(ROOT)): len(p.read_text(encoding="utf-8").splitlines()) for p in (ROOT / folder).rglob("*.py")}

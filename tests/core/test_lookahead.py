@@ -23,7 +23,7 @@ pytestmark = pytest.mark.once
 
 @pytest.fixture(autouse=True)
 def every_crowd_looks_ahead(monkeypatch):
-    monkeypatch.setattr(step_, "FEW", 0)
+    monkeypatch.setattr(step_, "FEW_AGENTS", 0)
     monkeypatch.setattr(lookahead, "MANY", 1.0)
 
 

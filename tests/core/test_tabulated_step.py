@@ -20,7 +20,7 @@ pytestmark = pytest.mark.once
 
 @pytest.fixture(autouse=True)
 def small_crowds_go_the_short_way(monkeypatch):
-    monkeypatch.setattr(step_, "FEW", 0)
+    monkeypatch.setattr(step_, "FEW_AGENTS", 0)
 
 
 GROUPS = (walker(), IDLER, walker(stride=0.01))

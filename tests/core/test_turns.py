@@ -88,7 +88,7 @@ def test_who_does_not_come_back_to_where_it_was_stands_after_so_many_turns(edge,
 @pytest.mark.parametrize("more", [{}, {"after": [3, 9], "then": {"out": 1, "back": 1}}])
 @pytest.mark.parametrize("edge", ["clamp", "wrap"])
 def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypatch):
-    monkeypatch.setattr(step, "FEW", 0)
+    monkeypatch.setattr(step, "FEW_AGENTS", 0)
     random = np.random.default_rng(3)
     world = LabelMap(np.tile(np.array([[1, 0], [0, 1]], np.uint8), (6, 6)), Area(-30, 0, 30, 60))
     machine = turning((5, 4), edge, **more)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import bpy
 import crowd_lod_extension
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 
 sys.path.append(str(Path(__file__).parents[1]))
 import rough  # noqa: E402

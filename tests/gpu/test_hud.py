@@ -29,7 +29,7 @@ def test_lines_tell_all_figures_of_the_frame():
     frame, what = planned()
     frame = replace(frame, vertices=1_234_567, full_vertices=12_345_678, triangles=20_000, full_triangles=50_000)
     frame = replace(frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, NO_HEIGHTS))
-    said = texts(hud.lines(frame, 2.25, 131_000))
+    said = texts(hud.figures(frame, 2.25, 131_000))
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
     assert said[4:6] == ["Vertices  1.23 M of 12.3 M without LOD", "Triangles  20 k of 50 k without LOD"]
     assert said[6] == "Behavior 1.50, Culling 1.50, Levels 1.50, Sorting 1.50, Drawing 2.25 ms"
@@ -39,7 +39,7 @@ def test_lines_tell_all_figures_of_the_frame():
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
     frame, _ = planned()
-    said = hud.lines(frame, 0.0, 0, ACCOUNT)
+    said = hud.figures(frame, 0.0, 0, ACCOUNT)
     assert [line.colour for line in said[1:4]] == list(TINTS[:3])
     (agent,) = (line for line in said if line.text.startswith("Agent"))
     assert agent.colour == TINTS[2]
@@ -49,8 +49,8 @@ def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
 
 
 def test_what_is_not_known_of_an_agent_is_said():
-    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="beside the view", pixels=None, error=None)))
-    assert culled["Culled"] == "beside the view" and culled["Size"] == culled["LOD error"] == "-"
+    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="outside the frustum", pixels=None, error=None)))
+    assert culled["Culled"] == "outside the frustum" and culled["Size"] == culled["LOD error"] == "-"
     assert dict(hud.told(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
 
 
@@ -58,7 +58,7 @@ def test_an_empty_crowd_has_its_lines_too():
     frame, _ = planned()
     none = {name: column[:0] for name, column in vars(frame.crowd).items()}
     buckets = replace(frame.buckets, order=frame.buckets.order[:0])
-    said = texts(hud.lines(replace(frame, crowd=replace(frame.crowd, **none), buckets=buckets), 0.0, 0))
+    said = texts(hud.figures(replace(frame, crowd=replace(frame.crowd, **none), buckets=buckets), 0.0, 0))
     assert said[0] == "0 agents, 0 visible, 0.0% culled"
 
 

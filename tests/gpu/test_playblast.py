@@ -9,7 +9,7 @@ import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.operators.blender import image_data, mesh_data
 from crowd_lod_extension.operators.blender.color_space import linear
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import playblast

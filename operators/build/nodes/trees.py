@@ -5,13 +5,13 @@ from collections.abc import Callable, Sequence
 
 import bpy
 
-KIND, VERSION = "crowd_lod_tree", "version"  # custom properties of a tree
+KIND, TREE_VERSION = "crowd_lod_tree", "version"  # custom properties of a tree
 
 
 def made(kind: str) -> bpy.types.GeometryNodeTree | None:
     """This file's own tree of that kind, whatever it is called now; a tree of the user's by the same name is not it."""
     for tree in bpy.data.node_groups:
-        marked = tree.get(KIND) == kind or (tree.name == kind and VERSION in tree)  # before version 3 by name alone
+        marked = tree.get(KIND) == kind or (tree.name == kind and TREE_VERSION in tree)  # before version 3 by name alone
         if marked and tree.bl_idname == "GeometryNodeTree" and tree.library is None:
             return tree
     return None
@@ -19,13 +19,13 @@ def made(kind: str) -> bpy.types.GeometryNodeTree | None:
 
 def is_ours(tree: bpy.types.NodeTree | None) -> bool:
     """Whether it is a tree of ours, of any kind and version."""
-    return tree is not None and (KIND in tree or tree.name.startswith("Crowd LOD ") and VERSION in tree)
+    return tree is not None and (KIND in tree or tree.name.startswith("Crowd LOD ") and TREE_VERSION in tree)
 
 
 def stale(kind: str, version: int) -> bool:
     """Whether this file holds a tree of that kind that is of another version."""
     tree = made(kind)
-    return tree is not None and tree.get(VERSION) != version
+    return tree is not None and tree.get(TREE_VERSION) != version
 
 
 def current(kind: str, version: int, wire: Callable[[bpy.types.GeometryNodeTree], None]) -> bpy.types.GeometryNodeTree:
@@ -33,12 +33,12 @@ def current(kind: str, version: int, wire: Callable[[bpy.types.GeometryNodeTree]
     tree = made(kind)
     if tree is None:
         tree = bpy.data.node_groups.new(kind, "GeometryNodeTree")
-    elif tree.get(VERSION) == version:
+    elif tree.get(TREE_VERSION) == version:
         return tree
     tree.nodes.clear()
     tree.interface.clear()
     wire(tree)
-    tree[KIND], tree[VERSION] = kind, version
+    tree[KIND], tree[TREE_VERSION] = kind, version
     return tree
 
 
