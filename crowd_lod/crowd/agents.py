@@ -121,6 +121,18 @@ class Crowd:
         """These agents alone."""
         return Crowd(**{name: column[agents] for name, column in vars(self).items()})
 
+    def places(
+        self,
+        height: np.ndarray | None = None,
+        agents: np.ndarray | slice | int = slice(None),
+        origin: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x, y, z, (m,) float64 metres each: where `agents` stand, from `origin` (3,); each above its feet by its group's `height`
+        (G,), such as Spheres.centre. Not to be written to: they may be the crowd's own."""
+        z = self.z[agents] if height is None else self.z[agents] + height[self.group[agents]]
+        found = self.x[agents], self.y[agents], z
+        return found if origin is None else tuple(place - start for place, start in zip(found, origin, strict=True))
+
 
 def runs(group: np.ndarray) -> list[tuple[int, int]]:
     """[(begin, end)] of the agents, group (n,), that follow one another in one group."""

@@ -215,7 +215,7 @@ def _dot(v: tuple, axis) -> np.ndarray:
 
 def lost(crowd: Crowd) -> np.ndarray:
     """Indices (m,) of the agents that stand at NaN or infinity."""
-    columns = (crowd.x, crowd.y, crowd.z)
+    columns = crowd.places()
     with np.errstate(invalid="ignore", over="ignore"):
         if np.isfinite(sum(column.sum() for column in columns)):  # the common case at the cost of three sums
             return np.empty(0, np.intp)

@@ -258,8 +258,8 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
             found = np.empty(len(agents), bool)
             for begin in range(0, len(agents), PART):
                 some = slice(begin, begin + PART)
-                points, r = _spheres(crowd, agents[some], centre, size)
-                r = r + (beside + GRAIN * np.abs(points).sum(axis=1))
+                points = np.stack(crowd.places(centre, agents[some]), axis=1)
+                r = size[crowd.group[agents[some]]] + (beside + GRAIN * np.abs(points).sum(axis=1))
                 found[some] = touches(points, r) & np.isfinite(points).all(axis=1)
             sought.agents[agents[found]] = False
             if made is not None:
@@ -304,15 +304,9 @@ def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
     return (1 + volume.turn) * (about + away[away < BEYOND * about].max(initial=0.0))
 
 
-def _spheres(crowd: Crowd, agents: np.ndarray, centre: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centres (m, 3) and radii (m,) of the agents' spheres."""
-    group = crowd.group[agents]
-    return np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + centre[group]], axis=1), radius[group]
-
-
 def _joined(box: np.ndarray, crowd: Crowd, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
     """The box (2, 3) about `box` and the crowd's spheres: shadows fall on agents, too."""
-    columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in (crowd.x, crowd.y, crowd.z)]
+    columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in crowd.places()]
     low, high = np.array(columns).T
     low, high = low + (0, 0, centre.min()) - radius.max(), high + (0, 0, centre.max()) + radius.max()
     return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

@@ -98,11 +98,10 @@ def moved(view: View, offset: float) -> View:
 def relative(crowd: Crowd, camera: Camera, centre: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
     """EXPERIMENT, for the report alone: v = p - c of the spheres' centres, three (n,), "float64"; or narrowed to float32
     after the difference, "float32 relative"; or before it, "float32 world"."""
-    place = crowd.x, crowd.y, crowd.z + centre[crowd.group]
     if way == "float32 world":
-        return tuple(p.astype(np.float32) - np.float32(c) for p, c in zip(place, camera.origin, strict=True))
-    v = (p - c for p, c in zip(place, camera.origin, strict=True))
-    return tuple(p.astype(np.float32) for p in v) if way == "float32 relative" else tuple(v)
+        return tuple(p.astype(np.float32) - np.float32(c) for p, c in zip(crowd.places(centre), camera.origin, strict=True))
+    v = crowd.places(centre, origin=camera.origin)
+    return tuple(p.astype(np.float32) for p in v) if way == "float32 relative" else v
 
 
 WAYS = ("float64", "float32 relative", "float32 world")
@@ -131,7 +130,7 @@ def culling(
 
     def exactly(view: View) -> np.ndarray:
         crowd, cameras = view
-        points = np.stack([crowd.x, crowd.y, crowd.z + centre[crowd.group]], axis=1)
+        points = np.stack(crowd.places(centre), axis=1)
         return np.logical_or.reduce([seen(camera, points, radius[crowd.group])[0] for camera in cameras])
 
     def derived(view: View, delta: float | None = None) -> np.ndarray:

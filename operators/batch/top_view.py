@@ -62,7 +62,7 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3, 3) float64 corners of an arrowhead an agent, and its colour (n, 3). Culled agents come first, finest LODs
     last, a little nearer to the view each, so that what counts lies on top."""
     crowd = frame.crowd
-    at = np.stack([crowd.x, crowd.y, crowd.z + frame.trajectory.spheres.centre[crowd.group]], axis=1)
+    at = np.stack(crowd.places(frame.trajectory.spheres.centre), axis=1)
     rank = np.where(frame.visible, len(TINTS) - frame.levels.astype(int), 0)
     size = np.maximum(ARROW_METRES, ARROW_PIXELS * _pixel(view, at))
     forward = np.stack([np.cos(crowd.heading), np.sin(crowd.heading)], axis=1)

@@ -257,7 +257,7 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
     count = len(planned.buckets.counts)
     finest = np.zeros(len(planned.crowd), np.uint8)
     nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
-    finite = np.isfinite([planned.crowd.x, planned.crowd.y, planned.crowd.z]).all(axis=0)
+    finite = np.isfinite(planned.crowd.places()).all(axis=0)
     culled = replace(full, buckets=sort(planned.visible, finest, count))
     return {
         "a": replace(full, buckets=sort(finite, finest, count), shadow=nobody, mirrored=nobody),

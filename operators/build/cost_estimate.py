@@ -181,8 +181,8 @@ def covered(frame: Frame, scene: bpy.types.Scene) -> float:
     camera, crowd, agents = frame.camera, frame.crowd, frame.buckets.order
     render = scene.render
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
-    radius = frame.trajectory.spheres.radius[crowd.group[agents]]
-    away = np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + radius]) - np.asarray(camera.origin)[:, None]
+    spheres = frame.trajectory.spheres
+    radius, away = spheres.radius[crowd.group[agents]], np.stack(crowd.places(spheres.radius, agents, camera.origin))
     distance = 1.0 if camera.kind == "ORTHO" else np.maximum(np.sqrt((away**2).sum(axis=0)), radius)
     squares = (2 * radius * camera.pixels_per_unit / distance) ** 2
     return float(min(pixels, COVERS * squares.sum()))

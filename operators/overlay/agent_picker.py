@@ -4,16 +4,9 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.planning.agent_under_cursor import nearest
-from ...crowd_lod.planning.frame import Frame
 from . import viewport_overlay
 
 WITHIN = 40.0  # nominal pixels from the cursor
-
-
-def places_of(frame: Frame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, y, z, (n,) float64 each, of the agents' sphere centres."""
-    crowd, centre = frame.crowd, frame.trajectory.spheres.centre
-    return crowd.x, crowd.y, crowd.z + centre[crowd.group]
 
 
 def under(screen: bpy.types.Screen, x: int, y: int) -> bpy.types.Region | None:
@@ -57,7 +50,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
             self.cancel(context)
             return {"FINISHED"}
         found = nearest(
-            places_of(shown.frame),
+            shown.frame.crowd.places(shown.frame.trajectory.spheres.centre),
             np.array(region.data.perspective_matrix, np.float64),
             (region.width, region.height),
             (event.mouse_x - region.x, event.mouse_y - region.y),

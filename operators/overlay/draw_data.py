@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.crowd.maps import HeightMap
 from ...crowd_lod.culling.camera import Camera, frustum_corners
 from ...crowd_lod.planning.frame import Frame
@@ -89,8 +88,7 @@ def drawing(
     group = crowd.group[order]
     agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colours, slopes, fades)
 
-    positions = _relative(crowd, order, origin)
-    positions[:, 2] = crowd.z[order] + centre[group] - origin[2]
+    positions = np.stack(crowd.places(centre, order, origin), axis=1, dtype=np.float32, casting="same_kind")
     tints = np.empty((len(order), 4), np.float32)
     tints[:seen] = colours.palette[colours.index[order[:seen]]]
     tints[seen:] = CULLED
@@ -138,7 +136,7 @@ def _instances(
     kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
 
     agents = np.zeros((len(order), 8), np.float32)
-    agents[:, :3] = _relative(crowd, order, frame.camera.origin)
+    agents[:, 0], agents[:, 1], agents[:, 2] = crowd.places(None, order, frame.camera.origin)
     agents[:, 3] = crowd.heading[order]
     agents[:, 4] = frame.phase_of(order)
     agents[:, 5] = 4.0 * colours.index[order] + 2.0 + shares
@@ -146,14 +144,6 @@ def _instances(
         agents[:, 6], agents[:, 7] = slopes.tilt(crowd.x[order], crowd.y[order], crowd.heading[order])
     draws = zip(kinds // 256, kinds % 256, first, count, strict=True)
     return agents, tuple(tuple(int(value) for value in each) for each in draws)
-
-
-def _relative(crowd: Crowd, order: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Feet (n, 3) float32 of the agents `order`, from the origin."""
-    feet = np.empty((len(order), 3), np.float32)
-    for axis, column in enumerate((crowd.x, crowd.y, crowd.z)):
-        feet[:, axis] = column[order] - origin[axis]
-    return feet
 
 
 def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -173,8 +173,7 @@ def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
     from gpu_extras.batch import batch_for_shader
 
     matrix, group = np.array(region.data.perspective_matrix, np.float64), frame.trajectory.groups[frame.crowd.group[agent]]
-    here = [column[agent] for column in (frame.crowd.x, frame.crowd.y, frame.crowd.z)]
-    x, y, _, w = matrix @ (here[0], here[1], here[2] + group.centre, 1.0)
+    x, y, _, w = matrix @ (*frame.crowd.places(frame.trajectory.spheres.centre, agent), 1.0)
     if w <= 0:
         return
     half = np.array([region.width, region.height]) / 2
