@@ -15,8 +15,6 @@ COLUMNS = 2048
 HUGE, TINY = 1e100, 1e-100
 # Times the largest coordinate: farther off no plane meets a box, whatever is rounded.
 BEYOND = 2.0**20
-# Which of a camera's planes are the sides, that a fixed margin moves.
-SIDES = np.array([1.0, 1.0, 1.0, 1.0, 0.0, 0.0])
 
 
 @dataclass(frozen=True)
@@ -41,8 +39,7 @@ class Test:
         normals, offsets, rounding = np.empty((0, 3)), np.empty(0), 1.0
         if camera.kind != "PANO":
             frustum = planes(camera)
-            normals, rounding = frustum.normals, max(1.0, frustum.rounding)
-            offsets = frustum.offsets if margin is None else frustum.offsets + margin * SIDES * frustum.fixed
+            normals, offsets, rounding = frustum.normals, frustum.limits(margin), max(1.0, frustum.rounding)
         self.reach = camera.pad + (look.grown if margin is None else 0.0)
         self.radius = 1.0 if margin is None else 0.0
         about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach

@@ -150,7 +150,7 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin:
     else:
         frustum = planes(camera)
         least, most = (least + frustum.rounding * little).min(), (most + frustum.rounding * much).max()
-        near, far, sides = _limits(frustum, margin)
+        *sides, near, far = frustum.limits(margin, ROUNDING)
         along = depth * frustum.fixed[5]
         beyond = [(_dot(corners, normal), side) for normal, side in zip(frustum.normals, sides, strict=False)]
         inside = along.max() <= far + least and along.min() >= -near - least
@@ -174,17 +174,10 @@ def _reach(camera: Camera, v: tuple, range_: np.ndarray | None, r: np.ndarray | 
     return reach, ROUNDING * (away + np.abs(camera.origin[2]) + reach) + TINY
 
 
-def _limits(frustum: Planes, margin: float | None) -> tuple:
-    """(near, far, the four sides): the planes' offsets with their rounding, the sides' with the fixed margin."""
-    near, far = frustum.offsets[4:] + ROUNDING * np.abs(frustum.offsets[4:])
-    sides = frustum.offsets[:4]
-    return near, far, sides + ROUNDING * np.abs(sides) + (margin or 0.0) * frustum.fixed[:4]
-
-
 def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray, margin: float | None) -> np.ndarray:
     """(b,) bool: spheres with their centres at v that reach no further than `bound` (b,) beyond any of the six planes.
     What lies before near or behind far, often the most, does not meet the sides."""
-    near, far, sides = _limits(frustum, margin)
+    *sides, near, far = frustum.limits(margin, ROUNDING)
     along = depth * frustum.fixed[5]
     inside = (along <= far + bound) & (along >= -near - bound)
     rest = np.flatnonzero(inside)

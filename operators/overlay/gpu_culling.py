@@ -121,10 +121,9 @@ def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) 
     """(the shader's CrowdPlan (36,), spheres (G * n, 4)), float32: planes and origin relative to `middle` (3,); of each
     group the height of the centre, the reach and the size of both, then where its LODs begin."""
     frustum = planes(camera)
-    fixed = (policy.margin or 0.0) * np.append(frustum.fixed[:4], (0, 0))
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
     normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
-    offsets = np.append(frustum.offsets + fixed, 0.0) + normals @ origin
+    offsets = np.append(frustum.limits(policy.margin), 0.0) + normals @ origin
     begin = np.clip(begin, -HUGE, HUGE)
     largest = np.abs(offsets).max() + np.abs(origin).sum() + np.abs(begin[np.abs(begin) < HUGE]).max(initial=0.0)
     slack = SLACK * max(1.0, frustum.rounding) * (1 + np.abs(camera.Z).sum())
