@@ -1,5 +1,6 @@
 """Blocks against testing every agent: the same plan to the bit, and less to test."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -240,6 +241,27 @@ def test_the_plan_does_not_depend_on_what_was_asked_before():
     cold = shot(walking("reflect"), count=1500)
     for time in (40, 90):
         assert raw(plan(warm, camera, LevelPolicy((0.3, 0.6)), time)) == raw(plan(cold, camera, LevelPolicy((0.3, 0.6)), time))
+
+
+@pytest.mark.parametrize("module, name", [(blocks, "blocks_of"), (morton_order, "order_of")])
+def test_a_thread_is_not_disturbed_by_another_that_asks_meanwhile(module, name, monkeypatch):
+    def planned(trajectory, time):
+        return raw(plan(trajectory, straight(), POLICY, time))
+
+    alone = {time: planned(shot(walking(), count=700), time) for time in (5, 90)}
+    trajectory, make, met = shot(walking(), count=700), getattr(module, name), []
+    planned(trajectory, 90)  # so that there is something to fall for
+
+    def meanwhile(*arguments):
+        if not met:
+            met.append(True)
+            with ThreadPoolExecutor(1) as other:
+                met.extend(other.submit(planned, trajectory, time).result() == alone[time] for time in (5, 90))
+        return make(*arguments)
+
+    monkeypatch.setattr(module, name, meanwhile)
+    assert planned(trajectory, 5) == alone[5] and met == [True] * 3
+    assert all(planned(trajectory, time) == seen for time, seen in alone.items())
 
 
 def test_a_shutter_open_for_longer_than_the_boxes_hold():
