@@ -3,7 +3,7 @@
 import bpy
 
 from .batch import preview
-from .blender import collection_caches, main_thread
+from .blender import collection_caches, main_thread, scene_cache
 from .build import buttons, cost_estimate, frame_update, render_setup
 from .cli import commands
 from .crowd import sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
@@ -29,7 +29,7 @@ CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, frame_update.follow],
     "depsgraph_update_post": [scenery.edited],
-    "load_pre": [scenery.forget, scene_crowd.forget, frame_update.forget],
+    "load_pre": [scene_cache.forget, frame_update.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
     "undo_post": [collection_caches.renew],
@@ -66,8 +66,7 @@ def unregister():
         for function in functions:
             if function in handlers:  # a script may have cleared them
                 handlers.remove(function)
-    scene_crowd.forget()
-    scenery.forget()
+    scene_cache.forget()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):
         bpy.utils.unregister_class(c)

@@ -9,10 +9,11 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.reporting import file_checks
+from . import scene_cache
 from .console import quiet
 
-# The values last read of each image, and when: a cache, never the truth.
-_values: dict[int, tuple[np.ndarray, float]] = {}
+# The values last read of each image, and when.
+_values: dict[int, tuple[np.ndarray, float]] = scene_cache.kept({})
 MOST_IMAGES = 8
 LOOK_AGAIN = 1.0  # seconds between two looks at what has no cheap mark of change, where a look at each frame would take too long
 
@@ -48,11 +49,6 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
 def playing() -> bool:
     """Whether an animation is played in a window."""
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
-
-
-def forget() -> None:
-    """Drop the cache."""
-    _values.clear()
 
 
 def read_pixels(image: bpy.types.Image) -> np.ndarray:

@@ -19,7 +19,7 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS, Bias, LevelPolicy
 from ...crowd_lod.planning.frame import Frame, plan
 from ...crowd_lod.planning.shadows import Surroundings, surround
 from ...crowd_lod.progress import aside, finished, share
-from ..blender import image_data, scene_data, stored_values
+from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.character_objects import may_have_faces, parts
 from ..blender.operator import Stepwise
@@ -30,8 +30,8 @@ from .settings_versions import VERSION
 from .stuck_agents import find
 
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
-# Trajectories by the digest of all they depend on: a cache, never the truth.
-_trajectories: dict[bytes, Trajectory] = {}
+# Trajectories by the digest of all they depend on.
+_trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
 MOST_TRAJECTORIES = 4
 GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
 OF_LEVELS = (
@@ -45,7 +45,7 @@ OF_LEVELS = (
     "shaded",
 )  # what is known of a group's LOD meshes
 # Of each scene what was asked last: (numbers and texts, the images' values, the trajectory).
-_latest: dict[int, tuple] = {}
+_latest: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 
 def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
@@ -369,14 +369,6 @@ def frame_of(
     bias = bias_of(settings, trajectory.world.area)
     frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
     return frame if around is None else surround(frame, around)
-
-
-@bpy.app.handlers.persistent
-def forget(*_) -> None:
-    """load_pre: drop the caches, which are of the file's crowds and images."""
-    _trajectories.clear()
-    _latest.clear()
-    image_data.forget()
 
 
 def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
+from ..blender import scene_cache
 from ..blender.ownership import OWNED, is_ours
 from ..blender.references import reached
 
@@ -213,8 +214,8 @@ def _set(socket: bpy.types.NodeSocket) -> bool:
     return socket.is_linked or (any(value[:3]) if hasattr(value, "__len__") else value != 0)
 
 
-# What was last seen in each view layer that is played, by scene and name: a cache, never the truth.
-_kept: dict[tuple[int, str], Scenery] = {}
+# What was last seen in each view layer that is played, by scene and name.
+_kept: dict[tuple[int, str], Scenery] = scene_cache.kept({})
 MOST_KEPT = 8
 
 
@@ -260,5 +261,5 @@ def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 @bpy.app.handlers.persistent
 def forget(*_) -> None:
-    """load_pre, undo_pre, redo_pre: what is kept names objects that will be gone."""
+    """undo_pre, redo_pre: what is kept names objects that will be gone."""
     _kept.clear()

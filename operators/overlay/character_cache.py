@@ -11,6 +11,7 @@ from functools import partial
 import bpy
 import numpy as np
 
+from ..blender import scene_cache
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
@@ -34,7 +35,7 @@ class Casting:
     told: tuple[str, ...] = ()
 
 
-_castings: dict[int, Casting] = {}  # by the scene's session_uid
+_castings: dict[int, Casting] = scene_cache.kept({}, by_scene=True)
 
 
 def casting_of(scene: bpy.types.Scene) -> Casting | None:
@@ -51,8 +52,8 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
         if known is None or (known.key, known.painted) != (key, painted):
             known = _castings[scene.session_uid] = Casting(key, painted, now)
         known.looked = now
-    if not known.ready and not bpy.app.timers.is_registered(_bake_some):
-        bpy.app.timers.register(_bake_some)
+    if not known.ready and not bpy.app.timers.is_registered(bake_some):
+        bpy.app.timers.register(bake_some)
     return known
 
 
@@ -66,15 +67,12 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
         yield casting.progress
 
 
-def forget(keep: set[int] = frozenset()) -> None:
-    """Drop what is baked, but for the scenes with these session_uids."""
-    for gone in _castings.keys() - keep:
-        del _castings[gone]
-    if not keep and bpy.app.timers.is_registered(_bake_some):
-        bpy.app.timers.unregister(_bake_some)
+def drop(scene: bpy.types.Scene) -> None:
+    """Let go what is baked for the scene."""
+    _castings.pop(scene.session_uid, None)
 
 
-def _bake_some() -> float | None:
+def bake_some() -> float | None:
     """A timer: bake a little, which makes and removes data-blocks and so must not be done while Blender draws."""
     for scene in bpy.data.scenes:
         casting = _castings.get(scene.session_uid)

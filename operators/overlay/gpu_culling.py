@@ -191,9 +191,9 @@ class Faster:
 
     def __init__(self, usable: bool | None = None):
         self.usable = usable
-        self.forget()
+        self.clear()
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Let go what is on the GPU."""
         self._trajectory = self._planner = None
         program.cache_clear()

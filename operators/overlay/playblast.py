@@ -140,7 +140,7 @@ class Playblast:
     def __exit__(self, *_):
         self.canvas.free()
         self.cast = self.batches = None
-        character_cache.forget({scene.session_uid for scene in bpy.data.scenes if scene != self.stage})
+        character_cache.drop(self.stage)
 
     def prepare(self) -> Iterator[float]:
         """Read the characters; yields the progress, 0 to 1."""

@@ -14,7 +14,7 @@ from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.planning.agent_under_cursor import Account, account
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.hysteresis import held
-from ..blender import frame_stepping, image_data, scene_data
+from ..blender import frame_stepping, image_data, scene_cache, scene_data
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
 from ..crowd.scene_crowd import bias_of, groups_of, policy_of, trajectory_of
@@ -51,20 +51,19 @@ class Shown:
 
 
 _handlers = []
-_shown: dict[int, Shown] = {}  # by the scene's session_uid
+_shown: dict[int, Shown] = scene_cache.kept({}, by_scene=True)
 REST = 0.3  # seconds that a frame is shown before its open shutter is asked for
-# Of scenes with motion blur, by session_uid: (what an open shutter is asked for, since when, seconds), and (that, read_shutter's
+# Of scenes with motion blur: (what an open shutter is asked for, since when, seconds), and (that, read_shutter's
 # answer).
-_asked: dict[int, tuple] = {}
-_shutters: dict[int, tuple] = {}
-_faster = gpu_culling.Faster()
+_asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+_shutters: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+_faster = scene_cache.kept(gpu_culling.Faster())
 _failure: str | None = None
 
 
 def register():
     global _failure
     _failure = None
-    bpy.app.handlers.load_pre.append(forget)
     if not bpy.app.background:  # nothing is drawn there
         for part, when in ((_draw_crowd, "POST_VIEW"), (_draw_figures, "POST_PIXEL")):
             _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (part,), "WINDOW", when))
@@ -72,7 +71,7 @@ def register():
 
 def unregister():
     _let_go()
-    for timer in (_redraw_sidebars, _read_shutters, _stop):
+    for timer in (_redraw_sidebars, _read_shutters, _stop, character_cache.bake_some):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
 
@@ -81,9 +80,7 @@ def _let_go() -> None:
     """Remove the handlers, and what they keep."""
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
-    if forget in bpy.app.handlers.load_pre:
-        bpy.app.handlers.load_pre.remove(forget)
-    forget()
+    scene_cache.forget()
     shader_programs.forget()
 
 
@@ -91,15 +88,6 @@ def _stop() -> None:
     """A timer: a draw handler must not remove another one while Blender goes through them."""
     _let_go()
     _redraw_sidebars()
-
-
-@bpy.app.handlers.persistent
-def forget(*_) -> None:
-    """load_pre: let go all that is kept of scenes, on the GPU too."""
-    for kept in (_shown, _asked, _shutters):
-        kept.clear()
-    _faster.forget()
-    character_cache.forget()
 
 
 def latest(scene: bpy.types.Scene) -> Frame | None:
@@ -194,11 +182,7 @@ def _follow(context) -> Shown:
     before = _shown.get(scene.session_uid)
     shown = _shown_now(context, before)
     if shown is not before:
-        alive = {each.session_uid for each in bpy.data.scenes}
-        for gone in _shown.keys() - alive:
-            del _shown[gone]
-            _shutters.pop(gone, None)
-        character_cache.forget(alive)
+        scene_cache.tidy()
         _shown[scene.session_uid] = shown
         _redraw_sidebars_soon()
     return shown

@@ -8,6 +8,7 @@ import pytest
 from crowd_lod_extension.operators.batch.error_report import error
 from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.batch.verify import Verify, verify
+from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.blender.operator import left_words
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.build.buttons import prepared
@@ -51,7 +52,7 @@ WORKS = previewed, verified, baked, reported, built
 def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_path, work):
     steps = work(levelled, tmp_path)
     before = set(bpy.data.user_map())
-    scene_crowd.forget()
+    scene_cache.forget()
     while not any(1000 < crowds._recent[0][0] < FAR for crowds in scene_crowd._trajectories.values()):
         next(steps)  # it is not on its way yet
     longest = 0.0

@@ -4,6 +4,8 @@ from types import SimpleNamespace
 
 import bpy
 import pytest
+from crowd_lod_extension.operators.blender import scene_cache
+from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.overlay import character_cache, viewport_overlay
 
 
@@ -114,7 +116,7 @@ def with_meshes(scene):
     with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
         assert bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
     assert "being read" in shown(scene).notes[0]
-    while character_cache._bake_some() is not None:
+    while character_cache.bake_some() is not None:
         pass
     return shown(scene)
 
@@ -148,7 +150,7 @@ def test_meshes_follow_edits_of_meshes_actions_and_materials(scene, monkeypatch)
         change()
         scene.view_layers[0].update()
         assert "being read" in shown(scene).notes[0]
-        while character_cache._bake_some() is not None:
+        while character_cache.bake_some() is not None:
             pass
         after = shown(scene).cast
         assert after is not before
@@ -192,7 +194,7 @@ def test_lod_meshes_of_other_settings_say_so(scene):
 
 def test_another_file_lets_everything_go(scene):
     with_meshes(scene)
-    viewport_overlay.forget()
-    assert not viewport_overlay._shown and not character_cache._castings
-    assert not bpy.app.timers.is_registered(character_cache._bake_some)
-    assert viewport_overlay.forget in bpy.app.handlers.load_pre
+    assert scene_cache.forget in bpy.app.handlers.load_pre
+    scene_cache.forget()
+    assert not viewport_overlay._shown and not character_cache._castings and not scene_crowd._trajectories
+    assert viewport_overlay._faster._trajectory is None and character_cache.bake_some() is None

@@ -5,7 +5,7 @@ import weakref
 
 import bpy
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.overlay import shader_programs, viewport_overlay
+from crowd_lod_extension.operators.overlay import character_cache, shader_programs, viewport_overlay
 
 from .test_frame_update import scene, shown  # noqa: F401  a fixture
 from .test_hud import hud, inset
@@ -21,7 +21,12 @@ def left():
         "properties": hasattr(bpy.types.Scene, "crowd_lod"),
         "timers": [
             bpy.app.timers.is_registered(f)
-            for f in (viewport_overlay._redraw_sidebars, viewport_overlay._read_shutters, viewport_overlay._stop)
+            for f in (
+                viewport_overlay._redraw_sidebars,
+                viewport_overlay._read_shutters,
+                viewport_overlay._stop,
+                character_cache.bake_some,
+            )
         ],
     }
 
