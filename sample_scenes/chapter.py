@@ -33,13 +33,13 @@ def make(scene: bpy.types.Scene) -> None:
     settings = scene.crowd_lod
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.seed = 4096, 1
-    settings.centre, settings.size = (0, 0, 0), (SIZE, SIZE)
+    settings.center, settings.size = (0, 0, 0), (SIZE, SIZE)
     settings.map_image = image_data.write_image("Chapter map", table.label_colours[labels])
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
     settings.choice, settings.level_count = "BY_RATIO", 3
     settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.3, 0.6)
-    settings.metric, settings.margin_kind, settings.colour = "AXIS", "DERIVED", "LOD"
+    settings.metric, settings.margin_kind, settings.color = "AXIS", "DERIVED", "LOD"
     settings.above = above
 
 

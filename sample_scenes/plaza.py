@@ -43,13 +43,13 @@ def make(scene: bpy.types.Scene) -> None:
     settings = scene.crowd_lod
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.seed = 10_000, 7
-    settings.centre, settings.size = (0, 0, 0), (site.SIZE, site.SIZE)
+    settings.center, settings.size = (0, 0, 0), (site.SIZE, site.SIZE)
     settings.map_image = image_data.write_image("Plaza map", table.label_colours[world.labels])
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
     settings.level_count = 3
     settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.16, 0.4)
-    settings.metric, settings.margin_kind, settings.colour = "AXIS", "DERIVED", "LOD"
+    settings.metric, settings.margin_kind, settings.color = "AXIS", "DERIVED", "LOD"
     settings.above = None
 
 

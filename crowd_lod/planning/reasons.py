@@ -16,9 +16,9 @@ REASONS = (
     "far away",
     "detail map",
     "hysteresis",
-    "before the near plane",
-    "beyond the far plane",
-    "beside the view",
+    "clipped before the near plane",
+    "clipped beyond the far plane",
+    "outside the frustum",
     "finer LODs left out for memory",
 )
 NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT = range(len(REASONS))

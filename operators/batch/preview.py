@@ -216,7 +216,7 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     render.stamp_background = (0, 0, 0, 0.6)
     stage.display.render_aa = "FXAA"  # one pass; Workbench draws the whole scene anew for every other sample
     if wanted.engine == "OVERLAY":
-        stage.crowd_lod.overlay_colour = wanted.colour
+        stage.crowd_lod.overlay_color = wanted.colour
     if wanted.colour != "MATERIAL":
         stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
         stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
@@ -406,7 +406,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             folder=files.absolute(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,
-            colour=settings.overlay_colour if settings.engine == "OVERLAY" else settings.colour,
+            colour=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         said = f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."

@@ -125,7 +125,7 @@ def _preview(args, command: list[str]) -> dict:
     stem = _stem(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
-    colour = (args.color or (settings.overlay_colour if engine == "OVERLAY" else settings.colour)).upper()
+    colour = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
     if engine != "OVERLAY" and colour not in COLOR_MODES:
         raise CrowdError(
             f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."

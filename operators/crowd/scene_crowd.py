@@ -134,7 +134,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
 
 def set_down(entry: bpy.types.PropertyGroup, _) -> None:
     """Update of a group's on_ground: its sphere and its LODs are about its new feet."""
-    entry.centre += -entry.lowest if entry.on_ground else entry.lowest
+    entry.center += -entry.lowest if entry.on_ground else entry.lowest
     if entry.lowest:
         with suppress(CrowdError):  # there are no characters; nothing shows LODs then
             _place_levels(entry.id_data)
@@ -169,7 +169,7 @@ def machine_of(settings) -> machines.StateMachine:
 
 def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     """The label map of the settings."""
-    (x, y, z), (width, depth) = settings.centre, settings.size
+    (x, y, z), (width, depth) = settings.center, settings.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
     _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
     if settings.map_image is None:
@@ -231,7 +231,7 @@ def _group(entry, count: int) -> Group:
     shaded = [np.inf if each > 1e30 else each for each in entry.shaded[:measured]]  # Blender keeps no infinity
     group = Group(
         entry.name,
-        entry.centre,
+        entry.center,
         entry.radius,
         entry.stride,
         entry.period,
@@ -323,7 +323,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     # the pixels are compared, not trusted; all that is made of them is made again only where they differ
     images = [image and image_data.read_values(image) for image in (settings.map_image, settings.height_image)]
     text = settings.machine and settings.machine.as_string()
-    numbers = (*settings.centre, *settings.size, settings.height_scale, settings.count, settings.seed, settings.first_frame)
+    numbers = (*settings.center, *settings.size, settings.height_scale, settings.count, settings.seed, settings.first_frame)
     asked = text, numbers, settings.tilt, groups, seconds
     before = _latest.get(scene.session_uid)
     if before is not None and before[0] == asked and all(a is b for a, b in zip(before[1], images, strict=True)):

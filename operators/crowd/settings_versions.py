@@ -2,6 +2,8 @@
 
 import bpy
 
+from .renamed_settings import STORED
+
 VERSION = 1  # of the settings. 1: LODs are chosen by tolerance; before, By Ratio was the default, which Blender did not save
 
 
@@ -28,4 +30,5 @@ def note(*_) -> None:
 
 def _used(settings) -> bool:
     """Whether any of the settings was ever set."""
-    return any(settings.is_property_set(name) for name in settings.bl_rna.properties.keys() if name not in ("rna_type", "name"))
+    names = set(settings.bl_rna.properties.keys()) - {"rna_type", "name", *STORED}  # what another stores always counts as set
+    return any(map(settings.is_property_set, names))

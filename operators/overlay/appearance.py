@@ -20,7 +20,7 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
         settings.overlay_mode,
         settings.overlay_culled,
         float(scene_data.rotation(settings.forward)),
-        settings.overlay_colour == "MATERIAL",
+        settings.overlay_color == "MATERIAL",
     )
     if style.mode != "MESHES" and not style.materials:
         return style, (), ()

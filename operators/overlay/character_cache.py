@@ -46,7 +46,7 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     known, now = _castings.get(scene.session_uid), clock.monotonic()
     if known is None or now > known.looked + LOOK_AGAIN:
         key, looks = _key(levels)
-        seen = known is None or scene.crowd_lod.overlay_colour == "MATERIAL"  # to read pixels takes milliseconds
+        seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"  # to read pixels takes milliseconds
         painted = _painted(looks.found) if seen else known.painted
         if known is None or (known.key, known.painted) != (key, painted):
             known = _castings[scene.session_uid] = Casting(key, painted, now)

@@ -155,7 +155,7 @@ class Playblast:
         stage, settings, trajectory = self.stage, self.stage.crowd_lod, self.trajectory
         eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
         planned = eyes, policy_of(settings), bias_of(settings, trajectory.world.area)
-        coloured = colours_of(settings.overlay_colour, frame, trajectory, *planned, self.characters)
+        coloured = colours_of(settings.overlay_color, frame, trajectory, *planned, self.characters)
         # the frustum that is looked along is the picture's edge
         what = drawing_of(settings, frame, trajectory, *planned, self.style, coloured, framed=False)
         self.batches = Batches(what, self.cast)

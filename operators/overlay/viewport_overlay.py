@@ -222,7 +222,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
         key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
-        frame_inputs += style, notes, settings.overlay_colour, round(settings.overlay_fade, 6)
+        frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6)
         known = before.trajectory if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN:
             trajectory, bias, looked = known, before.bias, before.looked
@@ -242,7 +242,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
             frame = held(frame, before.frame.levels, trajectory.groups, eyes, policy, bias)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
-        coloured = colours_of(settings.overlay_colour, frame, trajectory, eyes, policy, bias, characters)
+        coloured = colours_of(settings.overlay_color, frame, trajectory, eyes, policy, bias, characters)
         framed = own is None  # else its frustum is the viewport's edge
         what = drawing_of(settings, frame, trajectory, eyes, policy, bias, style, coloured, framed)
         batches = Batches(what, cast, before and before.batches)
@@ -274,7 +274,7 @@ def _crowd_inputs(scene) -> tuple:
     chosen = settings.map_image, settings.machine, settings.height_image, settings.bias_image
     blocks = (block and block.session_uid for block in chosen)
     numbers = settings.count, settings.seed, settings.first_frame, scene.render.fps, scene.render.fps_base
-    return groups_of(settings), *blocks, *numbers, *settings.centre, *settings.size, settings.height_scale, settings.tilt
+    return groups_of(settings), *blocks, *numbers, *settings.center, *settings.size, settings.height_scale, settings.tilt
 
 
 def _values(camera: Camera) -> tuple:

@@ -59,7 +59,7 @@ class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
             for note in shown.notes:
                 _say(context, layout, note, "INFO")
         elif len(context.scene.crowd_lod.groups):
-            layout.prop(context.scene.crowd_lod, "overlay", text="Overlay and Figures", toggle=True, icon="OVERLAY")
+            layout.prop(context.scene.crowd_lod, "overlay", text="Overlay and Statistics", toggle=True, icon="OVERLAY")
         else:
             _say(context, layout, "Choose the characters and press Populate, or make a sample scene.", "INFO")
 
@@ -102,7 +102,7 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
         layout.prop(settings, "forward")
         layout.prop(settings, "count")
         layout.prop(settings, "seed")
-        layout.prop(settings, "centre", text="Center")
+        layout.prop(settings, "center", text="Center")
         layout.prop(settings, "size")
         layout.operator("crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD")
         if len(settings.groups):
@@ -175,7 +175,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
         layout.use_property_split = False
         if not tolerant:
             self.ratios(context, layout, settings)
-        layout.prop(settings, "way")
+        layout.prop(settings, "method")
         layout.prop(settings, "scale_textures")
         layout.operator("crowd_lod.make_levels", icon="MOD_DECIM")
         if settings.levels is None:
@@ -233,7 +233,7 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
         layout.prop(settings, "overlay")
         column = layout.column()
         column.active = settings.overlay
-        for name in ("overlay_camera", "overlay_mode", "overlay_colour", "overlay_culled", "overlay_fade", "hysteresis"):
+        for name in ("overlay_camera", "overlay_mode", "overlay_color", "overlay_culled", "overlay_fade", "hysteresis"):
             column.prop(settings, name)
         column.prop(settings, "hud")
         column.prop(settings, "inset")
@@ -243,17 +243,17 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
         account = viewport_overlay.account_of(context.scene)
         if account is not None:
             _table(column, ("Agent", f"{account.agent:,}"), told(account)[1:])
-        if settings.overlay_colour == "REASON":
+        if settings.overlay_color == "REASON":
             for reason, (_, icon) in zip(REASONS, COLOURS, strict=False):
                 column.label(text=reason.capitalize(), icon=icon)
-        elif settings.overlay_colour == "GROUP":
+        elif settings.overlay_color == "GROUP":
             for group, (_, icon) in zip(settings.groups, COLOURS, strict=False):
                 column.label(text=group.name, icon=icon)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
         for name in ("frames", "step", "width", "engine"):
             layout.prop(settings, name)
         if settings.engine != "OVERLAY":  # its color is the overlay's, above
-            layout.prop(settings, "colour")
+            layout.prop(settings, "color")
         layout.prop(settings, "above", text="From Above")
         layout.prop(settings, "folder")
         layout.operator("crowd_lod.preview", icon="RENDER_ANIMATION")

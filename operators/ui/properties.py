@@ -15,8 +15,27 @@ from bpy.props import (
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..crowd.renamed_settings import renamed
 from ..crowd.scene_crowd import set_down
 
+OLD = {"options": {"HIDDEN"}, "description": "The same, under the name that files and older scripts have for it"}
+METHODS = (
+    ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off, and take the closer one"),
+    ("POSE_AWARE", "Pose-Aware", "Quadric edge collapse that heeds the poses of the action and keeps UV seams"),
+    ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
+)
+OLD_METHODS = "AUTO", "FAST", "PRECISE"  # how files call these
+COLORS = (
+    ("LOD", "By LOD", "Red, green, blue from near to far"),
+    ("MATERIAL", "Materials", "The characters' own materials"),
+)
+OVERLAY_COLORS = (
+    COLORS[0],
+    ("STATE", "By State", "The colors of the state machine"),
+    ("GROUP", "By Group", "A color a character group"),
+    ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
+    ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
+)
 SIZES = (200, 80, 40, 20, 10, 5, 2)
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
@@ -29,7 +48,8 @@ def outdate(settings, _) -> None:
 class CrowdLodGroup(bpy.types.PropertyGroup):
     """What was measured of one character group (`name` is its name), and LOD thresholds of its own."""
 
-    centre: FloatProperty(name="Center", unit="LENGTH", description="Height of the bounding sphere's centre")
+    center: renamed(FloatProperty, "center", name="Center", unit="LENGTH", description="Height of the bounding sphere's center")
+    centre: FloatProperty(name="Center", **OLD)
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
     stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
@@ -115,7 +135,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         description="How many there are in the crowd",
     )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
-    centre: FloatVectorProperty(name="Center", size=3, subtype="TRANSLATION", description="Centre of the crowd's ground")
+    center: renamed(
+        FloatVectorProperty, "center", name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground"
+    )
+    centre: FloatVectorProperty(name="Center", size=3, **OLD)
     size: FloatVectorProperty(
         name="Size",
         size=2,
@@ -138,9 +161,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     height_scale: FloatProperty(
         name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
     )
-    tilt: BoolProperty(
-        name="Lean with the Slope", description="Agents on a height map stand square on its slope instead of upright"
-    )
+    tilt: BoolProperty(name="Align to Slope", description="Agents on a height map stand square on its slope instead of upright")
     machine: PointerProperty(
         type=bpy.types.Text,
         name="State Machine",
@@ -203,14 +224,16 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         default=(1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01),
         description="Part of the triangles that each LOD keeps",
     )
-    way: EnumProperty(
+    method: renamed(
+        EnumProperty,
+        "method",
         name="Decimation",
         description="How the LOD meshes are made",
-        items=[
-            ("AUTO", "Automatic", "Try both ways on each mesh, measure, and take the fast one where it is no worse"),
-            ("FAST", "Fast", "Quadric edge collapse that keeps UV seams; weights, UVs, colors and normals are carried over"),
-            ("PRECISE", "Precise", "Blender's Decimate modifier, which keeps weights, UVs and colors itself"),
-        ],
+        items=METHODS,
+        old=OLD_METHODS,
+    )
+    way: EnumProperty(
+        name="Decimation", **OLD, items=[(old, *method[1:]) for old, method in zip(OLD_METHODS, METHODS, strict=True)]
     )
     thresholds: FloatVectorProperty(
         update=outdate,
@@ -254,7 +277,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         description="Painted over the ground: white stands for four times as near, black for four times as far, grey for no change",
     )
     cull_to_border: BoolProperty(
-        name="Cull to Render Border", description="Leave out what lies outside the render region, where one is set"
+        name="Cull to Render Region", description="Leave out what lies outside the render region, where one is set"
     )
     drop_lost: BoolProperty(
         name="Drop Lost Agents", description="Leave out agents at NaN or infinity, and count them, instead of stopping"
@@ -286,14 +309,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         max=MOST_LEVELS - 1,
         description="Level of detail of characters kept for their shadow or reflection alone, or the coarsest there is",
     )
-    colour: EnumProperty(
-        name="Color",
-        description="Colors of the characters in the previewed pictures",
-        items=[
-            ("LOD", "By LOD", "Red, green, blue from near to far"),
-            ("MATERIAL", "Materials", "The characters' own materials"),
-        ],
+    color: renamed(
+        EnumProperty, "color", name="Color", description="Colors of the characters in the previewed pictures", items=COLORS
     )
+    colour: EnumProperty(name="Color", items=COLORS, **OLD)
     engine: EnumProperty(
         name="Engine",
         description="What draws the previewed pictures",
@@ -322,7 +341,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
     overlay_mode: EnumProperty(
-        name="Draw As",
+        name="Display As",
         description="How the overlay draws the agents",
         items=[
             ("MESHES", "LOD Meshes", "Every character at its LOD, each in its own step of the action"),
@@ -330,17 +349,14 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
             ("POINTS", "Points", "As wide as the characters; for very many"),
         ],
     )
-    overlay_colour: EnumProperty(
+    overlay_color: renamed(
+        EnumProperty,
+        "overlay_color",
         name="Overlay Color",
         description="Colors of the agents in the overlay",
-        items=[
-            ("LOD", "By LOD", "Red, green, blue from near to far"),
-            ("STATE", "By State", "The colors of the state machine"),
-            ("GROUP", "By Group", "A color a character group"),
-            ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
-            ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
-        ],
+        items=OVERLAY_COLORS,
     )
+    overlay_colour: EnumProperty(name="Overlay Color", items=OVERLAY_COLORS, **OLD)
     overlay_camera: EnumProperty(
         name="Seen From",
         description="Whose view culls and chooses LODs in the overlay",
@@ -349,7 +365,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
             ("VIEWPORT", "Viewport", "Culling and LODs are those of each viewport's own view"),
         ],
     )
-    hud: BoolProperty(name="Figures in the Viewport", default=True, description="Write counts, times and memory over the viewport")
+    hud: BoolProperty(name="Statistics", default=True, description="Write counts, times and memory over the viewport")
     inset: BoolProperty(
         name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
     )

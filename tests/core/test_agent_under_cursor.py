@@ -83,7 +83,7 @@ def test_an_account_says_what_the_plan_made_of_an_agent():
     assert [each.depth for each in found] == pytest.approx([y for _, y, _ in AGENTS])
     assert [each.visible for each in found] == [True, True, True, True, False, False, False]
     assert [each.reason for each in found] == [
-        "near enough", "far away", "far away", "far away", "beside the view", "before the near plane", "beyond the far plane"
+        "near enough", "far away", "far away", "far away", "outside the frustum", "clipped before the near plane", "clipped beyond the far plane"
     ]  # fmt: skip
 
 

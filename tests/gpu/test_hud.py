@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.overlay import hud, inset
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches
 from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
 
-from .test_overlay import AGENTS, GROUPS, planned
+from ..support.overlays import AGENTS, GROUPS, planned
 
 ACCOUNT = Account(3, "child", "walk left", True, "far away", 2, 30.0, 12.5, 0.41)
 
@@ -49,8 +49,8 @@ def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
 
 
 def test_what_is_not_known_of_an_agent_is_said():
-    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="beside the view", pixels=None, error=None)))
-    assert culled["Culled"] == "beside the view" and culled["Size"] == culled["LOD error"] == "-"
+    culled = dict(hud.told(replace(ACCOUNT, visible=False, reason="outside the frustum", pixels=None, error=None)))
+    assert culled["Culled"] == "outside the frustum" and culled["Size"] == culled["LOD error"] == "-"
     assert dict(hud.told(replace(ACCOUNT, error=None)))["LOD error"] == "not measured"
 
 
