@@ -2,6 +2,7 @@
 
 import os
 import platform
+import textwrap
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import replace
@@ -126,12 +127,14 @@ def cases(most: int, seed: int, out: Path | None = None) -> Iterator[float]:
 
 
 def _cases_text(name: str, rows: list[extreme_cases.Row]) -> str:
-    return (
-        "# Extreme cases\n\nEach is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
+    intro = (
+        "Each is judged by exact rational arithmetic: `missed` are agents that can be seen and were culled; "
         "`surplus` were kept for nothing; `grazing` likewise, but within the roundings of a plane, where a quarter of the agents "
         "are put on purpose; `depth error` is the distance's as a part of the bound that `levels.assign` states. Made with "
-        f"`crowd-lod report extremes --out {name}` on {machine_name()}.\n\n```\n{extreme_cases.table_text(rows)}\n```\n"
+        f"`crowd-lod report extremes --out {name}` on {machine_name()}."
     )
+    told = textwrap.fill(intro, 100, break_long_words=False, break_on_hyphens=False)
+    return f"# Extreme cases\n\n{told}\n\n```\n{extreme_cases.table_text(rows)}\n```\n"
 
 
 def lenses(pairs: int, seed: int) -> Iterator[float]:

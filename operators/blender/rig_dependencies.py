@@ -183,7 +183,9 @@ def stance(*items: bpy.types.Object) -> list:
             [_settings(each, moved, PLAYED) for each in data],
             [_strip(strip) for each in data for track in _tracks(each) for strip in _strips(track.strips)],
         ]
-        found += filter(None, [[each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]])
+        if mover in items:  # LODs copy these; of others' all that counts is what drivers read
+            still = [each for each in custom(mover) if (f'["{bpy.utils.escape_identifier(each[0])}"]', 0) not in moved]
+            found += [still] if still else []
         if mover.type == "ARMATURE":
             found += [_bone(bone, mover.data.bones[bone.name], moved) for bone in mover.pose.bones]
             found += [mover.data.pose_position, mover.pose.ik_solver, mover.pose.ik_param and _settings(mover.pose.ik_param)]

@@ -10,8 +10,8 @@ from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Matrix
 
-from .characters import character, new, rig, skin, tube
-from .test_rig_dependencies import keyed
+from ..support.characters import character, new, rig, skin, tube
+from ..support.rigs import keyed
 
 PIXELS, WIDTH = 64, 12.0  # of the picture; metres that it shows
 

@@ -8,7 +8,7 @@ from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.blender import image_data
 from mathutils import Euler
 
-from .characters import character, new, tube
+from ..support.characters import character, new, tube
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
-from .characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, skin, tube
 
 
 def run(scene):

@@ -8,7 +8,7 @@ from crowd_lod_extension.operators.build.render_setup import build
 from crowd_lod_extension.operators.crowd.scene_crowd import characters_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
-from .characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, skin, tube
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from crowd_lod_extension.operators.lod_meshes import methods
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Matrix, Vector
 
-from .characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, skin, tube
 
 WAYS = ("FAST", "PRECISE")  # the third, AUTO, takes the better one of theirs: see below
 

@@ -10,7 +10,7 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.pose_deformation import skin_of
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
-from .characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, skin, tube
 
 
 def arm():

@@ -8,14 +8,8 @@ from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups
 from crowd_lod_extension.operators.lod_meshes.candidates import _object_digest
 from crowd_lod_extension.operators.lod_meshes.source_mesh import read_source
 
-from .characters import character, new, rig, skin, tube
-
-
-def keyed(block, path, value, last):
-    """Let `path` of the block run from what it is at frame 1 to `value` at `last`."""
-    block.keyframe_insert(path, frame=1)
-    setattr(block, path, value)
-    block.keyframe_insert(path, frame=last)
+from ..support.characters import character, new, rig, skin, tube
+from ..support.rigs import keyed
 
 
 def by_shape_key(body):

@@ -12,7 +12,7 @@ from crowd_lod_extension.operators.build.cost_estimate import FULL, estimate
 from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, store_groups
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
-from .characters import character, new, painted, rig, skin, tube
+from ..support.characters import character, new, painted, rig, skin, tube
 
 SIZE = 1024
 

@@ -8,7 +8,7 @@ from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, groups_of,
 from crowd_lod_extension.operators.lod_meshes.deviation import measure_levels
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
-from .characters import character, new, painted, tube
+from ..support.characters import character, new, painted, tube
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.crowd.scene_crowd import action_range, characters_of, measure_groups, store_groups, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
-from .characters import character, new, rig, skin, tube
+from ..support.characters import character, new, rig, skin, tube
 
 
 @pytest.fixture

@@ -1,5 +1,4 @@
 import dataclasses
-import json
 import weakref
 
 import numpy as np
@@ -9,33 +8,12 @@ from crowd_lod_extension.crowd_lod.behaviour.step import HOLD, advance, step
 from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap, edge_map
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
-from .crowds import crowd_at, walker
-from .way import Agent
-
-
-def machine_of(states, edge="clamp", labels=("ground", "wall")):
-    colours = {name: {"color": f"#0000{i:02x}"} for i, name in enumerate(labels)}
-    return parse(json.dumps({"version": 1, "edge": edge, "labels": colours, "states": states}), "test")
-
-
-def random_machine(random, states=5, labels=3, speeds=(0.01, 30), edge="clamp"):
-    """Any table at all: speeds of any size, the state changes on one label in two."""
-    names = [f"s{i}" for i in range(states)]
-    label_names = [f"l{i}" for i in range(labels)]
-
-    def rule():
-        speed = 10 ** random.uniform(*np.log10(speeds))
-        where = {"next": names[random.integers(states)]} if random.random() < 0.5 else {}
-        return {"speed": speed, "heading": random.uniform(0, 360), **where}
-
-    return machine_of({s: {"on": {label: rule() for label in label_names}} for s in names}, edge, label_names)
-
-
-def random_world(random, labels=3, rows=9, columns=13, area=None):
-    return LabelMap(random.integers(labels, size=(rows, columns)).astype(np.uint8), area or Area(-3, 5, 23, 14))
+from ..support.crowds import crowd_at, walker
+from ..support.machines import TO_AND_FRO, machine_of, mirrored, random_machine, random_world, same
+from ..support.way import Agent
 
 
 def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
@@ -181,13 +159,6 @@ def test_absurd_speeds_are_refused_by_name():
         step(crowd_at([(1, 1, 0)]), huge, world, 1.0)
 
 
-def mirrored(value, low, high):
-    """`value` on a line folded at low and high, and whether the number of folds is odd."""
-    turns = np.floor((value - low) / (high - low))
-    offset = value - low - turns * (high - low)
-    return np.where(turns % 2, high - offset, low + offset), turns % 2 == 1
-
-
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
 def test_edge_policies_at_any_speed(edge, seed):
@@ -219,9 +190,6 @@ def test_edge_policies_at_any_speed(edge, seed):
             np.testing.assert_allclose(crowd.y, far_y, atol=1e-9)
 
 
-TO_AND_FRO = {"a": {"on": {"ground": {"move": [1, 0]}, "wall": {"move": [-1, 0]}}}}
-
-
 def test_an_agent_that_the_table_sends_to_and_fro_stands_and_is_told():
     machine = machine_of(TO_AND_FRO)
     world = LabelMap(np.array([[0, 1]], np.uint8), Area(0, 0, 2, 1))
@@ -251,10 +219,6 @@ def trajectory(seed=1):
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 30, 30), machine.labels)
     return Trajectory(populate(500, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8)
-
-
-def same(a, b):
-    return all(getattr(a, f.name).tobytes() == getattr(b, f.name).tobytes() for f in dataclasses.fields(a))
 
 
 @pytest.mark.parametrize("make", [trajectory, lively, lambda: lively(edge="reflect")])

@@ -20,9 +20,9 @@ from crowd_lod_extension.crowd_lod.planning.shadows import Light, Mirror, Surrou
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 
-from .crowds import crowd_at, walker
-from .test_culling import straight
-from .test_leave_outs import AREA, IDLER, POLICY, ground, machine, random_table, raw, shot, walking
+from ..support.cameras import straight
+from ..support.crowds import crowd_at, walker
+from ..support.shots import AREA, IDLER, POLICY, ground, machine, random_table, raw, shot, walking
 
 pytestmark = pytest.mark.once
 

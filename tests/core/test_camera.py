@@ -8,8 +8,8 @@ from crowd_lod_extension.crowd_lod.culling.stereo import Stereo, eye, spherical
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 
-from .crowds import crowd_at
-from .test_culling import ONE, straight, turned
+from ..support.cameras import ONE, straight, turned
+from ..support.crowds import crowd_at
 
 
 def test_referential_of_a_scaled_sheared_mirrored_camera_is_blenders():

@@ -5,21 +5,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.simplification.components import areas
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 
-
-def drum(around, along):
-    """A closed cylinder of radius 1 from z = -1 to 1."""
-    angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
-    rings = [np.column_stack([np.cos(angle), np.sin(angle), np.full(around, z)]) for z in np.linspace(-1, 1, along)]
-    points = np.concatenate([*rings, [[0, 0, -1], [0, 0, 1]]])
-    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(along - 1), np.arange(around), indexing="ij"))
-    k, first = (j + 1) % around, np.arange(around)
-    a, b, c, d = i * around + j, i * around + k, (i + 1) * around + k, (i + 1) * around + j
-    last = first + (along - 1) * around
-    caps = [
-        np.column_stack([np.roll(first, -1), first, np.full(around, len(points) - 2)]),
-        np.column_stack([last, np.roll(last, -1), np.full(around, len(points) - 1)]),
-    ]
-    return points, np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d]), *caps])
+from ..support.bodies import drum
 
 
 def robot(count=60):

@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.cost_model import FILE, MEMORY, SECONDS, Actors, Price, Work, price, work_of
 from crowd_lod_extension.crowd_lod.levels.selection import WORTH, Shot, View, cheapest, choose, within
 
-from .test_culling import straight
+from ..support.cameras import straight
 
 BODY = Group("body", 1, 1.0, 0, 1, triangles=(40_000, 12_000, 3000, 700, 150), deviations=(0, 0.004, 0.02, 0.06, 0.2))
 

@@ -3,25 +3,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.radar import BLOCK, lost, radar, refuse_lost
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter, seen, sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import table, table_text
 
-from .crowds import crowd_at
+from ..support.cameras import ONE, straight
+from ..support.crowds import crowd_at
 
 FULL = bool(os.environ.get("CROWD_LOD_FULL"))
-
-ONE = np.array([0.0])
-
-
-def turned(random):
-    """A random rotation (3, 3)."""
-    q, r = np.linalg.qr(random.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q if np.linalg.det(q) > 0 else -q
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -59,13 +50,6 @@ def test_gap_is_the_distance_to_the_frustums_body():
     points = [(0, 50, 0), (0, 0, 0), (60, 50, 0), (103, 104, 0), (103, 104, 100)]
     expected = [0, 1, np.sqrt(50), 5, 5]
     np.testing.assert_allclose(gap(camera, np.array(points, float)), expected)
-
-
-def straight(far=100.0, kind="PERSP", offset=(0.0, 0.0, 0.0)):
-    """A camera at `offset` that looks along +y, 90 degrees wide and high."""
-    X, Y, Z = np.eye(3)[[0, 2, 1]]
-    half = 1.0 if kind == "PERSP" else 5.0
-    return Camera(kind, np.array(offset, float), X, Y, Z, Window(-half, half, -half, half), 1.0, far, (100, 100))
 
 
 def test_agents_exactly_on_planes_are_visible():

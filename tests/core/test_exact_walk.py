@@ -8,9 +8,9 @@ from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 
-from .crowds import crowd_at
-from .test_behaviour import TO_AND_FRO, machine_of, random_machine, random_world
-from .way import Agent
+from ..support.crowds import crowd_at
+from ..support.machines import TO_AND_FRO, machine_of, random_machine, random_world
+from ..support.way import Agent
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -16,9 +16,9 @@ from crowd_lod_extension.crowd_lod.planning.shadows import Light, Surroundings, 
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
-from .crowds import crowd_at, walker
-from .test_behaviour import machine_of
-from .test_leave_outs import POLICY
+from ..support.crowds import crowd_at, walker
+from ..support.machines import machine_of
+from ..support.shots import POLICY
 
 pytestmark = pytest.mark.once
 

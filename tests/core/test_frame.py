@@ -2,10 +2,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
-from crowd_lod_extension.crowd_lod.crowd.agents import populate
-from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
-from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign
 from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account
@@ -14,15 +10,8 @@ from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.planning.hysteresis import held
 from crowd_lod_extension.crowd_lod.planning.reasons import reasons
 
-from .crowds import walker
-from .test_culling import straight
-
-
-def shot():
-    machine = load_preset("chapter")
-    world = edge_map(Area(-40, 0, 40, 100), machine.labels)
-    groups = (walker(), walker(sizes=(500, 50, 5)))
-    return Trajectory(populate(3000, 2, 2, machine, world), machine, world, groups, 1 / 24)
+from ..support.cameras import straight
+from ..support.frames import shot
 
 
 def test_costs_are_those_of_the_agents_counted_one_by_one():

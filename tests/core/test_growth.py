@@ -11,9 +11,9 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.planning.index_cache import blocks_at
 
-from .crowds import walker
-from .test_culling import straight
-from .test_leave_outs import AREA, raw, shot, walking
+from ..support.cameras import straight
+from ..support.crowds import walker
+from ..support.shots import AREA, raw, shot, walking
 
 COUNT = 500_000
 

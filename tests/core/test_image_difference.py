@@ -6,8 +6,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.validation.image_difference import FARTHEST, between, predicted, shift
 
-from .test_culling import straight
-from .test_frame import shot
+from ..support.cameras import straight
+from ..support.frames import shot
 
 
 def disc(x, y, radius, size=(90, 120), samples=8):

@@ -11,8 +11,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, a
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
 from crowd_lod_extension.crowd_lod.validation.culling_audit import random_camera
 
-from .crowds import crowd_at
-from .test_culling import straight
+from ..support.cameras import straight
+from ..support.crowds import crowd_at
 
 
 def test_listing_1_3_and_equation_1_7_agree_but_for_the_threshold_itself():

@@ -10,7 +10,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
 from crowd_lod_extension.crowd_lod.levels.selection import BETWEEN, LEAST_SAVED, View, choose, guessed
 
-from .test_culling import straight
+from ..support.cameras import straight
 
 # 50 pixels a unit slope, so that at 1 pixel a LOD begins 50 times its deviation away, and the radius
 LODS = Group("one", 1, 1.0, 0, 1, triangles=(1000, 900, 500, 450, 200, 190, 40), deviations=(0, 0.05, 0.1, 0.15, 0.4, 0.3, 1.5))

@@ -15,8 +15,8 @@ from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
 
-from .test_leave_outs import AREA, ground, random_table, shot, walking
-from .test_tabulated_step import odd, same
+from ..support.shots import AREA, ground, random_table, shot, walking
+from ..support.steps import odd, same
 
 pytestmark = pytest.mark.once
 

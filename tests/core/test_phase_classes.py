@@ -7,8 +7,8 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import MOST_PACES, load_preset
 
-from .crowds import crowd_at, walker
-from .test_behaviour import machine_of
+from ..support.crowds import crowd_at, walker
+from ..support.machines import machine_of
 
 PLAIN = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1000))
 # walks 1.25 m/s on ground, half as fast on grass, and stands where a wall is

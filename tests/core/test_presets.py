@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 
-from .crowds import walker
+from ..support.crowds import walker
 
 
 def painted(machine, rows, columns, *strokes):

@@ -10,8 +10,8 @@ from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, deviati
 from crowd_lod_extension.crowd_lod.validation import shaded_pictures
 from crowd_lod_extension.crowd_lod.validation.shaded_pictures import Body, likeness, pictures
 
-from .test_components import drum
-from .test_culling import straight
+from ..support.bodies import drum
+from ..support.cameras import straight
 
 NONE = np.empty((0, 1, 1, 4), np.uint8)
 AXES = np.eye(3)[[0, 2, 1]] * [[1], [1], [-1]]  # seen from -y, z up

@@ -20,9 +20,9 @@ from crowd_lod_extension.crowd_lod.planning.shadows import (
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter
 
-from .crowds import crowd_at
-from .test_culling import ONE, straight
-from .test_frame import shot
+from ..support.cameras import ONE, straight
+from ..support.crowds import crowd_at
+from ..support.frames import shot
 
 pytestmark = pytest.mark.once
 

@@ -7,7 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.simplification import rasterizer
 from crowd_lod_extension.crowd_lod.validation import silhouette
 
-from .test_culling import straight
+from ..support.cameras import straight
 
 pytestmark = pytest.mark.once
 

@@ -6,7 +6,7 @@ from crowd_lod_extension.crowd_lod.crowd import random_streams
 from crowd_lod_extension.crowd_lod.crowd.state_machine import SCHEMA, load_preset, parse, preset_names, preset_text
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
-from .schema import faults
+from ..support.schema import faults
 
 
 def table(**changes):

@@ -1,19 +1,17 @@
 """Steps within a cell against the long way, to the bit."""
 
-import dataclasses
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behaviour import cell_borders, tabulated_step
 from crowd_lod_extension.crowd_lod.behaviour import step as step_
-from crowd_lod_extension.crowd_lod.behaviour.step import advance, pace_of, step
+from crowd_lod_extension.crowd_lod.behaviour.step import advance, step
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
 
-from .test_leave_outs import AREA, IDLER, ground, machine, random_table, walker
+from ..support.shots import AREA, IDLER, ground, machine, random_table, walker
+from ..support.steps import odd, same
 
 pytestmark = pytest.mark.once
 
@@ -24,22 +22,6 @@ def small_crowds_go_the_short_way(monkeypatch):
 
 
 GROUPS = (walker(), IDLER, walker(stride=0.01))
-
-
-def same(one, other):
-    return all(getattr(one, f.name).tobytes() == getattr(other, f.name).tobytes() for f in dataclasses.fields(one))
-
-
-def odd(crowd, random, machine, world):
-    """With agents on the map's border or next to it, on cells' borders, beyond the map, and mirrored."""
-    x, y = crowd.x.copy(), crowd.y.copy()
-    right = random.choice([AREA.x_max, np.nextafter(AREA.x_max, 0)])
-    x[::11], x[1::11], y[2::11], y[3::11] = AREA.x_min, right, AREA.y_min, AREA.y_max
-    x[4::11], y[5::11] = AREA.x_min + 80 / 9 * random.integers(9, size=x[4::11].shape), AREA.y_min + 100 / 7 * 3
-    x[6::101], y[7::101] = -70, 170
-    mirror = random.integers(4, size=len(x)).astype(np.uint8)
-    pace = pace_of(x, y, crowd.state, machine, world)
-    return replace(crowd, x=x, y=y, mirror=mirror, group=random.integers(3, size=len(x)).astype(np.uint8), pace=pace)
 
 
 @pytest.mark.parametrize("seed", range(40))

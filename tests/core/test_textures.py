@@ -5,7 +5,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, grain, limits
 from crowd_lod_extension.crowd_lod.levels.texture_scale import halvings, scaled, texel
 
-from .test_culling import straight
+from ..support.cameras import straight
 
 BYTES = np.arange(256) / 255
 LIGHT = np.where(BYTES <= 0.04045, BYTES / 12.92, ((BYTES + 0.055) / 1.055) ** 2.4)

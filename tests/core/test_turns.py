@@ -12,9 +12,9 @@ from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 
-from .crowds import crowd_at, walker
-from .test_behaviour import machine_of, mirrored, random_machine, same
-from .way import Agent
+from ..support.crowds import crowd_at, walker
+from ..support.machines import machine_of, mirrored, random_machine, same
+from ..support.way import Agent
 
 pytestmark = pytest.mark.once
 

@@ -14,9 +14,9 @@ from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, rando
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from crowd_lod_extension.operators.overlay import gpu_culling
 
-from ..core.crowds import crowd_at, walker
-from ..core.test_culling import straight
-from ..core.test_leave_outs import AREA, IDLER, ground, machine, raw, shot, walking
+from ..support.cameras import straight
+from ..support.crowds import crowd_at, walker
+from ..support.shots import AREA, IDLER, ground, machine, raw, shot, walking
 
 FLAT = [lens for lens in LENSES if lens != "panoramic"]
 

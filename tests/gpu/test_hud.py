@@ -16,7 +16,7 @@ from crowd_lod_extension.operators.overlay import hud, inset
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches
 from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
 
-from .test_overlay import AGENTS, GROUPS, planned
+from ..support.overlays import AGENTS, GROUPS, planned
 
 ACCOUNT = Account(3, "child", "walk left", True, "far away", 2, 30.0, 12.5, 0.41)
 

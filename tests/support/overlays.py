@@ -1,0 +1,52 @@
+"""A few agents, and how the overlay draws them."""
+
+import numpy as np
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
+
+GROUPS = (Group("adult", 0.9, 1.0, 0.0, 1.0), Group("child", 0.6, 0.7, 0.0, 1.0))
+
+
+POLICY = LevelPolicy((0.25, 0.5))
+
+
+# Feet, group, and the LOD, None for culled, seen by a camera at (0, 0, 1) that looks along +y as far as 40 m.
+AGENTS = (
+    ((0.0, 5.0, 0.0), 0, 0),
+    ((2.0, 9.0, 0.0), 1, 0),
+    ((-3.0, 15.0, 0.0), 0, 1),
+    ((4.0, 30.0, 0.0), 1, 2),
+    ((-9.0, 5.0, 0.0), 0, None),  # beside the frustum
+    ((3.0, -4.0, 0.0), 0, None),  # behind the camera
+)
+
+
+def planned(shift=(0.0, 0.0, 0.0)):
+    """The drawing of AGENTS, all of it moved by `shift`."""
+    feet = np.array([at for at, _, _ in AGENTS]) + shift
+    n = len(AGENTS)
+    crowd = Crowd(
+        *np.ascontiguousarray(feet.T),
+        heading=np.zeros(n, np.float32),
+        state=np.zeros(n, np.uint8),
+        group=np.array([group for _, group, _ in AGENTS], np.uint8),
+        phase_class=np.zeros(n, np.uint8),
+    )
+    machine = load_preset("chapter")
+    world = edge_map(Area(-50, -50, 50, 50), machine.labels)
+    eye = np.array([0.0, 0.0, 1.0]) + shift
+    axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
+    camera = Camera("PERSP", eye, *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
+    frame = plan(Trajectory(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
+    what = drawing(frame)
+    drawing(frame, Style("BOXES"))
+    assert "levels" not in vars(frame)  # those of all agents, whom neither shows
+    found = [int(level) if seen else None for level, seen in zip(frame.levels, frame.visible, strict=True)]
+    assert found == [level for _, _, level in AGENTS]
+    return frame, what

@@ -1,0 +1,75 @@
+"""Small crowds that walk, stand, or do as a random table says."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
+from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+
+from .crowds import walker
+
+POLICY = LevelPolicy((0.3, 0.6))
+
+
+ONE = (walker(),)
+
+
+AREA = Area(-40, 0, 40, 100)
+
+
+IDLER = replace(walker(), stride=0.0, period=1.7, centre=1.1, radius=0.7)
+
+
+def machine(states=None, edge="clamp"):
+    """Two labels, ground and wall. states: all else; standing if not given."""
+    labels = {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": False}}
+    states = states or {"stand": {"color": "#ff0000", "on": {"*": {}}}}
+    return parse(json.dumps({"version": 1, "edge": edge, "labels": labels, "states": states}), "test")
+
+
+def walking(edge="clamp", turn="on"):
+    """Who comes to a wall turns round."""
+    wall = {"next": "back" if turn else "on", "move": [-1.5, 0.5]}
+    on = {"color": "#ff0000", "start": 1, "on": {"*": {"move": [1.5, 0.25]}, "wall": wall}}
+    return machine({"on": on, "back": {"color": "#00ff00", "on": {"*": {"move": [-1.5, 0]}}}}, edge)
+
+
+def ground(walls=(), shape=(7, 9)):
+    labels = np.zeros(shape, np.uint8)
+    for place in walls:
+        labels[place] = 1
+    return LabelMap(labels, AREA)
+
+
+def shot(table=None, world=None, groups=ONE, count=400, seed=3, **more):
+    table, world = table or machine(), world or ground()
+    return Trajectory(populate(count, seed, len(groups), table, world), table, world, groups, 1 / 24, **more)
+
+
+def raw(frame):
+    """All that a frame says of the crowd, as bytes."""
+    crowd = [getattr(frame.crowd, name).tobytes() for name in vars(frame.crowd)]
+    seen = [a.tobytes() for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
+    kinds = [str(a.dtype) for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
+    return crowd, seen, kinds, frame.vertices, frame.triangles, frame.full_vertices, frame.full_triangles, frame.dropped
+
+
+def random_table(random):
+    """A table of two or three states over two labels: who stands, walks, changes, draws or is timed."""
+    names = ["a", "b", "c"][: random.integers(1, 4)]
+    still, constant = random.random(2) < 0.4
+    states = {}
+    for k, name in enumerate(names):
+        states[name] = {"color": f"#ff{k:02x}00", "start": float(random.integers(1, 3)), "on": {}}
+        for label in ("ground", "wall"):
+            move = [0, 0] if still else random.uniform(-30, 30, 2).round(2).tolist()
+            after = name if constant else str(random.choice(names))
+            weights = {str(each): 1 for each in names} if random.random() < 0.2 and not constant else after
+            states[name]["on"][label] = {"move": move, "next": weights}
+        if random.random() < 0.2:
+            states[name] |= {"after": [0.1, 0.3], "then": str(random.choice(names))}
+    return machine(states, str(random.choice(["clamp", "wrap", "reflect", "stop"])))
