@@ -50,7 +50,7 @@ class Walkable:
         distance = length(off)
         far = np.flatnonzero(distance > FAR * distance.max(initial=0))
         there = others.take(far, 1)
-        at = barycentric(there, *(self.points.take(c, 1) for c in self.corners.take(face[far], 1)))
+        at = closest_weights(there, *(self.points.take(c, 1) for c in self.corners.take(face[far], 1)))
         weights[:, far] = at
         side = np.flatnonzero((at <= 0).any(axis=0) & walk)
         face[far[side]], weights[:, far[side]] = self.walk(self.corner(face[far[side]], at.take(side, 1)), there.take(side, 1))
@@ -74,7 +74,7 @@ class Walkable:
             near = away - radius[found] < most[which]
             which, found = which[near], sorted_by[found[near]]
             other = some.take(which, 1)
-            at = barycentric(other, *(self.points.take(c, 1) for c in self.corners.take(found, 1)))
+            at = closest_weights(other, *(self.points.take(c, 1) for c in self.corners.take(found, 1)))
             away = length(other - self.at(found, at))
             order = np.lexsort((away, which))
             which, first = np.unique(which[order], return_index=True)
@@ -125,7 +125,7 @@ class Walkable:
         square = squares(others.take(which, 1), *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
         hit = np.flatnonzero(square == np.repeat(np.minimum.reduceat(square, low), count))
         face = face[hit[np.searchsorted(which[hit], np.arange(len(start)))]]
-        return face, nearest_on(others, *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
+        return face, _closest_weights(others, *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
 
 
 def blocks(count: int, size: int) -> list[slice]:
@@ -150,10 +150,21 @@ def normals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 
 def barycentric(p, a, b, c) -> np.ndarray:
+    """Barycentric weights (3, k) of the points p dropped onto the planes of the triangles abc, each (3, k): thirds where a
+    triangle has no area."""
+    products = _products(p, a, b, c)
+    uu, uv, vv = products[:3]
+    s, t = _on_plane(*products)
+    flat = uu * vv - uv * uv <= 1e-12 * uu * vv
+    s[flat] = t[flat] = 1 / 3
+    return np.stack([1 - s - t, s, t])
+
+
+def closest_weights(p, a, b, c) -> np.ndarray:
     """Barycentric weights (3, k) of the points of the triangles abc nearest to p, each (3, k)."""
     weights = np.empty(p.shape)
     for block in blocks(p.shape[1], BLOCK):
-        weights[:, block] = nearest_on(*(each[:, block] for each in (p, a, b, c)))
+        weights[:, block] = _closest_weights(*(each[:, block] for each in (p, a, b, c)))
     return weights
 
 
@@ -165,8 +176,8 @@ def distances(p, a, b, c) -> np.ndarray:
     return np.sqrt(square)
 
 
-def nearest_on(p, a, b, c) -> np.ndarray:
-    """Barycentric weights (3, k) of the points of the triangles abc nearest to p, each (3, k)."""
+def _closest_weights(p, a, b, c) -> np.ndarray:
+    """As closest_weights(), all at once."""
     _, s, t, (ab, ac, bc), (on_ab, on_ac, on_bc) = _planes_and_sides(p, a, b, c)
     # no where(): the processor cannot foresee which
     inside = np.minimum(np.minimum(s, t), 1 - s - t) >= 0
@@ -186,16 +197,26 @@ def squares(p, a, b, c) -> np.ndarray:
     return np.maximum(ww + sides + inside * (plane - sides), 0)
 
 
+def _products(p, a, b, c) -> list[np.ndarray]:
+    """Dot products (k,) of u = b - a, v = c - a and w = p - a: uu, uv, vv, wu, wv, ww."""
+    u, v, w = b - a, c - a, p - a
+    return [np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w))]
+
+
+def _on_plane(uu, uv, vv, wu, wv, _) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric weights (k,) of b and of c, of the point of the triangle's plane nearest to p."""
+    area = uu * vv - uv * uv + 1e-300
+    return (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+
+
 def _planes_and_sides(p, a, b, c) -> tuple[tuple, np.ndarray, np.ndarray, tuple, tuple]:
     """((squared distances to a, what is added to these on the plane), barycentric weights on the plane of b, of c, how far
     along the sides ab, ac, bc the nearest points on these are, what is added on these), each (k,).
 
     Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
-    u, v, w = b - a, c - a, p - a
-    uu, uv, vv, wu, wv, ww = (np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w)))
-    area = uu * vv - uv * uv + 1e-300
-    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    uu, uv, vv, wu, wv, ww = products = _products(p, a, b, c)
+    s, t = _on_plane(*products)
     plane = -(s * wu + t * wv)
     wu2, wv2 = wu + wu, wv + wv
     ab, ac = (wu / (uu + 1e-300)).clip(0, 1), (wv / (vv + 1e-300)).clip(0, 1)

@@ -13,19 +13,6 @@ _right = np.cross((0.0, 0.0, 1.0), _towards) * np.sqrt(1.5)
 DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
-def parts_of(n: int, triangles: np.ndarray) -> np.ndarray:
-    """For each of n points the first of its loose part, (n,) intp. triangles: (m, 3)."""
-    part, before = np.arange(n), None
-    while before is None or (part != before).any():
-        before = part.copy()
-        least = part[triangles].min(axis=1)
-        for corner in triangles.T:
-            np.minimum.at(part, part[corner], least)
-            np.minimum.at(part, corner, least)
-        part = part[part]
-    return part
-
-
 def within(points, part, new_points, new_triangles, landed, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """(new points (n, 3), new triangles (k, 3), landed (n,)) with at most `target` triangles, or those of the largest part: the
     others become cards of two triangles, the smallest first; where that is not enough, those nearest to others go.

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..connected_components import connected_components
 from ..errors import CrowdError
 from ..progress import finished
-from .components import areas, grown, parts_of, within
+from .components import areas, grown, within
 from .edge_collapse import collapse, edge_keys, half_edges, held_sides, normals_of, quadrics_of
 from .pose_deformation import Skin
 from .surface_fit import FINE, Fit
@@ -128,7 +129,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
     straight elbow first: it goes less far, in the pose that bends most."""
-    part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
+    part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
     hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
     held, border = sides = held_sides(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .closest_point import Walkable, barycentric, blocks, normals
+from .closest_point import Walkable, blocks, closest_weights, normals
 
 TOLERANCE = 0.10  # part of the distance by which the bound may lie above what was measured
 FLOOR = 5e-5  # part of the size: how far a bound need never be lowered
@@ -37,7 +37,7 @@ class Moving:
 
     def on(self, face: np.ndarray, points: np.ndarray, pose: int) -> np.ndarray:
         """Barycentric weights (j, 3) of what is nearest to points (j, 3) on the triangles `face` (j,) in the pose."""
-        return barycentric(points.T, *self.corners(face, pose)).T
+        return closest_weights(points.T, *self.corners(face, pose)).T
 
     def corners(self, face: np.ndarray, pose: int) -> list[np.ndarray]:
         """The corners of the triangles `face` (j,) in the pose, three times (3, j)."""
@@ -279,7 +279,7 @@ class _Way:
                 pairs.append(crossing)
                 turned[crossing.piece] += steps
         some = np.flatnonzero(turned)
-        weights = barycentric(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
+        weights = closest_weights(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
         return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
 
     def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray):

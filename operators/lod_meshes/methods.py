@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data
-from .attribute_transfer import barycentric, charts_of, dress, nearest_vertices, shade, weights_of
+from .attribute_transfer import charts_of, dress, nearest_vertices, shade, weights_of
 from .mesh_repair import drop_loose
 from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
@@ -186,7 +187,7 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np
     face, mine = scattered(surface.area, SAMPLES)
     at, hit, _ = source.surface.nearest(surface.at(face, mine))
     there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
-    theirs = barycentric(at, *(source.geometry[0][there[:, i]].astype(np.float64) for i in range(3))).clip(0, 1)
+    theirs = barycentric(at.T, *(source.geometry[0][there[:, i]].astype(np.float64).T for i in range(3))).T.clip(0, 1)
     worst = 0.0
     for layer in mesh.uv_layers:
         one, other = (_uvs(m.uv_layers[layer.name]) for m in (mesh, source.mesh))
