@@ -12,7 +12,7 @@ def levels(package: str) -> dict:
     hausdorff, decimate, silhouette = (import_module(f"{package}.crowd_lod.{name}") for name in names)
     few = {(deviation, "EVENLY"): 2, (deviation, "POSES"): 4, (deviation, "SAMPLES"): 500}
     few |= {(hausdorff, "TOLERANCE"): 1.0, (hausdorff, "DEEPEST"): 1}
-    few |= {(methods, "SAMPLES"): 1_000, (decimate, "EFFORT"): decimate.EFFORT // 10, (decimate, "EACH"): decimate.EACH / 2}
+    few |= {(methods, "SAMPLES"): 1_000, (decimate, "WORK"): decimate.WORK // 10, (decimate, "EACH"): decimate.EACH / 2}
     few |= {(silhouette, "AROUND"): 2, (silhouette, "ABOVE"): 1, (silhouette, "MOST_PIXELS"): 300, (silhouette, "CLOSER"): 2}
     return few | {(lod_picture, "TALL"): 120}
 

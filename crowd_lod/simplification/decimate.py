@@ -1,5 +1,8 @@
-"""LOD meshes by decimation: fast-simplification makes the many cheap collapses, quadric collapses the last, and the points
-and triangles left are moved until the largest distance to the source is least."""
+"""LOD meshes by decimation.
+
+fast-simplification makes the many cheap collapses, quadric collapses the last; then the vertices left are moved until the largest
+distance to the source is least.
+"""
 
 import threading
 from collections.abc import Iterator
@@ -14,24 +17,18 @@ from .components import areas, grown, within
 from .edge_collapse import collapse, edge_keys, half_edges, held_sides, normals_of, quadrics_of
 from .pose_deformation import Skin
 from .surface_fit import FINE, Fit
-from .triangle_redistribution import share
 
 BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
 SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
-FAR = 0.065  # of the triangles: where fewer are wanted, seams hold the less, by the cube of their part of this
+FAR = 0.1  # of the triangles: where fewer are wanted, seams hold the less, by the cube of their part of this
 HELD = 0.5  # the weight of seams in each pose, of that at rest: they add up
 LEFT = 0.5  # weight of the planes that it leaves against those of the source
 BULK_AGGRESSION = 3  # with this care; its default is 7
-# Work, in about microseconds: what may be done, at least and for each triangle of the source, and what is asked by a triangle of
-# the source, one that collapses, and each sample of a Fit: to begin, in a step of moves, a share, a flip, and to end.
-EFFORT, EACH = 1_000_000, 16.7
-TRIANGLE, COLLAPSED, BEGUN, MOVED, SHARED, FLIPPED, ENDED = 3.5, 18, 1.7, 0.17, 1.7, 1.2, 4
-PER_POSE = 1 / 3  # of a collapse's work, that each pose adds to it
-OVERHEAD = 6_000  # samples that ask as much as a step with none
+# Work: how often samples of the surfaces may be moved, at least and for each triangle of the source.
+WORK, EACH = 1_100_000, 17
 ROUNDS = 1, 40  # of moves, at least and at most
 LOOKS, HIDDEN = 3, 1.1  # at what lies between the samples, at most, the next only if that was this much farther off
-MENDED = 0.7  # of the worst distance: what is moved then
-STEPS, STEPPED = 8, 4  # moves in a round, and how many more steps it asks to begin and end
+STEPS = 8  # moves in a round
 GROWN = 1.0  # of the worst distance: how far parts may be widened to show as much as the source's
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -76,8 +73,8 @@ def decimating(
 
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of EFFORT it may
-    ask, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
+    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of WORK it may
+    do, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
     loose part is lost while there are triangles for all, two each: then those that lie nearest to others go first.
     """
     if not 0 < ratio <= 1:
@@ -124,7 +121,7 @@ def decimating(
 
 
 def _best(points, triangles, seams, target: int, skin: Skin | None, effort: float) -> Iterator[None]:
-    """Collapse, then fit while EFFORT lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
+    """Collapse, then fit while WORK lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
@@ -154,22 +151,13 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     yield
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], hold, skin, follows[kept])
-    left = max(effort * EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles)
-    left -= COLLAPSED * (1 + PER_POSE * len(bent)) * (len(some) - target)
-    left -= BEGUN * fit.samples + ENDED * (fit.samples + OVERHEAD)
-    for k in range(ROUNDS[1]):
-        before = left
-        if k:
-            if bent:  # what lies between the samples is farther off with them, and only shares mend it
-                fit.watch()
-            share(fit)
-            left -= SHARED * (fit.samples + OVERHEAD)
+    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], skin, follows[kept])
+    rounds = max(effort * WORK, EACH * len(triangles)) / (STEPS * fit.samples)
+    for k in range(int(np.clip(np.round(rounds), *ROUNDS))):
         if k % 4 == 2:
             fit.flip()
-            left -= FLIPPED * (fit.samples + OVERHEAD)
-        left -= MOVED * (STEPS + STEPPED) * (fit.move(STEPS) + OVERHEAD)
-        if fit.worst < FINE or (k + 1 >= ROUNDS[0] and left < (before - left) / 2):
+        fit.move(STEPS)
+        if fit.worst < FINE:
             break
         yield
     fit.restore()
@@ -178,7 +166,7 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
         if before < FINE or not fit.watch() | fit.look():
             break
         found = fit.worst
-        fit.move(STEPS, MENDED)
+        fit.move(STEPS)
         fit.restore()
         if found < HIDDEN * before:
             break

@@ -145,10 +145,6 @@ class Copies:
             every[0, :, j] += self.shift[j - 1]
         return every.reshape(3, -1)
 
-    def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Which of `one` and `other`, each (k,), that points (3, k) of the larger copy at rest may move with, lies nearer to them."""
-        return one if self.count == 1 else self.skin.nearer(points / self.rest, one, other)
-
     def joined(self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(weight (k,), ways (3, k)) of the larger copy at rest, that come nearest to the weighed `ways` (3, k * count) of all."""
         weight, ways = weight.reshape(-1, self.count), ways.reshape(3, -1, self.count)

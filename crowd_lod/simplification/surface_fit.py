@@ -6,7 +6,6 @@ import numpy as np
 
 from .closest_point import Walkable, distances, length, normals, ranges
 from .edge_collapse import edge_keys, normals_of
-from .fit_region import Patch
 from .pose_deformation import Copies, Skin
 from .surface_sampling import between, lattice
 
@@ -15,7 +14,6 @@ SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst 
 LOCAL = 0.8  # the worst near it: of this power, to the rest the worst of all
 LAZY = 0.01  # weight, of all points' mean, that holds a point in place
 STRIDE = 0.8  # of each move
-NEAR = 0.5  # of the worst distance: the corners of triangles that are as far off are moved, the others stay
 FINE = 1e-6  # no moves below this worst distance
 HALVES = 3  # times that a move which turns a triangle is halved before it is left
 FLIP = 0.9  # a flip must lessen the local worst distance to this part
@@ -35,17 +33,13 @@ class Fit:
     """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, with no triangle turned()
     unless some were at first, as of a `rough` source, and the state() then.
 
-    elsewhere: where it is a Patch, the worst distance of the others, which stay.
-
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
 
-    def __init__(
-        self, points, triangles, source, source_triangles, landed, seams, hold=1.0, skin: Skin | None = None, follows=None
-    ):
+    def __init__(self, points, triangles, source, source_triangles, landed, seams, skin: Skin | None = None, follows=None):
         """points (n, 3), triangles (m, 3): the LOD, each point in one; source (k, 3), source_triangles (j, 3): what it was
         made of; landed: (k,) the LOD's point that each of the source's collapsed into, or -1; seams: (s, 2) edges of the
-        source whose points are to leave neither of their sides; hold: their weight, as in quadrics_of. skin: how the source
+        source whose points are to leave neither of their sides. skin: how the source
         moves, if it does, and follows: (n,) the source's point that each of the LOD's moves with; then both surfaces are their
         Copies, at rest and in each pose, and so are the points, triangles and samples of all that follows."""
         self.copies = copies = Copies(skin)
@@ -55,8 +49,7 @@ class Fit:
         ends, landed = landed[seams].T, copies.every(landed)
         self.seams = copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
         self.outward = normals_of(source, source_triangles).T
-        self.hold = hold
-        self.least, self.best, self.rough, self.most, self.elsewhere = np.inf, None, False, len(triangles), 0.0
+        self.least, self.best, self.rough = np.inf, None, False
         # the source's points
         point, copy = np.divmod(np.arange(len(landed)), copies.count)
         some = (copy == 0) | (point % -(-len(source) // POSED) == 0)
@@ -81,7 +74,7 @@ class Fit:
         self.doubt(own)
 
     def state(self) -> dict:
-        """All that moves, flips and shares change."""
+        """All that moves and flips change."""
         same = {name: getattr(self, name).copy() for name in ("face", "weights", "hit", "hit_weights")}
         return {**self.__dict__, **same, "lod": copy(self.lod), "best": None}
 
@@ -115,7 +108,7 @@ class Fit:
             self.off, self.distance = self.lod.follow(self.face, self.weights, self.there, walk)
             self.own_off, self.own_distance = self.source.follow(self.hit, self.hit_weights, here, walk)
             self.own_off *= -1
-            self.worst = max(self.distance.max(initial=self.elsewhere), self.own_distance.max())
+            self.worst = max(self.distance.max(initial=0), self.own_distance.max())
             if again or not walk or self.worst < self.least:
                 break
             self.lod.doubt(self.face, self.weights, self.there, 4)
@@ -207,34 +200,26 @@ class Fit:
             self.least = np.inf
         self.measure()
 
-    def move(self, steps: int, near: float = NEAR) -> int:
-        """Move the corners of the triangles that are as far off as `near` of the worst distance `steps` times, but for those of
-        triangles that would be turned(). Returns how many samples that concerned."""
-        if self.worst < FINE:
-            return 0
-        patch = Patch(self, self.errors() > near * self.worst)
-        part, before = patch.fit, patch.fit.lod.points
-        part._move(steps)
+    def move(self, steps: int) -> None:
+        """Move the points `steps` times, no triangle away from what it stands for; then those of triangles that are turned()
+        back, with the corners that these share with others.
+
+        The moves are least squares in which each sample weighs by how far off it was at this and the moves before, against
+        others near it: that leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to the theory
+        of linear least maximum approximation", 1961."""
+        before = self.lod.points
+        self._move(steps)
         for _ in range(HALVES):
-            turned = () if self.rough else part.turned()
+            turned = () if self.rough else self.turned()
             if not len(turned):
                 break
-            back = self.copies.every(part.lod.corners[:, turned] // self.copies.count)
-            part.lod.points = part.lod.points.copy()
-            part.lod.points[:, back] = before[:, back]
-            part.measure()
-        if part.best is not self.best:
-            patch.put_back(part.best)
-            self.least, self.best = part.least, self.state()
-        patch.put_back(part.__dict__)
-        return part.samples
+            back = self.copies.every(self.lod.corners[:, turned] // self.copies.count)
+            self.lod.points = self.lod.points.copy()
+            self.lod.points[:, back] = before[:, back]
+            self.measure()
 
     def _move(self, steps: int) -> None:
-        """Move the `free` points (n,) `steps` times, no triangle away from where it faces, `toward` (3, m), by least squares
-        weighed by how far the samples were off at this and the moves before, against others near them, which leads to the least
-        worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least maximum approximation",
-        1961."""
-        n, copies, corners = self.lod.points.shape[1], self.copies, self.corners
+        n, copies, corners, facing = self.lod.points.shape[1], self.copies, self.corners, self.facing()
         for step in range(steps):
             if self.worst < FINE:
                 return
@@ -252,8 +237,8 @@ class Fit:
                     total += np.bincount(corner, share, n)
                     move += [np.bincount(corner, share * along, n) for along in off]
             total, move = copies.joined(total, move, self.follows)
-            move *= self.free[:: copies.count] * STRIDE / (total + LAZY * total.mean())
-            points = _unfolded(self.points, self._along(corners, move), corners, self.toward)
+            move *= STRIDE / (total + LAZY * total.mean())
+            points = _unfolded(self.points, self._along(corners, move), corners, facing)
             self.lod.points = copies.at(points, self.follows)
             self.measure(step == steps - 1)
 

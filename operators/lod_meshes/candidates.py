@@ -44,7 +44,7 @@ REACH = "reach"  # of what was measured: where the group stands, by how much mat
 # Modifiers whose settings say all that they do; of others, such as physics, groups are measured again.
 PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
 LOST = 4.0  # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
-VERSION = 18  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 19  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:

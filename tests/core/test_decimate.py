@@ -264,6 +264,6 @@ def test_a_mesh_that_is_a_small_part_of_a_character_asks_as_small_a_part_of_the_
     points, triangles = sphere()
     part = decimate(points, triangles, 0.2, "part", effort=0.1)
     whole = decimate(points, triangles, 0.2, "whole")
-    monkeypatch.setattr(meshes, "EFFORT", meshes.EFFORT // 10)
+    monkeypatch.setattr(meshes, "WORK", meshes.WORK // 10)
     small = decimate(points, triangles, 0.2, "small")
     assert part.points.tobytes() == small.points.tobytes() != whole.points.tobytes()
