@@ -2,11 +2,9 @@
 
 import numpy as np
 
+from . import settings
+
 BLOCK = 16_000  # triangles looked at together
-WALKS = 40  # steps along a surface to the nearest triangle, at most
-FAR = 0.5  # of the largest distance: beyond it a point's nearest triangle is sought again
-DOUBTS = 12  # times that those farthest off are doubted, at most, while any of them was wrong
-DOUBTED = 32  # points farthest off, whose walks may have ended at a wrong place
 
 
 class Walkable:
@@ -33,7 +31,7 @@ class Walkable:
         `start` (k,) to the nearest of the triangles round it, to its nearest corner, and on while that gets nearer."""
         face, weights = self._round(start, others)
         going = np.arange(len(start))
-        for _ in range(WALKS):
+        for _ in range(settings.CURRENT.walk_steps):
             corner = self.corner(face[going], weights.take(going, 1))
             moved = corner != start[going]
             going, corner = going[moved], corner[moved]
@@ -48,7 +46,7 @@ class Walkable:
         `face`, and with `walk` both for those that are farthest off, by walks from the sides of these."""
         off = others - self.at(face, weights)
         distance = length(off)
-        far = np.flatnonzero(distance > FAR * distance.max(initial=0))
+        far = np.flatnonzero(distance > settings.CURRENT.walk_again * distance.max(initial=0))
         there = others.take(far, 1)
         at = closest_weights(there, *(self.points.take(c, 1) for c in self.corners.take(face[far], 1)))
         weights[:, far] = at
@@ -58,11 +56,12 @@ class Walkable:
         distance[far] = length(off.take(far, 1))
         return off, distance
 
-    def doubt(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, count: int = DOUBTED) -> None:
+    def doubt(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, count: int | None = None) -> None:
         """Seek those of `others` that are farthest from `face` and `weights` again, on all triangles near enough."""
         sorted_by, along, middle, radius = self.spheres
+        count = count or settings.CURRENT.doubt_points
         distance = length(others - self.at(face, weights))
-        for _ in range(DOUBTS if len(face) else 0):
+        for _ in range(settings.CURRENT.doubt_rounds if len(face) else 0):
             far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
             far = far[distance[far] > distance[far].max() / 2]
             some, most = others.take(far, 1), distance[far] + 1e-6

@@ -2,11 +2,10 @@
 
 import numpy as np
 
+from . import settings
 from .rasterizer import mask
 
 CELL = 32  # pixels across the mask of a part, with one around it
-LOST = 0.03  # of its area, that a part may show less
-FLAT = 0.01  # of its length: a part no thicker is flat
 # From where parts are looked at: the corners of a cube, (d, 2, 3) axes of the pictures.
 _towards = np.array([(1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)]) / np.sqrt(3)
 _right = np.cross((0.0, 0.0, 1.0), _towards) * np.sqrt(1.5)
@@ -79,14 +78,14 @@ def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: n
     reach = np.zeros((count, 3))  # the shortest first
     np.maximum.at(reach, part, np.abs(along))
     more = wanted / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300) - 1
-    more[more < LOST] = 0
+    more[more < settings.CURRENT.parts_lost] = 0
     # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc + ca; of what is flat (b + d) (c + d)
-    (a, b, c), flat = reach.T, reach[:, 0] < FLAT * reach[:, 2]
+    (a, b, c), flat = reach.T, reach[:, 0] < settings.CURRENT.parts_flat * reach[:, 2]
     square, line, area = np.where(
         flat, (np.ones(count), b + c, b * c), (np.full(count, 3.0), 2 * (a + b + c), a * b + b * c + c * a)
     )
     wider = (np.sqrt(line**2 + 4 * square * area * more) - line) / (2 * square)
-    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(reach, FLAT * reach[:, 2:] + 1e-300)
+    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(reach, settings.CURRENT.parts_flat * reach[:, 2:] + 1e-300)
     return middle[part] + np.einsum("nk,ndk->nd", along * scale[part], axes[part])
 
 

@@ -13,23 +13,12 @@ import numpy as np
 from ..connected_components import connected_components
 from ..errors import CrowdError
 from ..progress import finished
+from . import settings
 from .components import areas, grown, within
 from .edge_collapse import collapse, edge_keys, half_edges, held_sides, normals_of, quadrics_of
 from .pose_deformation import Skin
-from .surface_fit import FINE, Fit
+from .surface_fit import Fit
 
-BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
-SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
-FAR = 0.1  # of the triangles: where fewer are wanted, seams hold the less, by the cube of their part of this
-HELD = 0.5  # the weight of seams in each pose, of that at rest: they add up
-LEFT = 0.5  # weight of the planes that it leaves against those of the source
-BULK_AGGRESSION = 3  # with this care; its default is 7
-# Work: how often samples of the surfaces may be moved, at least and for each triangle of the source.
-WORK, EACH = 1_100_000, 17
-ROUNDS = 1, 40  # of moves, at least and at most
-LOOKS, HIDDEN = 3, 1.1  # at what lies between the samples, at most, the next only if that was this much farther off
-STEPS = 8  # moves in a round
-GROWN = 1.0  # of the worst distance: how far parts may be widened to show as much as the source's
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
 # fast-simplification keeps its mesh in module-global state: one call at a time.
@@ -73,7 +62,7 @@ def decimating(
 
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of WORK it may
+    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of Settings.moves it may
     do, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
     loose part is lost while there are triangles for all, two each: then those that lie nearest to others go first.
     """
@@ -121,25 +110,26 @@ def decimating(
 
 
 def _best(points, triangles, seams, target: int, skin: Skin | None, effort: float) -> Iterator[None]:
-    """Collapse, then fit while WORK lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
+    """Collapse, then fit while Settings.moves last; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
     straight elbow first: it goes less far, in the pose that bends most."""
     part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
-    hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
+    now = settings.CURRENT
+    hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
     held, border = sides = held_sides(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)
-    bent = [quadrics_of(place, triangles, sides, HELD) for place in (skin.place if skin else ())]
-    spared = BENT if bent else SEAMED if len(seams) else 0
+    bent = [quadrics_of(place, triangles, sides, now.seams_posed) for place in (skin.place if skin else ())]
+    spared = now.bulk_posed if bent else now.bulk_seamed if len(seams) else 0
     yield
-    most = max(int(BULK * target + REST * len(triangles)), spared)
+    most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
     start, some, landed = _bulk(points, triangles, part, most, skin.place[0] if bent else points)
     yield
     rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
     if len(some) < len(triangles) and not bent:
         # of a flat face all points may have landed far from its corners, which must not forget it
-        rows[:11] += LEFT * quadrics_of(start, some, held_sides(some, landed[seams], len(start)), hold)
+        rows[:11] += now.bulk_planes * quadrics_of(start, some, held_sides(some, landed[seams], len(start)), hold)
     new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
     new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
@@ -152,23 +142,23 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
     fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], skin, follows[kept])
-    rounds = max(effort * WORK, EACH * len(triangles)) / (STEPS * fit.samples)
-    for k in range(int(np.clip(np.round(rounds), *ROUNDS))):
+    rounds = max(effort * now.moves, now.moves_each * len(triangles)) / (now.steps * fit.samples)
+    for k in range(int(np.clip(np.round(rounds), *now.rounds))):
         if k % 4 == 2:
             fit.flip()
-        fit.move(STEPS)
-        if fit.worst < FINE:
+        fit.move(now.steps)
+        if fit.worst < now.near_enough:
             break
         yield
     fit.restore()
-    for _ in range(LOOKS):
+    for _ in range(now.looks):
         before = fit.worst
-        if before < FINE or not fit.watch() | fit.look():
+        if before < now.near_enough or not fit.watch() | fit.look():
             break
         found = fit.worst
-        fit.move(STEPS)
+        fit.move(now.steps)
         fit.restore()
-        if found < HIDDEN * before:
+        if found < now.looks_gain * before:
             break
     new_points = _widened(points, triangles, part, fit)
     return new_points, fit.corners.T, fit.copies.one(fit.landed), fit.follows
@@ -183,7 +173,7 @@ def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: F
     names, of = np.unique(part[fit.follows], return_inverse=True)
     shown = triangles[np.isin(part[triangles[:, 0]], names)]
     wanted = areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
-    return grown(new_points, fit.corners.T, of, wanted, GROWN * fit.worst)
+    return grown(new_points, fit.corners.T, of, wanted, settings.CURRENT.parts_grown * fit.worst)
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -195,8 +185,9 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
     if target >= len(triangles):
         return points, triangles, every
     faces = np.ascontiguousarray(triangles, np.int32)
+    care = settings.CURRENT.bulk_aggression
     with _one_at_a_time:
-        _, _, collapses = fast_simplification.simplify(seen, faces, target_count=target, agg=BULK_AGGRESSION, return_collapses=True)
+        _, _, collapses = fast_simplification.simplify(seen, faces, target_count=target, agg=care, return_collapses=True)
         some_points, some, landed = fast_simplification.replay_simplification(points, faces, collapses)
     # it numbers the points anew: each takes back the number of the first that landed on it
     _, first = np.unique(landed, return_index=True)

@@ -8,17 +8,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from . import settings
 from .closest_point import BLOCK, blocks, length
 from .closest_point import normals as normals_at
 from .pose_deformation import Skin
-
-MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
-STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
-FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
-FOLDED = -1.0  # the same where nothing else is left to collapse
-THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
-SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
-PASSES = 6  # choices of edges in a round
 
 
 def half_edges(triangles: np.ndarray) -> np.ndarray:
@@ -77,7 +70,7 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     corners = np.ascontiguousarray(corners.reshape(-1, 3).T)  # (3, m): NumPy is several times faster along the long axis
     points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
     bent, follows = [each.take(own, 1) for each in bent], own.copy()
-    landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
+    landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, settings.CURRENT.facing
     keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
     while corners.shape[1] > target:
         before, (keys, edges, faces) = keys, edges_of(corners, n)
@@ -87,19 +80,19 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         known[:3, new], known[3, new] = place(points, quadrics, *edges.take(new, 1))
         at, barred = known[:3], bridges(edges, faces, n) | np.isin(keys, refused)
         cost = np.where(barred, np.inf, known[3])
-        most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
+        most = len(cost) if thorough else min(len(cost), max(64, int(settings.CURRENT.round_part * len(cost))))
         if bent:
             _add_bent(skin, bent, follows, edges, at, quadrics[10], most, cost, known[4])
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
-        passes = len(order) if thorough else PASSES
+        passes = len(order) if thorough else settings.CURRENT.round_passes
         chosen, bad = choose(points, corners, normals, edges, faces, order, at, passes, facing)
         refused = np.append(refused, keys[bad])
         if not len(chosen):
-            if thorough and facing == FOLDED:
+            if thorough and facing == settings.CURRENT.facing_last:
                 break
             if thorough:
-                refused, facing = refused[:0], FOLDED
+                refused, facing = refused[:0], settings.CURRENT.facing_last
             thorough, changed = not thorough, np.zeros(n, bool)
             continue
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
@@ -204,7 +197,7 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     x, y, z = middle = (p + q) / 2
     gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
     cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
-    hold = STAY * area + 1e-300
+    hold = settings.CURRENT.midpoint * area + 1e-300
     xx, yy, zz = xx + hold, yy + hold, zz + hold
     cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
@@ -213,8 +206,8 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     edge = np.einsum("dn,dn->n", p - q, p - q)
     # planes that hardly differ meet anywhere
     step *= np.einsum("dn,dn->n", step, step) <= 4 * edge
-    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + STAY * edge * area
-    return middle + step, cost / (area + 1e-300) ** MEAN
+    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + settings.CURRENT.midpoint * edge * area
+    return middle + step, cost / (area + 1e-300) ** settings.CURRENT.area_power
 
 
 def _add_bent(skin: Skin, bent, follows, edges, at, area, most: int, cost: np.ndarray, error: np.ndarray) -> None:
@@ -229,7 +222,7 @@ def _add_bent(skin: Skin, bent, follows, edges, at, area, most: int, cost: np.nd
         ends = edges.take(some, 1)
         there = at.take(some, 1)
         found = _bent_error(skin, bent, skin.nearer(there, *follows[ends]), ends, there)
-        error[some] = found / (area.take(ends).sum(axis=0) + 1e-300) ** MEAN
+        error[some] = found / (area.take(ends).sum(axis=0) + 1e-300) ** settings.CURRENT.area_power
         cost[some] += error[some]
         known[some] = True
         limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
@@ -296,7 +289,7 @@ def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> n
     was, now = normals_at(*old), normals_at(*new)
     was_size, size = length(was), length(now)
     was_long, long = (sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a)) for a, b, c in (old, new))
-    thin = (size < THIN * long) & (size * was_long <= was_size * long)
+    thin = (size < settings.CURRENT.thinnest * long) & (size * was_long <= was_size * long)
     merged = normals[:, ends].sum(axis=1)
     outward = [np.where(m >= 0, merged.take(edge, 1), normals.take(c, 1)) for m, c in zip(mine, rest, strict=True)]
     stands_for = sum(each / (length(each) + 1e-300) for each in outward)

@@ -14,15 +14,9 @@ from functools import cached_property
 
 import numpy as np
 
+from . import settings
 from .closest_point import Walkable, blocks, closest_weights, normals
 
-TOLERANCE = 0.10  # part of the distance by which the bound may lie above what was measured
-FLOOR = 5e-5  # part of the size: how far a bound need never be lowered
-DEEPEST = 10  # times that pieces are divided, at most
-MOST = 400_000  # pieces of one surface in a pose; where there would be more, the bound is left as it is
-FIRST = 8  # points of each pose that are measured first, those which may be farthest off
-SPOKES = 4  # sides of triangles that one side of a piece crosses, at most
-INSIDE = 0.1  # of the way to a piece's middle: where the triangles beneath its corners are sought
 BLOCK = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 
 
@@ -86,7 +80,7 @@ class Interval:
 
     @property
     def enough(self) -> float:
-        return max((1 + TOLERANCE) * self.measured, self.floor)
+        return max((1 + settings.CURRENT.bound_tolerance) * self.measured, self.floor)
 
 
 @dataclass
@@ -122,7 +116,7 @@ class _Pairs:
 
 def interval(one: Moving, other: Moving) -> Interval:
     """The symmetric Hausdorff distance of two surfaces, the largest over their poses."""
-    found = Interval(FLOOR * float(np.ptp(one.points, axis=0).max()))
+    found = Interval(settings.CURRENT.bound_floor * float(np.ptp(one.points, axis=0).max()))
     ways = [_Way(b, found, slice(0, b.points.shape[1])) for b in (other, one)]
     mapped = [way.mapped(a.points) for way, a in zip(ways, (one, other), strict=True)]
     for way, points in zip(ways, mapped, strict=True):
@@ -166,7 +160,7 @@ class _Way:
 
     def look_again(self, points: _Points) -> None:
         """Measure points in the poses where they may be farther off than any."""
-        for least in (FIRST, None):
+        for least in (settings.CURRENT.bound_first, None):
             for k in range(1, points.off.shape[1]):
                 order = np.argsort(-points.near[:, k])[:least]
                 some = order[points.near[order, k] > self.found.enough]
@@ -180,14 +174,14 @@ class _Way:
     def cover(self, points: _Points, pieces: np.ndarray, longest: np.ndarray) -> None:
         """Bound the distance of pieces (p, 3), triangles of mapped points with sides up to `longest` (p, poses)."""
         later = []
-        for depth in range(DEEPEST + 1):
+        for depth in range(settings.CURRENT.bound_depth + 1):
             near = points.near[pieces]
             most = np.minimum(near.min(axis=1) + longest, near.max(axis=1) + longest / np.sqrt(3))
             some = np.flatnonzero((most > self.found.enough).any(axis=1))
             most = np.minimum(most[some], self.mapped_pieces(points, pieces[some]))
             wrong = most > self.found.enough
             split = wrong[:, 0]
-            if depth == DEEPEST or 4 * split.sum() > MOST:
+            if depth == settings.CURRENT.bound_depth or 4 * split.sum() > settings.CURRENT.bound_pieces:
                 self.found.bound = max(self.found.bound, float(most[split, 0].max(initial=0)))
                 split = np.zeros_like(split)
             rest = np.flatnonzero(wrong.any(axis=1) & ~split)
@@ -247,7 +241,7 @@ class _Way:
     def beneath(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
         """The triangles (p, 3) of `other` beneath the pieces, near each corner."""
         corner = points.at[pieces, 0]
-        inside = corner + INSIDE * (corner.mean(axis=1, keepdims=True) - corner)
+        inside = corner + settings.CURRENT.bound_inside * (corner.mean(axis=1, keepdims=True) - corner)
         start = self.walkable.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
         return self.walkable.walk(start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
 
@@ -290,7 +284,7 @@ class _Way:
         one, other = at[some, i], at[some, j]
         up = sum(normals(*self.other.corners(each, self.base)) for each in (face, last)).T
         left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
-        for more in reversed(range(SPOKES)):
+        for more in reversed(range(settings.CURRENT.bound_spokes)):
             place = (self.other.triangles[face] == hub[some, None]).argmax(axis=1)
             rim = self.other.triangles[face, (place + 1 + left) % 3]
             end = self.other.points[rim, self.base]

@@ -4,28 +4,12 @@ from copy import copy
 
 import numpy as np
 
+from . import settings
 from .closest_point import Walkable, distances, length, normals, ranges
 from .edge_collapse import edge_keys, normals_of
 from .pose_deformation import Copies, Skin
 from .surface_sampling import between, lattice
 
-KEEP = 0.8  # of a sample's weight for the next move
-SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst near it, to this power
-LOCAL = 0.8  # the worst near it: of this power, to the rest the worst of all
-LAZY = 0.01  # weight, of all points' mean, that holds a point in place
-STRIDE = 0.8  # of each move
-FINE = 1e-6  # no moves below this worst distance
-HALVES = 3  # times that a move which turns a triangle is halved before it is left
-FLIP = 0.9  # a flip must lessen the local worst distance to this part
-WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
-FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is flipped
-WATCHED = 0.6  # of the worst distance: where samples are as far off, what lies between them is looked at as well
-STEEP = 0.5  # least cosine between a triangle and what it is nearest to: where it is less, the same
-FEW = 2  # samples along a side, with which the same holds for all triangles of the LOD
-SEEN = 0.9  # of the worst distance: those as far off as this count from then on
-POSED = 3_000  # of the source's points that count in each pose, about
-SAMPLES = 15_000  # of the LOD's surface, about
-FINEST = 5  # samples along a side, at most
 MIDDLES = lattice(2)  # of a triangle and its sides
 
 
@@ -52,14 +36,14 @@ class Fit:
         self.least, self.best, self.rough = np.inf, None, False
         # the source's points
         point, copy = np.divmod(np.arange(len(landed)), copies.count)
-        some = (copy == 0) | (point % -(-len(source) // POSED) == 0)
+        some = (copy == 0) | (point % -(-len(source) // settings.CURRENT.samples_posed) == 0)
         self.landed, self.mine = landed, np.flatnonzero(some & (landed >= 0))
         self.there = self.source.points.take(self.mine, 1)
         self.face, self.weights = self.lod.walk(landed[self.mine], self.there)
         self.pull = np.zeros(len(self.mine))
         # a grid on each of the LOD's triangles, then the LOD's points
         n, m = self.lod.points.shape[1], self.lod.corners.shape[1]
-        self.fine = int(np.clip(np.round(np.sqrt(2 * SAMPLES / m)), 1, FINEST))
+        self.fine = int(np.clip(np.round(np.sqrt(2 * settings.CURRENT.samples / m)), 1, settings.CURRENT.samples_finest))
         self.grid = lattice(self.fine)
         own = self.spread()
         near = np.empty(n, np.intp)
@@ -160,12 +144,14 @@ class Fit:
         near[self.mine] = np.arange(len(self.mine))
         near = near[self.source.corners]
         away = np.where(near >= 0, self.distance[near], 0).max(axis=0)
-        some = np.flatnonzero((away > WATCHED * self.worst) & (near >= 0).all(axis=0))
+        some = np.flatnonzero((away > settings.CURRENT.looks_from * self.worst) & (near >= 0).all(axis=0))
         a, b, c = self.face[near[:, some]]
         some = some[(a != b) | (b != c)]  # near a single triangle nothing is farther than the corners
         face, grid = between(self.source.corners, some, MIDDLES)
         there = self.source.at(face, grid)
-        far, face, weights = self.lod.beyond(SEEN * self.worst, self.face[near[grid.argmax(axis=0), face]], there)
+        far, face, weights = self.lod.beyond(
+            settings.CURRENT.looks_kept * self.worst, self.face[near[grid.argmax(axis=0), face]], there
+        )
         if not len(far):
             return False
         self.there, self.face = np.append(self.there, there.take(far, 1), axis=1), np.append(self.face, face)
@@ -176,13 +162,19 @@ class Fit:
     def look(self) -> bool:
         """Take up what of the LOD's surface between its samples is far from the source; whether anything is. Its triangles must
         not change any more."""
-        if self.fine == FINEST:
+        if self.fine == settings.CURRENT.samples_finest:
             return False
         every = np.arange(self.lod.corners.shape[1])
-        some = (self.errors() > WATCHED * self.worst) | (self.lean(every) < STEEP) | (self.fine <= FEW)
-        face, grid = between(self.lod.corners, np.flatnonzero(some), lattice(min(2 * self.fine, FINEST), whole=True)[:, 1:])
+        some = (
+            (self.errors() > settings.CURRENT.looks_from * self.worst)
+            | (self.lean(every) < settings.CURRENT.looks_steep)
+            | (self.fine <= settings.CURRENT.looks_few)
+        )
+        face, grid = between(
+            self.lod.corners, np.flatnonzero(some), lattice(min(2 * self.fine, settings.CURRENT.samples_finest), whole=True)[:, 1:]
+        )
         here = self.lod.at(face, grid)
-        far, hit, weights = self.source.beyond(SEEN * self.worst, self.hit[face], here)
+        far, hit, weights = self.source.beyond(settings.CURRENT.looks_kept * self.worst, self.hit[face], here)
         if not len(far):
             return False
         self.own_face, self.own_weights = (
@@ -209,7 +201,7 @@ class Fit:
         of linear least maximum approximation", 1961."""
         before = self.lod.points
         self._move(steps)
-        for _ in range(HALVES):
+        for _ in range(settings.CURRENT.halvings):
             turned = () if self.rough else self.turned()
             if not len(turned):
                 break
@@ -221,11 +213,19 @@ class Fit:
     def _move(self, steps: int) -> None:
         n, copies, corners, facing = self.lod.points.shape[1], self.copies, self.corners, self.facing()
         for step in range(steps):
-            if self.worst < FINE:
+            if self.worst < settings.CURRENT.near_enough:
                 return
-            worst = self.around(self.errors()) ** LOCAL * self.worst ** (1 - LOCAL) + 1e-300  # at rest there may be none
-            self.pull = KEEP * self.pull + (self.distance / worst[self.face]) ** SHARPEN
-            self.own_pull = KEEP * self.own_pull + (self.own_distance / worst[self.own_face]) ** SHARPEN
+            worst = (
+                self.around(self.errors()) ** settings.CURRENT.weight_local * self.worst ** (1 - settings.CURRENT.weight_local)
+                + 1e-300
+            )  # at rest there may be none
+            self.pull = (
+                settings.CURRENT.weight_kept * self.pull + (self.distance / worst[self.face]) ** settings.CURRENT.weight_power
+            )
+            self.own_pull = (
+                settings.CURRENT.weight_kept * self.own_pull
+                + (self.own_distance / worst[self.own_face]) ** settings.CURRENT.weight_power
+            )
             total, move = np.zeros(n), np.zeros((3, n))
             for face, weights, pull, off in (
                 (self.face, self.weights, self.pull, self.off),
@@ -237,7 +237,7 @@ class Fit:
                     total += np.bincount(corner, share, n)
                     move += [np.bincount(corner, share * along, n) for along in off]
             total, move = copies.joined(total, move, self.follows)
-            move *= STRIDE / (total + LAZY * total.mean())
+            move *= settings.CURRENT.stride / (total + settings.CURRENT.damping * total.mean())
             points = _unfolded(self.points, self._along(corners, move), corners, facing)
             self.lod.points = copies.at(points, self.follows)
             self.measure(step == steps - 1)
@@ -283,7 +283,7 @@ class Fit:
         a, b, c = (corners[(one // m + k) % 3, one % m] for k in (1, 2, 0))
         d, one, two = corners[two // m, two % m], one % m, two % m
         was = np.maximum(errors[one], errors[two])
-        fine = (was > FLIPPED * self.worst) & ~np.isin(edge_keys(np.stack([c, d]), n), keys)
+        fine = (was > settings.CURRENT.flip_from * self.worst) & ~np.isin(edge_keys(np.stack([c, d]), n), keys)
         fine &= ~np.isin(edge_keys(np.stack([a, b]), n), edge_keys(seams, n))
         pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
         mean = normals(pc, pa, pb) + normals(pd, pb, pa)
@@ -291,9 +291,9 @@ class Fit:
             along = np.einsum("dn,dn->n", now, mean)
             fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
         a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
-        most = np.repeat(FLIP * was, copies.count)
+        most = np.repeat(settings.CURRENT.flip_gain * was, copies.count)
         now = copies.worst(self._flipped(*(copies.every(each) for each in (a, b, c, d, one, two)), most))
-        good = np.flatnonzero(now < FLIP * was)
+        good = np.flatnonzero(now < settings.CURRENT.flip_gain * was)
         taken, made, chosen = np.zeros(m, bool), set(), []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
             side = frozenset((c[g], d[g]))
@@ -314,7 +314,7 @@ class Fit:
         start = self.source.corner(self.hit[new], self.hit_weights.take(new, 1))
         self.hit[new], self.hit_weights[:, new] = self.source.walk(start, own.take(new, 1))
         self.measure()
-        if self.worst > WORSE * before["worst"]:
+        if self.worst > settings.CURRENT.flip_loss * before["worst"]:
             self.__dict__.update({**before, "best": self.best})
 
     def _flipped(self, a, b, c, d, one, two, most) -> np.ndarray:
@@ -364,5 +364,5 @@ def _unfolded(old, new, corners, facing) -> np.ndarray:
         stay = stay[(new[:, stay] != old[:, stay]).any(axis=0)]
         if not len(stay):
             return new
-        new[:, stay] = (new[:, stay] + old[:, stay]) / 2 if k < HALVES else old[:, stay]
+        new[:, stay] = (new[:, stay] + old[:, stay]) / 2 if k < settings.CURRENT.halvings else old[:, stay]
     return old

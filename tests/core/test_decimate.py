@@ -1,7 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.simplification import decimate as meshes
+from crowd_lod_extension.crowd_lod.simplification import settings
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.crowd_lod.simplification.edge_collapse import held_sides, quadrics_of
 
@@ -264,6 +266,7 @@ def test_a_mesh_that_is_a_small_part_of_a_character_asks_as_small_a_part_of_the_
     points, triangles = sphere()
     part = decimate(points, triangles, 0.2, "part", effort=0.1)
     whole = decimate(points, triangles, 0.2, "whole")
-    monkeypatch.setattr(meshes, "WORK", meshes.WORK // 10)
+    less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10)
+    monkeypatch.setattr(settings, "CURRENT", less)
     small = decimate(points, triangles, 0.2, "small")
     assert part.points.tobytes() == small.points.tobytes() != whole.points.tobytes()

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.simplification import hausdorff
+from crowd_lod_extension.crowd_lod.simplification import hausdorff, settings
 
 
 def away(points, corners):
@@ -100,7 +100,7 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
 def test_equal_surfaces_are_off_by_no_more_than_the_floor():
     points, triangles = ball(6, 8)
     found = hausdorff.interval(*(moving(points[:, None], each) for each in (triangles, triangles[::-1])))
-    assert found.measured < 1e-12 and found.bound == hausdorff.FLOOR * np.ptp(points[:, None], axis=0).max()
+    assert found.measured < 1e-12 and found.bound == settings.CURRENT.bound_floor * np.ptp(points[:, None], axis=0).max()
 
 
 @pytest.mark.parametrize("flat", [False, True])
