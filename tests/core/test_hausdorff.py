@@ -1,5 +1,7 @@
 """The interval of the Hausdorff distance over poses, against exact shapes and against brute force that shares no code with it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.simplification import hausdorff, settings
@@ -55,7 +57,7 @@ def ball(rings, segments):
 @pytest.mark.parametrize(("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)])
 def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, monkeypatch):
     """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another pose."""
-    monkeypatch.setattr(hausdorff, "TOLERANCE", tolerance)
+    monkeypatch.setattr(settings, "CURRENT", replace(settings.CURRENT, bound_tolerance=tolerance))
     random = np.random.default_rng(seed)
     surfaces = []
     for rings, segments in ((8, 10), (5, 6)):
