@@ -7,15 +7,15 @@ from . import settings
 BLOCK = 16_000  # triangles looked at together
 
 
-class Walkable:
-    """A mesh on which nearest points are found by walking. points: (3, n); corners: (3, m) indices; star, first: the
+class TriangleMesh:
+    """A mesh on which nearest points are found by walking. points: (3, n); corners: (3, m) indices; vertex_faces, first: the
     triangles of each point, one point's after another's, and where each one's begin (n + 1,). Columns, not rows: NumPy is
     several times faster along the long axis."""
 
     def __init__(self, points: np.ndarray, corners: np.ndarray):
         self.points, self.corners = points, corners
         self._spheres = None
-        self.star = np.argsort(corners.ravel(), kind="stable") % corners.shape[1]
+        self.vertex_faces = np.argsort(corners.ravel(), kind="stable") % corners.shape[1]
         self.first = np.concatenate([[0], np.cumsum(np.bincount(corners.ravel(), minlength=points.shape[1]))])
 
     def at(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -120,7 +120,7 @@ class Walkable:
         count = self.first[start + 1] - begin
         low = np.cumsum(count) - count
         which = np.repeat(np.arange(len(start)), count)
-        face = self.star[ranges(begin, count)]
+        face = self.vertex_faces[ranges(begin, count)]
         square = squares(others.take(which, 1), *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
         hit = np.flatnonzero(square == np.repeat(np.minimum.reduceat(square, low), count))
         face = face[hit[np.searchsorted(which[hit], np.arange(len(start)))]]

@@ -12,16 +12,16 @@ _right = np.cross((0.0, 0.0, 1.0), _towards) * np.sqrt(1.5)
 DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
-def within(points, part, new_points, new_triangles, landed, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(new points (n, 3), new triangles (k, 3), landed (n,)) with at most `target` triangles, or those of the largest part: the
+def within(points, part, new_points, new_triangles, collapse_map, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(new points (n, 3), new triangles (k, 3), collapse_map (n,)) with at most `target` triangles, or those of the largest part: the
     others become cards of two triangles, the smallest first; where that is not enough, those nearest to others go.
 
     points: (n, 3) of the source; part: (n,) the first point of each one's part; new_points (n, 3), new_triangles (m, 3): the
-    LOD, its points numbered as the source's; landed: (n,) the point that each collapsed into.
+    LOD, its points numbered as the source's; collapse_map: (n,) the point that each collapsed into.
     """
     if len(new_triangles) <= target:
-        return new_points, new_triangles, landed
-    new_points, landed = new_points.copy(), landed.copy()
+        return new_points, new_triangles, collapse_map
+    new_points, collapse_map = new_points.copy(), collapse_map.copy()
     first, of = np.unique(part[new_triangles[:, 0]], return_inverse=True)
     members = np.flatnonzero(np.isin(part, first))
     members = members[np.argsort(part[members], kind="stable")]
@@ -37,10 +37,10 @@ def within(points, part, new_points, new_triangles, landed, target: int) -> tupl
             excess -= len(faces[k]) - len(card)
             faces[k], corners = card, np.unique(card)
             new_points[corners] = points[corners]
-            landed[own[k]] = corners[((points[own[k], None] - points[corners]) ** 2).sum(axis=2).argmin(axis=1)]
+            collapse_map[own[k]] = corners[((points[own[k], None] - points[corners]) ** 2).sum(axis=2).argmin(axis=1)]
     if excess > 0:
         faces = [faces[k] for k in _spread_out(middle, radius, np.array([len(each) for each in faces]), target)]
-    return new_points, np.concatenate(faces), landed
+    return new_points, np.concatenate(faces), collapse_map
 
 
 def _card(points: np.ndarray) -> np.ndarray:

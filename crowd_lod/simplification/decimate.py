@@ -15,9 +15,9 @@ from ..errors import CrowdError
 from ..progress import finished
 from . import settings
 from .components import areas, grown, within
-from .edge_collapse import collapse, edge_keys, half_edges, held_sides, normals_of, quadrics_of
+from .edge_collapse import collapse, constrained_edges, edge_keys, half_edges, normals_of, quadrics_of
 from .pose_deformation import Skin
-from .surface_fit import Fit
+from .surface_fit import SurfaceFit
 
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -99,18 +99,18 @@ def decimating(
     whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
     yield
-    new_points, new_triangles, landed, follows = yield from _best(unit[solid], whole, held, target, skin, effort)
+    new_points, new_triangles, collapse_map, follows = yield from _best(unit[solid], whole, held, target, skin, effort)
     if skin:
         source = solid[follows]
     else:
-        landed = np.append(landed, -1)[index[joined]]
-        stands = np.flatnonzero(landed >= 0)
-        source = stands[_nearest(unit[stands], new_points, landed[stands])]
+        collapse_map = np.append(collapse_map, -1)[index[joined]]
+        stands = np.flatnonzero(collapse_map >= 0)
+        source = stands[_nearest(unit[stands], new_points, collapse_map[stands])]
     return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
 
 
 def _best(points, triangles, seams, target: int, skin: Skin | None, effort: float) -> Iterator[None]:
-    """Collapse, then fit while Settings.moves last; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
+    """Collapse, then fit while Settings.moves last; yields between the steps and returns (points (k, 3), triangles (m, 3), collapse_map
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
@@ -118,30 +118,32 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
     now = settings.CURRENT
     hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
-    held, border = sides = held_sides(triangles, seams, len(points))
+    held, border = sides = constrained_edges(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)
-    bent = [quadrics_of(place, triangles, sides, now.seams_posed) for place in (skin.place if skin else ())]
-    spared = now.bulk_posed if bent else now.bulk_seamed if len(seams) else 0
+    pose_quadrics = [quadrics_of(place, triangles, sides, now.seams_posed) for place in (skin.place if skin else ())]
+    spared = now.bulk_posed if pose_quadrics else now.bulk_seamed if len(seams) else 0
     yield
     most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
-    start, some, landed = _bulk(points, triangles, part, most, skin.place[0] if bent else points)
+    start, some, collapse_map = _bulk(points, triangles, part, most, skin.place[0] if pose_quadrics else points)
     yield
-    rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
-    if len(some) < len(triangles) and not bent:
+    rows, *pose_quadrics = (
+        np.stack([np.bincount(collapse_map, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *pose_quadrics)
+    )
+    if len(some) < len(triangles) and not pose_quadrics:
         # of a flat face all points may have landed far from its corners, which must not forget it
-        rows[:11] += now.bulk_planes * quadrics_of(start, some, held_sides(some, landed[seams], len(start)), hold)
-    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
-    new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
+        rows[:11] += now.bulk_planes * quadrics_of(start, some, constrained_edges(some, collapse_map[seams], len(start)), hold)
+    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, pose_quadrics)
+    new_points, new_triangles, collapse_map = within(points, part, new_points, new_triangles, end[collapse_map], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
     new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
     index = np.full(len(start), -1)
     index[kept] = np.arange(len(kept))
-    landed = index[landed]
+    collapse_map = index[collapse_map]
     yield
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], skin, follows[kept])
+    fit = SurfaceFit(new_points, new_triangles, points, triangles, collapse_map, seams[inside], skin, follows[kept])
     rounds = max(effort * now.moves, now.moves_each * len(triangles)) / (now.steps * fit.samples)
     for k in range(int(np.clip(np.round(rounds), *now.rounds))):
         if k % 4 == 2:
@@ -161,10 +163,10 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
         if found < now.looks_gain * before:
             break
     new_points = _widened(points, triangles, part, fit)
-    return new_points, fit.corners.T, fit.copies.one(fit.landed), fit.follows
+    return new_points, fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows
 
 
-def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: Fit) -> np.ndarray:
+def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit) -> np.ndarray:
     """The LOD's points (k, 3) at rest; of several parts each as wide as it must be to show as much as the source's, of points (n, 3) and
     triangles (m, 3)."""
     new_points = fit.points.T / fit.copies.rest
@@ -177,7 +179,7 @@ def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: F
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3), triangles, landed (n,)) about `target` triangles by fast-simplification, which chooses what to collapse
+    """(points (n, 3), triangles, collapse_map (n,)) about `target` triangles by fast-simplification, which chooses what to collapse
     with the points at `seen` (n, 3). Parts that it would lose, or whose faces it would open, double or join, stay as they are."""
     import fast_simplification
 
@@ -188,14 +190,14 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
     care = settings.CURRENT.bulk_aggression
     with _one_at_a_time:
         _, _, collapses = fast_simplification.simplify(seen, faces, target_count=target, agg=care, return_collapses=True)
-        some_points, some, landed = fast_simplification.replay_simplification(points, faces, collapses)
+        some_points, some, collapse_map = fast_simplification.replay_simplification(points, faces, collapses)
     # it numbers the points anew: each takes back the number of the first that landed on it
-    _, first = np.unique(landed, return_index=True)
-    if len(first) != len(some_points) or (landed[first] != np.arange(len(first))).any():
+    _, first = np.unique(collapse_map, return_index=True)
+    if len(first) != len(some_points) or (collapse_map[first] != np.arange(len(first))).any():
         return points, triangles, every
     moved = points.copy()
     moved[first] = some_points
-    some, landed = first[some], first[landed]
+    some, collapse_map = first[some], first[collapse_map]
     whole = _without_flat_and_doubled(some)
     count, sound = (np.bincount(part[each[:, 0]], minlength=n) for each in (some, whole))
     bad = (count == 0) | (sound < count) | (_uneven(some, part) > _uneven(triangles, part))
@@ -204,10 +206,10 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
     np.minimum.at(low, part, points)
     np.maximum.at(high, part, points)
     bad[part[(np.abs(moved - moved.clip(low[part], high[part])) > 0.01).any(axis=1)]] = True
-    bad[part[part[landed] != part]] = True
+    bad[part[part[collapse_map] != part]] = True
     bad = bad[part]
     some = np.concatenate([some[~bad[some[:, 0]]], triangles[bad[triangles[:, 0]]]])
-    return np.where(bad[:, None], points, moved), some, np.where(bad, every, landed)
+    return np.where(bad[:, None], points, moved), some, np.where(bad, every, collapse_map)
 
 
 def _uneven(triangles: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -242,9 +244,9 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
     return joined, joined[border]
 
 
-def _nearest(points: np.ndarray, new_points: np.ndarray, landed: np.ndarray) -> np.ndarray:
-    """For each new point the nearest of the points that landed on it, (k,) intp. landed: (n,) index of the new point."""
-    distance = np.linalg.norm(points - new_points[landed], axis=1)
-    order = np.lexsort((distance, landed))
-    first = np.searchsorted(landed[order], np.arange(len(new_points)))
+def _nearest(points: np.ndarray, new_points: np.ndarray, collapse_map: np.ndarray) -> np.ndarray:
+    """For each new point the nearest of the points that landed on it, (k,) intp. collapse_map: (n,) index of the new point."""
+    distance = np.linalg.norm(points - new_points[collapse_map], axis=1)
+    order = np.lexsort((distance, collapse_map))
+    first = np.searchsorted(collapse_map[order], np.arange(len(new_points)))
     return order[first]

@@ -19,7 +19,7 @@ def half_edges(triangles: np.ndarray) -> np.ndarray:
     return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
-def held_sides(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
+def constrained_edges(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
     """(which of the `half_edges` of triangles (m, 3) between n points are open borders or `seams` (k, 2), (h,); which of these are
     borders, (h,) bool)."""
     keys = edge_keys(half_edges(triangles).T, n)
@@ -31,7 +31,7 @@ def held_sides(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.nda
 
 def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarray, np.ndarray], hold: float = 1.0) -> np.ndarray:
     """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its triangles by
-    their areas, and of the planes upright on their `held_sides`, by length squared, those on seams times `hold`."""
+    their areas, and of the planes upright on their `constrained_edges`, by length squared, those on seams times `hold`."""
     n, (side, border) = len(points), held
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, area = _unit(np.cross(b - a, c - a))
@@ -53,15 +53,15 @@ def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
     return np.minimum(*ends) * n + np.maximum(*ends)
 
 
-def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> Iterator[None]:
-    """Yields between the rounds and returns (points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target`
+def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, pose_quadrics=()) -> Iterator[None]:
+    """Yields between the rounds and returns (points (n, 3), triangles (m, 3), collapse_map (n,), follows (n,)) with at most `target`
     triangles, or the fewest that hold.
 
     points: (n, 3), about of unit size; triangles: (m, 3); quadrics, normals: of the points. Points keep their indices;
-    landed: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
+    collapse_map: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
     parts keeps a triangle, or four where it is closed.
 
-    skin: how the points move, and bent: in each of its poses their quadrics (11, n), whose errors add to that at rest;
+    skin: how the points move, and pose_quadrics: in each of its poses their quadrics (11, n), whose errors add to that at rest;
     follows: the point of those given that each moves with, of the two ends of an edge the nearer. Source: Mohr, Gleicher,
     "Deformation sensitive decimation", 2003.
     """
@@ -69,8 +69,8 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
     own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
     corners = np.ascontiguousarray(corners.reshape(-1, 3).T)  # (3, m): NumPy is several times faster along the long axis
     points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
-    bent, follows = [each.take(own, 1) for each in bent], own.copy()
-    landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, settings.CURRENT.facing
+    pose_quadrics, follows = [each.take(own, 1) for each in pose_quadrics], own.copy()
+    collapse_map, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, settings.CURRENT.facing
     keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
     while corners.shape[1] > target:
         before, (keys, edges, faces) = keys, edges_of(corners, n)
@@ -81,8 +81,8 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         at, barred = known[:3], bridges(edges, faces, n) | np.isin(keys, refused)
         cost = np.where(barred, np.inf, known[3])
         most = len(cost) if thorough else min(len(cost), max(64, int(settings.CURRENT.round_part * len(cost))))
-        if bent:
-            _add_bent(skin, bent, follows, edges, at, quadrics[10], most, cost, known[4])
+        if pose_quadrics:
+            _add_pose_errors(skin, pose_quadrics, follows, edges, at, quadrics[10], most, cost, known[4])
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
         passes = len(order) if thorough else settings.CURRENT.round_passes
@@ -100,17 +100,17 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         around = _ring(corners, ends, n)
         refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
         points[:, keep] = at.take(chosen, 1)
-        follows[keep] = skin.nearer(points[:, keep], *follows[ends]) if bent else follows[keep]
+        follows[keep] = skin.nearer(points[:, keep], *follows[ends]) if pose_quadrics else follows[keep]
         changed = np.zeros(n, bool)
         changed[keep] = True
-        for each in (quadrics, normals, *bent):
+        for each in (quadrics, normals, *pose_quadrics):
             each[:, keep] += each[:, gone]
         move = np.arange(n)
         move[gone] = keep
-        landed, corners = move[landed], move[corners]
+        collapse_map, corners = move[collapse_map], move[corners]
         corners = corners.compress(~_flat(corners), axis=1)
         yield
-    all_points[own], all_landed[own], all_follow[own] = points.T, own[landed], follows
+    all_points[own], all_landed[own], all_follow[own] = points.T, own[collapse_map], follows
     return all_points, own[corners].T, all_landed, all_follow
 
 
@@ -210,7 +210,7 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return middle + step, cost / (area + 1e-300) ** settings.CURRENT.area_power
 
 
-def _add_bent(skin: Skin, bent, follows, edges, at, area, most: int, cost: np.ndarray, error: np.ndarray) -> None:
+def _add_pose_errors(skin: Skin, pose_quadrics, follows, edges, at, area, most: int, cost: np.ndarray, error: np.ndarray) -> None:
     """Add to the `cost` (k,) of the edges (2, k), which collapse to `at` (3, k), the error in all poses: of the `most` cheapest and
     whichever else might be one of these. error: (k,) those known from before, or NaN; takes up what is new. follows, area: (n,)
     of the points."""
@@ -221,19 +221,19 @@ def _add_bent(skin: Skin, bent, follows, edges, at, area, most: int, cost: np.nd
         some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
         ends = edges.take(some, 1)
         there = at.take(some, 1)
-        found = _bent_error(skin, bent, skin.nearer(there, *follows[ends]), ends, there)
+        found = _pose_errors(skin, pose_quadrics, skin.nearer(there, *follows[ends]), ends, there)
         error[some] = found / (area.take(ends).sum(axis=0) + 1e-300) ** settings.CURRENT.area_power
         cost[some] += error[some]
         known[some] = True
         limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
 
 
-def _bent_error(skin: Skin, bent, follow, edges, at) -> np.ndarray:
+def _pose_errors(skin: Skin, pose_quadrics, follow, edges, at) -> np.ndarray:
     """The error in all poses (k,) of the points that the edges (2, k) collapse to, `at` (3, k), each moving with `follow` (k,)."""
     error = np.zeros(len(follow))
     for block in blocks(len(follow), BLOCK):
         a, b = edges[:, block]
-        for j, quadrics in enumerate(bent):
+        for j, quadrics in enumerate(pose_quadrics):
             xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
             x, y, z = skin.at(j, at[:, block], follow[block])
             gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
@@ -256,9 +256,9 @@ def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> n
     cheapest, reach = np.full((2, n), len(free))
     for end in ends[:, edge]:
         np.minimum.at(cheapest, end, edge)
-    star = cheapest[corners].min(axis=0)
+    vertex_faces = cheapest[corners].min(axis=0)
     for corner in corners:
-        np.minimum.at(reach, corner, star)
+        np.minimum.at(reach, corner, vertex_faces)
     return edge[(reach[ends[:, edge]] == edge).all(axis=0)]
 
 

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from . import settings
-from .closest_point import Walkable, blocks, closest_weights, normals
+from .closest_point import TriangleMesh, blocks, closest_weights, normals
 
 BLOCK = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 
@@ -37,14 +37,14 @@ class Moving:
         """The corners of the triangles `face` (j,) in the pose, three times (3, j)."""
         return [self.points[self.triangles[face, c], pose].T for c in range(3)]
 
-    def walkable(self, pose: int) -> Walkable:
-        found = copy(self._walkable)
+    def mesh(self, pose: int) -> TriangleMesh:
+        found = copy(self._mesh)
         found.points = np.ascontiguousarray(self.points[:, pose].T)
         return found
 
     @cached_property
-    def _walkable(self) -> Walkable:
-        return Walkable(self.points[:, 0].T, np.ascontiguousarray(self.triangles.T))
+    def _mesh(self) -> TriangleMesh:
+        return TriangleMesh(self.points[:, 0].T, np.ascontiguousarray(self.triangles.T))
 
     @cached_property
     def beyond(self) -> np.ndarray:
@@ -141,8 +141,8 @@ class _Way:
         return self.poses.start
 
     @cached_property
-    def walkable(self) -> Walkable:
-        return self.other.walkable(self.base)
+    def mesh(self) -> TriangleMesh:
+        return self.other.mesh(self.base)
 
     def mapped(self, at: np.ndarray) -> _Points:
         """Points (n, poses, 3), mapped to the nearest in the first pose."""
@@ -242,8 +242,8 @@ class _Way:
         """The triangles (p, 3) of `other` beneath the pieces, near each corner."""
         corner = points.at[pieces, 0]
         inside = corner + settings.CURRENT.bound_inside * (corner.mean(axis=1, keepdims=True) - corner)
-        start = self.walkable.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
-        return self.walkable.walk(start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
+        start = self.mesh.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
+        return self.mesh.walk(start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
 
     def to_one(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
         """Pieces with corners (p, 3, 3) mapped to that one of the triangles (p, 3) beneath to which they are nearest."""

@@ -5,7 +5,7 @@ from copy import copy
 import numpy as np
 
 from . import settings
-from .closest_point import Walkable, distances, length, normals, ranges
+from .closest_point import TriangleMesh, distances, length, normals, ranges
 from .edge_collapse import edge_keys, normals_of
 from .pose_deformation import Copies, Skin
 from .surface_sampling import between, lattice
@@ -13,33 +13,33 @@ from .surface_sampling import between, lattice
 MIDDLES = lattice(2)  # of a triangle and its sides
 
 
-class Fit:
+class SurfaceFit:
     """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, with no triangle turned()
     unless some were at first, as of a `rough` source, and the state() then.
 
     Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
     """
 
-    def __init__(self, points, triangles, source, source_triangles, landed, seams, skin: Skin | None = None, follows=None):
+    def __init__(self, points, triangles, source, source_triangles, collapse_map, seams, skin: Skin | None = None, follows=None):
         """points (n, 3), triangles (m, 3): the LOD, each point in one; source (k, 3), source_triangles (j, 3): what it was
-        made of; landed: (k,) the LOD's point that each of the source's collapsed into, or -1; seams: (s, 2) edges of the
+        made of; collapse_map: (k,) the LOD's point that each of the source's collapsed into, or -1; seams: (s, 2) edges of the
         source whose points are to leave neither of their sides. skin: how the source
         moves, if it does, and follows: (n,) the source's point that each of the LOD's moves with; then both surfaces are their
         Copies, at rest and in each pose, and so are the points, triangles and samples of all that follows."""
         self.copies = copies = Copies(skin)
         self.follows = np.zeros(len(points), np.intp) if follows is None else follows
-        self.source = Walkable(copies.at(copies.rest * source.T, np.arange(len(source))), copies.every(source_triangles.T))
-        self.lod = Walkable(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
-        ends, landed = landed[seams].T, copies.every(landed)
+        self.source = TriangleMesh(copies.at(copies.rest * source.T, np.arange(len(source))), copies.every(source_triangles.T))
+        self.lod = TriangleMesh(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
+        ends, collapse_map = collapse_map[seams].T, copies.every(collapse_map)
         self.seams = copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
         self.outward = normals_of(source, source_triangles).T
         self.least, self.best, self.rough = np.inf, None, False
         # the source's points
-        point, copy = np.divmod(np.arange(len(landed)), copies.count)
+        point, copy = np.divmod(np.arange(len(collapse_map)), copies.count)
         some = (copy == 0) | (point % -(-len(source) // settings.CURRENT.samples_posed) == 0)
-        self.landed, self.mine = landed, np.flatnonzero(some & (landed >= 0))
+        self.collapse_map, self.mine = collapse_map, np.flatnonzero(some & (collapse_map >= 0))
         self.there = self.source.points.take(self.mine, 1)
-        self.face, self.weights = self.lod.walk(landed[self.mine], self.there)
+        self.face, self.weights = self.lod.walk(collapse_map[self.mine], self.there)
         self.pull = np.zeros(len(self.mine))
         # a grid on each of the LOD's triangles, then the LOD's points
         n, m = self.lod.points.shape[1], self.lod.corners.shape[1]
@@ -47,7 +47,7 @@ class Fit:
         self.grid = lattice(self.fine)
         own = self.spread()
         near = np.empty(n, np.intp)
-        near[landed[landed >= 0]] = np.flatnonzero(landed >= 0)
+        near[collapse_map[collapse_map >= 0]] = np.flatnonzero(collapse_map >= 0)
         # from a source's point on the same triangle, where there is one
         start = near[self.lod.corners[self.grid.argmax(axis=0)]]
         cell = np.stack([((self.weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
@@ -74,7 +74,7 @@ class Fit:
     def spread(self) -> np.ndarray:
         """Put samples on the LOD: own_face (g m + n,), own_weights; returns where they are."""
         m, n = self.lod.corners.shape[1], self.lod.points.shape[1]
-        one = self.lod.star[self.lod.first[:-1]]
+        one = self.lod.vertex_faces[self.lod.first[:-1]]
         self.own_face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
         self.own_weights = np.concatenate([np.repeat(self.grid, m, axis=1), self.lod.corners[:, one] == np.arange(n)], axis=1)
         return self.lod.at(self.own_face, self.own_weights)
@@ -106,9 +106,9 @@ class Fit:
 
     def facing(self) -> np.ndarray:
         """(3, m): about the normals of what each of the LOD's triangles, at rest, stands for."""
-        landed = self.copies.one(self.landed)
-        n, some = len(self.follows), landed >= 0
-        facing = np.stack([np.bincount(landed[some], x[some], n) for x in self.outward])
+        collapse_map = self.copies.one(self.collapse_map)
+        n, some = len(self.follows), collapse_map >= 0
+        facing = np.stack([np.bincount(collapse_map[some], x[some], n) for x in self.outward])
         return (facing / (length(facing) + 1e-300))[:, self.corners].sum(axis=1)
 
     @property
@@ -306,7 +306,7 @@ class Fit:
         a, b, c, d, one, two = (copies.every(each[chosen]) for each in (a, b, c, d, one, two))
         start, corners, taken = self.lod.corner(self.face, self.weights), self.lod.corners.copy(), np.repeat(taken, copies.count)
         corners[:, one], corners[:, two] = (c, a, d), (d, b, c)
-        self.lod = Walkable(self.lod.points, corners)
+        self.lod = TriangleMesh(self.lod.points, corners)
         new = np.flatnonzero(taken[self.face])
         self.face[new], self.weights[:, new] = self.lod.walk(start[new], self.there.take(new, 1))
         own = self.spread()

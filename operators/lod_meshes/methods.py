@@ -30,17 +30,17 @@ MOST_PRECISE = 300_000  # triangles beyond which only the fast way is tried, of 
 
 @dataclass
 class Made:
-    """A LOD's mesh (its caller's to remove), with the weights as read_weights gives them. way: FAST, PRECISE or WHOLE;
+    """A LOD's mesh (its caller's to remove), with the weights as read_weights gives them. method: FAST, PRECISE or WHOLE;
     why: sentences; milliseconds: that it took to make."""
 
     mesh: bpy.types.Mesh
     weights: tuple[np.ndarray, np.ndarray, np.ndarray]
-    way: str
+    method: str
     why: str
     milliseconds: float
 
 
-def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
+def make(source: Source, ratio: float, method: str, name: str) -> Iterator[None]:
     """Make the mesh of about `ratio` of the source's triangles in the way asked for, AUTO, FAST or PRECISE; yields between
     its steps and returns the Made."""
     triangles = source.geometry[1]
@@ -48,11 +48,11 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
         mesh = source.mesh.copy()
         mesh.name = name
         return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
-    if way == "PRECISE":
+    if method == "PRECISE":
         precise = _precise(source, ratio, name, "The precise way was asked for.")
         return precise if precise.mesh.polygons else (yield from _fast(source, ratio, name, _without(precise)))
     fast = yield from _fast(source, ratio, name, "The fast way was asked for.")
-    if way == "FAST":
+    if method == "FAST":
         return fast
     if len(triangles) > MOST_PRECISE:
         fast.why = (
@@ -74,7 +74,7 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     better, reason = chosen(one, two)
     best, other = (fast, precise) if better else (precise, fast)
     best.why = (
-        f"{best.way.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
+        f"{best.method.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
         f"surface, and shows {one.area:.0%} of its area, in {fast.milliseconds:.0f} ms; the precise way "
         f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
     )

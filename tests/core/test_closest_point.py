@@ -1,8 +1,8 @@
 """Nearest points found by walking, against all triangles and against a finely sampled surface."""
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.simplification.closest_point import Walkable, closest_weights, length
-from crowd_lod_extension.crowd_lod.simplification.surface_fit import Fit
+from crowd_lod_extension.crowd_lod.simplification.closest_point import TriangleMesh, closest_weights, length
+from crowd_lod_extension.crowd_lod.simplification.surface_fit import SurfaceFit
 
 from .test_decimate import sphere, terrain
 
@@ -28,7 +28,7 @@ def test_the_nearest_point_of_a_triangle_is_that_of_its_samples():
 
 def test_a_walk_that_began_on_the_far_side_is_found_out():
     points, triangles = sphere()
-    mesh = Walkable(points.T.copy(), triangles.T.copy())
+    mesh = TriangleMesh(points.T.copy(), triangles.T.copy())
     others = 1.3 * points[::97].T
     face = np.full(others.shape[1], 5)
     weights = np.full((3, others.shape[1]), 1 / 3)
@@ -51,7 +51,7 @@ def test_flips_mend_sides_across_a_valley_but_no_seam():
     mine = [np.linalg.norm(points - corner, axis=1).argmin() for corner in corners]
     seam = np.array([[mine[0], mine[5]]])
     for seams, sides in ((seam[:0], False), (seam, True)):
-        fit = Fit(corners, lod, points, triangles, nearest, seams)
+        fit = SurfaceFit(corners, lod, points, triangles, nearest, seams)
         fit.flip()
         fit.flip()
         kept = {frozenset(pair) for t in fit.lod.corners.T.tolist() for pair in zip(t, t[1:] + t[:1], strict=True)}

@@ -5,7 +5,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.simplification import edge_collapse
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
 from crowd_lod_extension.crowd_lod.simplification.pose_deformation import Copies, Skin, frames_of
-from crowd_lod_extension.crowd_lod.simplification.surface_fit import Fit
+from crowd_lod_extension.crowd_lod.simplification.surface_fit import SurfaceFit
 
 
 def turn(angle):
@@ -123,9 +123,9 @@ def test_moves_bring_a_lod_nearer_in_all_its_poses():
     points, triangles = tube()
     some, lod = tube(14, 8)
     skin = bent(points, [0.9, 1.8])
-    landed = np.linalg.norm(points[:, None] - some, axis=2).argmin(axis=1)
+    collapse_map = np.linalg.norm(points[:, None] - some, axis=2).argmin(axis=1)
     follows = np.linalg.norm(points - some[:, None], axis=2).argmin(axis=1)
-    fit = Fit(some, lod, points, triangles, landed, np.empty((0, 2), int), skin=skin, follows=follows)
+    fit = SurfaceFit(some, lod, points, triangles, collapse_map, np.empty((0, 2), int), skin=skin, follows=follows)
 
     def farthest():
         """Of the source's points and the LOD's, at rest and in each pose, from the other surface: all triangles tried."""
