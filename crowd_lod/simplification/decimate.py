@@ -15,9 +15,10 @@ from ..errors import CrowdError
 from ..progress import finished
 from . import settings
 from .components import areas, grown, within
-from .edge_collapse import collapse, constrained_edges, edge_keys, half_edges, normals_of, quadrics_of
+from .edge_collapse import collapse, normals_of, quadrics_of
 from .pose_deformation import Skin
 from .surface_fit import SurfaceFit
+from .triangle_mesh import constrained_edges, edge_keys, half_edges
 
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 

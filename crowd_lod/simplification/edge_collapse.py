@@ -9,24 +9,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from . import settings
-from .closest_point import BLOCK, blocks, length
-from .closest_point import normals as normals_at
+from .closest_point import BLOCK
 from .pose_deformation import Skin
-
-
-def half_edges(triangles: np.ndarray) -> np.ndarray:
-    """The sides (3 m, 2) of triangles (m, 3): side 3 t + i of triangle t from its corner i to the next."""
-    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
-
-
-def constrained_edges(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(which of the `half_edges` of triangles (m, 3) between n points are open borders or `seams` (k, 2), (h,); which of these are
-    borders, (h,) bool)."""
-    keys = edge_keys(half_edges(triangles).T, n)
-    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    border = count[inverse] != 2
-    held = np.flatnonzero(border | np.isin(keys, edge_keys(seams.T, n)))
-    return held, border[held]
+from .triangle_mesh import blocks, edge_keys, edges_of, half_edges, length
+from .triangle_mesh import normals as normals_at
 
 
 def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarray, np.ndarray], hold: float = 1.0) -> np.ndarray:
@@ -46,11 +32,6 @@ def normals_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """The sum (n, 3) of the normals of each point's triangles, by their areas."""
     a, b, c = (points[triangles[:, i]] for i in range(3))
     return _spread(np.cross(b - a, c - a).T, triangles.T, len(points)).T
-
-
-def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
-    """One number (k,) for each edge (2, k) between n points, whichever way it runs."""
-    return np.minimum(*ends) * n + np.maximum(*ends)
 
 
 def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, pose_quadrics=()) -> Iterator[None]:
@@ -112,14 +93,6 @@ def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | Non
         yield
     all_points[own], all_landed[own], all_follow[own] = points.T, own[collapse_map], follows
     return all_points, own[corners].T, all_landed, all_follow
-
-
-def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(keys (k,), ends (2, k), how many triangles (k,)) of each edge of the triangles `corners` (3, m)."""
-    keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
-    first = np.flatnonzero(np.diff(keys, prepend=-1))
-    faces, keys = np.diff(first, append=len(keys)), keys[first]
-    return keys, np.stack(np.divmod(keys, n)), faces
 
 
 def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray) -> np.ndarray:

@@ -8,14 +8,14 @@ upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from . import settings
-from .closest_point import TriangleMesh, blocks, closest_weights, normals
+from .closest_point import closest_weights, walk
+from .triangle_mesh import TriangleMesh, blocks, normals
 
 BLOCK = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 
@@ -38,28 +38,13 @@ class Moving:
         return [self.points[self.triangles[face, c], pose].T for c in range(3)]
 
     def mesh(self, pose: int) -> TriangleMesh:
-        found = copy(self._mesh)
-        found.points = np.ascontiguousarray(self.points[:, pose].T)
-        return found
+        """The surface in the pose."""
+        return self.rest.moved(np.ascontiguousarray(self.points[:, pose].T))
 
     @cached_property
-    def _mesh(self) -> TriangleMesh:
+    def rest(self) -> TriangleMesh:
+        """The surface in the first pose."""
         return TriangleMesh(self.points[:, 0].T, np.ascontiguousarray(self.triangles.T))
-
-    @cached_property
-    def beyond(self) -> np.ndarray:
-        """The triangles (m, 3) beyond the sides from each corner to the next; -1 where that is not one, the same way
-        round."""
-        sides = np.stack([self.triangles, self.triangles[:, [1, 2, 0]]]).reshape(2, -1)
-        n = len(self.points)
-        (keys, first, count), back = (
-            np.unique(sides[0] * n + sides[1], return_index=True, return_counts=True),
-            sides[1] * n + sides[0],
-        )
-        place = np.searchsorted(keys, back).clip(max=len(keys) - 1)
-        mine = np.searchsorted(keys, sides[0] * n + sides[1])
-        one = (keys[place] == back) & (count[place] == 1) & (count[mine] == 1)
-        return np.where(one, first[place] // 3, -1).reshape(-1, 3)
 
 
 @dataclass
@@ -243,7 +228,7 @@ class _Way:
         corner = points.at[pieces, 0]
         inside = corner + settings.CURRENT.bound_inside * (corner.mean(axis=1, keepdims=True) - corner)
         start = self.mesh.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
-        return self.mesh.walk(start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
+        return walk(self.mesh, start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
 
     def to_one(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
         """Pieces with corners (p, 3, 3) mapped to that one of the triangles (p, 3) beneath to which they are nearest."""
@@ -295,7 +280,7 @@ class _Way:
             weights[:, i], weights[:, j] = 1 - part, part
             part = _part(_between(one, other, part), middle, end)
             to_weights[:, 0], to_weights[:, 1] = 1 - part, part
-            face = self.other.beyond[face, np.where(left, (place + 2) % 3, place)]
+            face = self.other.rest.neighbours[face, np.where(left, (place + 2) % 3, place)]
             going = (face != last) & (face >= 0)
             to_weights[(face < 0) | going & (more == 0)] = np.nan
             yield _Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights), np.where(left, 1, -1)

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from . import settings
-from .closest_point import length
+from .triangle_mesh import length
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
 """Nearest points found by walking, against all triangles and against a finely sampled surface."""
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.simplification.closest_point import TriangleMesh, closest_weights, length
+from crowd_lod_extension.crowd_lod.simplification.closest_point import closest_weights, doubt
 from crowd_lod_extension.crowd_lod.simplification.surface_fit import SurfaceFit
+from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import TriangleMesh, length
 
 from .test_decimate import sphere, terrain
 
@@ -32,7 +33,7 @@ def test_a_walk_that_began_on_the_far_side_is_found_out():
     others = 1.3 * points[::97].T
     face = np.full(others.shape[1], 5)
     weights = np.full((3, others.shape[1]), 1 / 3)
-    mesh.doubt(face, weights, others)
+    face, weights = doubt(mesh, face, weights, others)
     every = [mesh.points.take(c, 1) for c in mesh.corners]
     for k, other in enumerate(others.T):
         all_of_them = np.repeat(other[:, None], len(triangles), axis=1)
