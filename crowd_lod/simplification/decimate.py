@@ -15,7 +15,7 @@ from ..errors import CrowdError
 from ..progress import finished
 from . import settings
 from .components import areas, grown, within
-from .edge_collapse import collapse, normals_of, quadrics_of
+from .edge_collapse import Poses, collapse, normals_of, quadrics_of
 from .pose_deformation import Skin
 from .surface_fit import SurfaceFit
 from .triangle_mesh import constrained_edges, edge_keys, half_edges
@@ -122,18 +122,19 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     held, border = sides = constrained_edges(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)
     pose_quadrics = [quadrics_of(place, triangles, sides, now.seams_posed) for place in (skin.place if skin else ())]
-    spared = now.bulk_posed if pose_quadrics else now.bulk_seamed if len(seams) else 0
+    spared = now.bulk_posed if skin else now.bulk_seamed if len(seams) else 0
     yield
     most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
-    start, some, collapse_map = _bulk(points, triangles, part, most, skin.place[0] if pose_quadrics else points)
+    start, some, collapse_map = _bulk(points, triangles, part, most, skin.place[0] if skin else points)
     yield
     rows, *pose_quadrics = (
         np.stack([np.bincount(collapse_map, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *pose_quadrics)
     )
-    if len(some) < len(triangles) and not pose_quadrics:
+    poses = Poses(skin, pose_quadrics) if skin else None
+    if len(some) < len(triangles) and not poses:
         # of a flat face all points may have landed far from its corners, which must not forget it
         rows[:11] += now.bulk_planes * quadrics_of(start, some, constrained_edges(some, collapse_map[seams], len(start)), hold)
-    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, pose_quadrics)
+    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, poses)
     new_points, new_triangles, collapse_map = within(points, part, new_points, new_triangles, end[collapse_map], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
@@ -144,9 +145,17 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     yield
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = SurfaceFit(new_points, new_triangles, points, triangles, collapse_map, seams[inside], skin, follows[kept])
-    rounds = max(effort * now.moves, now.moves_each * len(triangles)) / (now.steps * fit.samples)
-    for k in range(int(np.clip(np.round(rounds), *now.rounds))):
+    fit = SurfaceFit((new_points, new_triangles), (points, triangles), collapse_map, seams[inside], skin, follows[kept])
+    yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
+    new_points = _widened(points, triangles, part, fit)
+    return new_points, fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows
+
+
+def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
+    """Move the LOD nearer to its source, about as many samples in all as `moves`, then mend what lies between the samples; yields
+    between the rounds."""
+    now = settings.CURRENT
+    for k in range(int(np.clip(np.round(moves / (now.steps * fit.samples)), *now.rounds))):
         if k % 4 == 2:
             fit.flip()
         fit.move(now.steps)
@@ -163,8 +172,6 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
         fit.restore()
         if found < now.looks_gain * before:
             break
-    new_points = _widened(points, triangles, part, fit)
-    return new_points, fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows
 
 
 def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit) -> np.ndarray:

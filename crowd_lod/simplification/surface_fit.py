@@ -11,7 +11,9 @@ from .pose_deformation import Copies, Skin
 from .surface_sampling import between, lattice
 from .triangle_mesh import TriangleMesh, edge_keys, length, normals, ranges, sides_of_two
 
-MIDDLES = lattice(2)  # of a triangle and its sides
+MIDDLES = lattice(2)  # of a face and its edges
+
+Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3), triangles (m, 3)
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,12 @@ class SurfaceFit:
     spread over the LOD to the source.
     """
 
-    def __init__(self, points, triangles, source, source_triangles, collapse_map, seams, skin: Skin | None = None, follows=None):
-        """points (n, 3), triangles (m, 3): the LOD, without loose points. source (k, 3), source_triangles (j, 3): what it was made of.
+    def __init__(self, lod: Shape, source: Shape, collapse_map, seams, skin: Skin | None = None, follows=None):
+        """lod: points (n, 3), none of them loose, and triangles (m, 3). source: points (k, 3) and triangles (j, 3) that it was made of.
         collapse_map: (k,) the LOD's point that each of the source's collapsed into, or -1. seams: (s, 2) edges of the source that
         its points stay on. skin: how the source moves, if it does; follows: (n,) the source's point that each of the LOD's moves
         with. Both surfaces are then in Copies, at rest and in each pose, and so are points, faces and samples hereafter."""
+        (points, triangles), (source, source_triangles) = lod, source
         self.copies = copies = Copies(skin)
         self.follows = np.zeros(len(points), np.intp) if follows is None else follows
         self.source = TriangleMesh(copies.at(copies.rest * source.T, np.arange(len(source))), copies.every(source_triangles.T))
@@ -307,7 +310,7 @@ class SurfaceFit:
             fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
         a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
         most = np.repeat(settings.CURRENT.flip_gain * was, copies.count)
-        now = copies.worst(self._flipped(*(copies.every(each) for each in (a, b, c, d, one, two)), most))
+        now = copies.worst(self._flipped(*(copies.every(np.stack(each)) for each in ((a, b, c, d), (one, two))), most))
         good = np.flatnonzero(now < settings.CURRENT.flip_gain * was)
         taken, made, chosen = np.zeros(m, bool), set(), []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
@@ -336,9 +339,10 @@ class SurfaceFit:
         if self.worst > settings.CURRENT.flip_loss * before.worst:
             self.state = before
 
-    def _flipped(self, a, b, c, d, one, two, most) -> np.ndarray:
-        """The worst distance (k,) at the triangles cad and dbc, in place of `one` and `two` (k,), each (k,); or what of it is no
-        less than `most` (k,)."""
+    def _flipped(self, corners: np.ndarray, faces: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """The worst distance (k,) after each of k flips: of the edge from a to b, of the `faces` (2, k), to that from c to d;
+        corners: (4, k), a to d. Where it is no less than `most` (k,), only some of it is known."""
+        (a, b, c, d), (one, two) = corners, faces
         state, points, every = self.state, self.lod.points, np.arange(len(a))
         order = np.argsort(state.face, kind="stable")
         first = np.searchsorted(state.face[order], np.arange(self.lod.corners.shape[1] + 1))

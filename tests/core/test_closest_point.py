@@ -52,7 +52,7 @@ def test_flips_mend_sides_across_a_valley_but_no_seam():
     mine = [np.linalg.norm(points - corner, axis=1).argmin() for corner in corners]
     seam = np.array([[mine[0], mine[5]]])
     for seams, sides in ((seam[:0], False), (seam, True)):
-        fit = SurfaceFit(corners, lod, points, triangles, nearest, seams)
+        fit = SurfaceFit((corners, lod), (points, triangles), nearest, seams)
         fit.flip()
         fit.flip()
         kept = {frozenset(pair) for t in fit.lod.corners.T.tolist() for pair in zip(t, t[1:] + t[:1], strict=True)}

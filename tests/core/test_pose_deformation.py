@@ -125,7 +125,7 @@ def test_moves_bring_a_lod_nearer_in_all_its_poses():
     skin = bent(points, [0.9, 1.8])
     collapse_map = np.linalg.norm(points[:, None] - some, axis=2).argmin(axis=1)
     follows = np.linalg.norm(points - some[:, None], axis=2).argmin(axis=1)
-    fit = SurfaceFit(some, lod, points, triangles, collapse_map, np.empty((0, 2), int), skin=skin, follows=follows)
+    fit = SurfaceFit((some, lod), (points, triangles), collapse_map, np.empty((0, 2), int), skin=skin, follows=follows)
 
     def farthest():
         """Of the source's points and the LOD's, at rest and in each pose, from the other surface: all triangles tried."""
