@@ -1,5 +1,6 @@
 """Rough LOD meshes and sample characters, for tests that look at something else: session.py and others in a Blender read this, too."""
 
+from dataclasses import replace
 from importlib import import_module
 
 
@@ -8,11 +9,12 @@ def levels(package: str) -> dict:
     their silhouettes from few sides, drawn small."""
     names = "lod_meshes.deviation", "lod_meshes.methods", "batch.lod_picture"
     deviation, methods, lod_picture = (import_module(f"{package}.operators.{name}") for name in names)
-    names = "simplification.hausdorff", "simplification.decimate", "validation.silhouette"
-    hausdorff, decimate, silhouette = (import_module(f"{package}.crowd_lod.{name}") for name in names)
+    names = "simplification.settings", "validation.silhouette"
+    settings, silhouette = (import_module(f"{package}.crowd_lod.{name}") for name in names)
     few = {(deviation, "EVENLY"): 2, (deviation, "POSES"): 4, (deviation, "SAMPLES"): 500}
-    few |= {(hausdorff, "TOLERANCE"): 1.0, (hausdorff, "DEEPEST"): 1}
-    few |= {(methods, "SAMPLES"): 1_000, (decimate, "EFFORT"): decimate.EFFORT // 10, (decimate, "EACH"): decimate.EACH / 2}
+    few[methods, "SAMPLES"] = 1_000
+    less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10, moves_each=settings.CURRENT.moves_each / 2)
+    few[settings, "CURRENT"] = replace(less, bound_tolerance=1.0, bound_depth=1)
     few |= {(silhouette, "AROUND"): 2, (silhouette, "ABOVE"): 1, (silhouette, "MOST_PIXELS"): 300, (silhouette, "CLOSER"): 2}
     return few | {(lod_picture, "TALL"): 120}
 

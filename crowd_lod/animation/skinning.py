@@ -9,6 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..connected_components import connected_components
+
 INFLUENCES = 4  # joints that a vertex follows at most
 
 
@@ -51,14 +53,7 @@ def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
     tail, head = triangles.astype(np.int64).ravel(), np.roll(triangles, -1, axis=1).astype(np.int64).ravel()
     if not np.array_equal(np.sort(tail * n + head), np.sort(head * n + tail)):
         return False
-    part = np.arange(n)
-    while True:  # every vertex takes the least number among its neighbours
-        least = part.copy()
-        np.minimum.at(least, tail, part[head])
-        least = least[least]
-        if np.array_equal(least, part):
-            break
-        part = least
+    part = connected_components(n, triangles)
     a, b, c = (points[triangles[:, i]].astype(np.float64) - points.mean(axis=0) for i in range(3))
     volume = np.bincount(part[triangles[:, 0]], np.einsum("td,td->t", a, np.cross(b, c)), n)
     return bool((volume >= 0).all())

@@ -5,6 +5,9 @@ from html import escape
 from pathlib import PurePath
 from urllib.parse import quote
 
+import numpy as np
+
+from .. import srgb
 from ..format import number
 from ..validation.shaded_pictures import WITHIN
 
@@ -137,5 +140,4 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _css(linear: Sequence[float]) -> str:
     """The linear RGB colour as CSS has it."""
-    encoded = [12.92 * c if c < 0.0031308 else 1.055 * c ** (1 / 2.4) - 0.055 for c in linear]
-    return f"rgb({', '.join(str(round(255 * c)) for c in encoded)})"
+    return f"rgb({', '.join(str(round(255 * c)) for c in srgb.encoded(np.array(linear)).tolist())})"

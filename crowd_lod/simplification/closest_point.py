@@ -1,159 +1,125 @@
-"""Nearest points of a mesh, found by walking over its triangles from where others were found before."""
+"""Closest points of a mesh, found by walks over its faces from where others were found before."""
 
 import numpy as np
 
-BLOCK = 16_000  # triangles looked at together
-WALKS = 40  # steps along a surface to the nearest triangle, at most
-FAR = 0.5  # of the largest distance: beyond it a point's nearest triangle is sought again
-DOUBTS = 12  # times that those farthest off are doubted, at most, while any of them was wrong
-DOUBTED = 32  # points farthest off, whose walks may have ended at a wrong place
+from . import settings
+from .triangle_mesh import TriangleMesh, blocks, length, ranges
+
+BLOCK = 16_000  # faces looked at together: what fits in the processor's cache
 
 
-class Walkable:
-    """A mesh on which nearest points are found by walking. points: (3, n); corners: (3, m) indices; star, first: the
-    triangles of each point, one point's after another's, and where each one's begin (n + 1,). Columns, not rows: NumPy is
-    several times faster along the long axis."""
+def walk(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(face (k,), barycentric weights on it (3, k)) of the mesh's point closest to each of `points` (3, k).
 
-    def __init__(self, points: np.ndarray, corners: np.ndarray):
-        self.points, self.corners = points, corners
-        self._spheres = None
-        self.star = np.argsort(corners.ravel(), kind="stable") % corners.shape[1]
-        self.first = np.concatenate([[0], np.cumsum(np.bincount(corners.ravel(), minlength=points.shape[1]))])
-
-    def at(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The points (3, k) at barycentric weights (3, k) of the triangles `face` (k,)."""
-        return sum(self.points.take(c, 1) * w for c, w in zip(self.corners.take(face, 1), weights, strict=True))
-
-    def corner(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The corner (k,) nearest to each of such points."""
-        return self.corners[weights.argmax(axis=0), face]
-
-    def walk(self, start: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(triangle (k,), barycentric weights on it (3, k)) nearest to each of `others` (3, k), by going from the point
-        `start` (k,) to the nearest of the triangles round it, to its nearest corner, and on while that gets nearer."""
-        face, weights = self._round(start, others)
-        going = np.arange(len(start))
-        for _ in range(WALKS):
-            corner = self.corner(face[going], weights.take(going, 1))
-            moved = corner != start[going]
-            going, corner = going[moved], corner[moved]
-            if not len(going):
-                break
-            start[going] = corner
-            face[going], weights[:, going] = self._round(corner, others.take(going, 1))
-        return face, weights
-
-    def follow(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, walk=True) -> tuple[np.ndarray, np.ndarray]:
-        """(ways (3, k) from the nearest points to `others`, their lengths (k,)), with `weights` brought up to date on the triangles
-        `face`, and with `walk` both for those that are farthest off, by walks from the sides of these."""
-        off = others - self.at(face, weights)
-        distance = length(off)
-        far = np.flatnonzero(distance > FAR * distance.max(initial=0))
-        there = others.take(far, 1)
-        at = barycentric(there, *(self.points.take(c, 1) for c in self.corners.take(face[far], 1)))
-        weights[:, far] = at
-        side = np.flatnonzero((at <= 0).any(axis=0) & walk)
-        face[far[side]], weights[:, far[side]] = self.walk(self.corner(face[far[side]], at.take(side, 1)), there.take(side, 1))
-        off[:, far] = there - self.at(face[far], weights.take(far, 1))
-        distance[far] = length(off.take(far, 1))
-        return off, distance
-
-    def doubt(self, face: np.ndarray, weights: np.ndarray, others: np.ndarray, count: int = DOUBTED) -> None:
-        """Seek those of `others` that are farthest from `face` and `weights` again, on all triangles near enough."""
-        sorted_by, along, middle, radius = self.spheres
-        distance = length(others - self.at(face, weights))
-        for _ in range(DOUBTS if len(face) else 0):
-            far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
-            far = far[distance[far] > distance[far].max() / 2]
-            some, most = others.take(far, 1), distance[far] + 1e-6
-            reach = most + radius.max()
-            begin, end = (np.searchsorted(middle[along], some[along] + side) for side in (-reach, reach))
-            which, found = np.repeat(np.arange(len(far)), end - begin), ranges(begin, end - begin)
-            away = length(some.take(which, 1) - middle.take(found, 1))
-            np.minimum.at(most, which, away + radius[found] + 1e-6)
-            near = away - radius[found] < most[which]
-            which, found = which[near], sorted_by[found[near]]
-            other = some.take(which, 1)
-            at = barycentric(other, *(self.points.take(c, 1) for c in self.corners.take(found, 1)))
-            away = length(other - self.at(found, at))
-            order = np.lexsort((away, which))
-            which, first = np.unique(which[order], return_index=True)
-            best = order[first]
-            better = away[best] < 0.99 * distance[far[which]]
-            if not better.any():
-                break
-            best, far = best[better], far[which[better]]
-            face[far], weights[:, far], distance[far] = found[best], at.take(best, 1), away[best]
-
-    def beyond(self, least: float, face: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(which of `others` (3, k) are farther than `least`, the triangles nearest to these, the weights on them), by walks
-        from the triangles `face` (k,)."""
-        far = np.flatnonzero(distances(others, *(self.points.take(c, 1) for c in self.corners.take(face, 1))) > least)
-        others = others.take(far, 1)
-        corners = self.corners.take(face[far], 1)
-        near = np.argmin([length(others - self.points.take(c, 1)) for c in corners], axis=0)
-        face, weights = self.walk(corners[near, np.arange(len(far))], others)
-        self.doubt(face, weights, others)
-        still = np.flatnonzero(length(others - self.at(face, weights)) > least)
-        return far[still], face[still], weights.take(still, 1)
-
-    @property
-    def spheres(self) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
-        """(the triangles in order along an axis (m,), the axis, middles (3, m) and radii (m,) of spheres about them)."""
-        if self._spheres is None or self._spheres[0] is not self.points:
-            corner = [self.points.take(c, 1) for c in self.corners]
-            middle = sum(corner) / 3
-            radius = np.max([length(each - middle) for each in corner], axis=0)
-            along = int(np.ptp(middle, axis=1).argmax())
-            order = np.argsort(middle[along])
-            self._spheres = self.points, (order, along, middle.take(order, 1), radius[order])
-        return self._spheres[1]
-
-    def _round(self, start: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """As walk(), of the triangles round the points `start` (k,) alone."""
-        face, weights = np.empty(len(start), np.intp), np.empty((3, len(start)))
-        for block in blocks(len(start), BLOCK // 8):
-            face[block], weights[:, block] = self._nearest_round(start[block], others[:, block])
-        return face, weights
-
-    def _nearest_round(self, start: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        begin = self.first[start]
-        count = self.first[start + 1] - begin
-        low = np.cumsum(count) - count
-        which = np.repeat(np.arange(len(start)), count)
-        face = self.star[ranges(begin, count)]
-        square = squares(others.take(which, 1), *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
-        hit = np.flatnonzero(square == np.repeat(np.minimum.reduceat(square, low), count))
-        face = face[hit[np.searchsorted(which[hit], np.arange(len(start)))]]
-        return face, nearest_on(others, *(self.points.take(c, 1) for c in self.corners.take(face, 1)))
+    Goes from the vertex `start` (k,) to the closest of the faces at it, to the vertex of that which is closest, and on while
+    that leads elsewhere. It may end at a place that is closest only nearby, see doubt().
+    """
+    start = start.copy()
+    face, weights = _closest_round(mesh, start, points)
+    going = np.arange(len(start))
+    for _ in range(settings.CURRENT.walk_steps):
+        corner = mesh.corner(face[going], weights.take(going, 1))
+        moved = corner != start[going]
+        going, corner = going[moved], corner[moved]
+        if not len(going):
+            break
+        start[going] = corner
+        face[going], weights[:, going] = _closest_round(mesh, corner, points.take(going, 1))
+    return face, weights
 
 
-def blocks(count: int, size: int) -> list[slice]:
-    """Slices of `size` that make up range(count): NumPy is some three times faster on arrays that fit in the cache."""
-    return [slice(k, k + size) for k in range(0, count, size)]
+def follow(mesh: TriangleMesh, face, weights, points, walking=True) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(face, weights, offsets (3, k) from the closest points to `points`, their lengths (k,)) after the mesh or the points moved.
+
+    face (k,), weights (3, k): the closest points before. Only of the points that are farthest off they are found anew: on the same
+    faces, and if `walking` by walks from their edges.
+    """
+    off = points - mesh.at(face, weights)
+    distance = length(off)
+    far = np.flatnonzero(distance > settings.CURRENT.walk_again * distance.max(initial=0))
+    face, weights, there = face.copy(), weights.copy(), points.take(far, 1)
+    at = closest_weights(there, *mesh.vertices(face[far]))
+    weights[:, far] = at
+    side = np.flatnonzero((at <= 0).any(axis=0) & walking)
+    start = mesh.corner(face[far[side]], at.take(side, 1))
+    face[far[side]], weights[:, far[side]] = walk(mesh, start, there.take(side, 1))
+    off[:, far] = there - mesh.at(face[far], weights.take(far, 1))
+    distance[far] = length(off.take(far, 1))
+    return face, weights, off, distance
 
 
-def ranges(first: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """first[0], first[0] + 1, ... count[0] of them, then those from first[1]."""
-    return np.arange(count.sum()) + np.repeat(first - np.cumsum(count) + count, count)
+def doubt(mesh: TriangleMesh, face, weights, points, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """(face (k,), weights (3, k)) with the `count` points that are farthest off found again, on all faces near enough; once more
+    while any was wrong."""
+    face, weights, count = face.copy(), weights.copy(), count or settings.CURRENT.doubt_points
+    sorted_by, along, middle, radius = mesh.spheres
+    distance = length(points - mesh.at(face, weights))
+    for _ in range(settings.CURRENT.doubt_rounds if len(face) else 0):
+        far = np.argpartition(-distance, min(count, len(distance)) - 1)[:count]
+        far = far[distance[far] > distance[far].max() / 2]
+        some, most = points.take(far, 1), distance[far] + 1e-6
+        reach = most + radius.max()
+        begin, end = (np.searchsorted(middle[along], some[along] + side) for side in (-reach, reach))
+        which, found = np.repeat(np.arange(len(far)), end - begin), ranges(begin, end - begin)
+        away = length(some.take(which, 1) - middle.take(found, 1))
+        np.minimum.at(most, which, away + radius[found] + 1e-6)
+        near = away - radius[found] < most[which]
+        which, found = which[near], sorted_by[found[near]]
+        other = some.take(which, 1)
+        at = closest_weights(other, *mesh.vertices(found))
+        away = length(other - mesh.at(found, at))
+        order = np.lexsort((away, which))
+        which, first = np.unique(which[order], return_index=True)
+        best = order[first]
+        better = away[best] < 0.99 * distance[far[which]]
+        if not better.any():
+            break
+        best, far = best[better], far[which[better]]
+        face[far], weights[:, far], distance[far] = found[best], at.take(best, 1), away[best]
+    return face, weights
 
 
-def length(vectors: np.ndarray) -> np.ndarray:
-    """Of vectors (3, k)."""
-    return np.sqrt(np.einsum("dn,dn->n", vectors, vectors))
+def beyond(mesh: TriangleMesh, least: float, face: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(which of `points` (3, k) are farther from the mesh than `least`, (j,); their closest faces; the weights on these (3, j)), by
+    walks from the faces (k,)."""
+    far = np.flatnonzero(distances(points, *mesh.vertices(face)) > least)
+    points = points.take(far, 1)
+    corners = mesh.corners.take(face[far], 1)
+    near = np.argmin([length(points - mesh.points.take(c, 1)) for c in corners], axis=0)
+    face, weights = doubt(mesh, *walk(mesh, corners[near, np.arange(len(far))], points), points)
+    still = np.flatnonzero(length(points - mesh.at(face, weights)) > least)
+    return far[still], face[still], weights.take(still, 1)
 
 
-def normals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
-    """Of triangles abc, each (3, k), as long as twice their area."""
-    (ux, uy, uz), (vx, vy, vz) = b - a, c - a
-    return np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+def _closest_round(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """As walk(), on the faces at the vertices `start` (k,) alone."""
+    face, weights = np.empty(len(start), np.intp), np.empty((3, len(start)))
+    for block in blocks(len(start), BLOCK // 8):
+        around, count = mesh.faces_at(start[block])
+        which, some = np.repeat(np.arange(len(count)), count), points[:, block]
+        square = squares(some.take(which, 1), *mesh.vertices(around))
+        hit = np.flatnonzero(square == np.repeat(np.minimum.reduceat(square, np.cumsum(count) - count), count))
+        face[block] = around[hit[np.searchsorted(which[hit], np.arange(len(count)))]]
+        weights[:, block] = _closest_weights(some, *mesh.vertices(face[block]))
+    return face, weights
 
 
 def barycentric(p, a, b, c) -> np.ndarray:
+    """Barycentric weights (3, k) of the points p dropped onto the planes of the triangles abc, each (3, k): thirds where a
+    triangle has no area."""
+    products = _products(p, a, b, c)
+    uu, uv, vv = products[:3]
+    s, t = _on_plane(*products)
+    flat = uu * vv - uv * uv <= 1e-12 * uu * vv
+    s[flat] = t[flat] = 1 / 3
+    return np.stack([1 - s - t, s, t])
+
+
+def closest_weights(p, a, b, c) -> np.ndarray:
     """Barycentric weights (3, k) of the points of the triangles abc nearest to p, each (3, k)."""
     weights = np.empty(p.shape)
     for block in blocks(p.shape[1], BLOCK):
-        weights[:, block] = nearest_on(*(each[:, block] for each in (p, a, b, c)))
+        weights[:, block] = _closest_weights(*(each[:, block] for each in (p, a, b, c)))
     return weights
 
 
@@ -165,8 +131,8 @@ def distances(p, a, b, c) -> np.ndarray:
     return np.sqrt(square)
 
 
-def nearest_on(p, a, b, c) -> np.ndarray:
-    """Barycentric weights (3, k) of the points of the triangles abc nearest to p, each (3, k)."""
+def _closest_weights(p, a, b, c) -> np.ndarray:
+    """As closest_weights(), all at once."""
     _, s, t, (ab, ac, bc), (on_ab, on_ac, on_bc) = _planes_and_sides(p, a, b, c)
     # no where(): the processor cannot foresee which
     inside = np.minimum(np.minimum(s, t), 1 - s - t) >= 0
@@ -186,16 +152,26 @@ def squares(p, a, b, c) -> np.ndarray:
     return np.maximum(ww + sides + inside * (plane - sides), 0)
 
 
+def _products(p, a, b, c) -> list[np.ndarray]:
+    """Dot products (k,) of u = b - a, v = c - a and w = p - a: uu, uv, vv, wu, wv, ww."""
+    u, v, w = b - a, c - a, p - a
+    return [np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w))]
+
+
+def _on_plane(uu, uv, vv, wu, wv, _) -> tuple[np.ndarray, np.ndarray]:
+    """Barycentric weights (k,) of b and of c, of the point of the triangle's plane nearest to p."""
+    area = uu * vv - uv * uv + 1e-300
+    return (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+
+
 def _planes_and_sides(p, a, b, c) -> tuple[tuple, np.ndarray, np.ndarray, tuple, tuple]:
     """((squared distances to a, what is added to these on the plane), barycentric weights on the plane of b, of c, how far
     along the sides ab, ac, bc the nearest points on these are, what is added on these), each (k,).
 
     Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
-    u, v, w = b - a, c - a, p - a
-    uu, uv, vv, wu, wv, ww = (np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w)))
-    area = uu * vv - uv * uv + 1e-300
-    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    uu, uv, vv, wu, wv, ww = products = _products(p, a, b, c)
+    s, t = _on_plane(*products)
     plane = -(s * wu + t * wv)
     wu2, wv2 = wu + wu, wv + wv
     ab, ac = (wu / (uu + 1e-300)).clip(0, 1), (wv / (vv + 1e-300)).clip(0, 1)

@@ -2,40 +2,26 @@
 
 import numpy as np
 
+from . import settings
 from .rasterizer import mask
 
 CELL = 32  # pixels across the mask of a part, with one around it
-LOST = 0.03  # of its area, that a part may show less
-FLAT = 0.01  # of its length: a part no thicker is flat
 # From where parts are looked at: the corners of a cube, (d, 2, 3) axes of the pictures.
 _towards = np.array([(1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)]) / np.sqrt(3)
 _right = np.cross((0.0, 0.0, 1.0), _towards) * np.sqrt(1.5)
 DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
-def parts_of(n: int, triangles: np.ndarray) -> np.ndarray:
-    """For each of n points the first of its loose part, (n,) intp. triangles: (m, 3)."""
-    part, before = np.arange(n), None
-    while before is None or (part != before).any():
-        before = part.copy()
-        least = part[triangles].min(axis=1)
-        for corner in triangles.T:
-            np.minimum.at(part, part[corner], least)
-            np.minimum.at(part, corner, least)
-        part = part[part]
-    return part
-
-
-def within(points, part, new_points, new_triangles, landed, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(new points (n, 3), new triangles (k, 3), landed (n,)) with at most `target` triangles, or those of the largest part: the
+def within(points, part, new_points, new_triangles, collapse_map, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(new points (n, 3), new triangles (k, 3), collapse_map (n,)) with at most `target` triangles, or those of the largest part: the
     others become cards of two triangles, the smallest first; where that is not enough, those nearest to others go.
 
     points: (n, 3) of the source; part: (n,) the first point of each one's part; new_points (n, 3), new_triangles (m, 3): the
-    LOD, its points numbered as the source's; landed: (n,) the point that each collapsed into.
+    LOD, its points numbered as the source's; collapse_map: (n,) the point that each collapsed into.
     """
     if len(new_triangles) <= target:
-        return new_points, new_triangles, landed
-    new_points, landed = new_points.copy(), landed.copy()
+        return new_points, new_triangles, collapse_map
+    new_points, collapse_map = new_points.copy(), collapse_map.copy()
     first, of = np.unique(part[new_triangles[:, 0]], return_inverse=True)
     members = np.flatnonzero(np.isin(part, first))
     members = members[np.argsort(part[members], kind="stable")]
@@ -51,10 +37,10 @@ def within(points, part, new_points, new_triangles, landed, target: int) -> tupl
             excess -= len(faces[k]) - len(card)
             faces[k], corners = card, np.unique(card)
             new_points[corners] = points[corners]
-            landed[own[k]] = corners[((points[own[k], None] - points[corners]) ** 2).sum(axis=2).argmin(axis=1)]
+            collapse_map[own[k]] = corners[((points[own[k], None] - points[corners]) ** 2).sum(axis=2).argmin(axis=1)]
     if excess > 0:
         faces = [faces[k] for k in _spread_out(middle, radius, np.array([len(each) for each in faces]), target)]
-    return new_points, np.concatenate(faces), landed
+    return new_points, np.concatenate(faces), collapse_map
 
 
 def _card(points: np.ndarray) -> np.ndarray:
@@ -92,14 +78,14 @@ def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: n
     reach = np.zeros((count, 3))  # the shortest first
     np.maximum.at(reach, part, np.abs(along))
     more = wanted / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300) - 1
-    more[more < LOST] = 0
+    more[more < settings.CURRENT.parts_lost] = 0
     # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc + ca; of what is flat (b + d) (c + d)
-    (a, b, c), flat = reach.T, reach[:, 0] < FLAT * reach[:, 2]
+    (a, b, c), flat = reach.T, reach[:, 0] < settings.CURRENT.parts_flat * reach[:, 2]
     square, line, area = np.where(
         flat, (np.ones(count), b + c, b * c), (np.full(count, 3.0), 2 * (a + b + c), a * b + b * c + c * a)
     )
     wider = (np.sqrt(line**2 + 4 * square * area * more) - line) / (2 * square)
-    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(reach, FLAT * reach[:, 2:] + 1e-300)
+    scale = 1 + wider.clip(0, most)[:, None] / np.maximum(reach, settings.CURRENT.parts_flat * reach[:, 2:] + 1e-300)
     return middle[part] + np.einsum("nk,ndk->nd", along * scale[part], axes[part])
 
 

@@ -1,5 +1,8 @@
-"""LOD meshes by decimation: fast-simplification makes the many cheap collapses, quadric collapses the last, and the points
-and triangles left are moved until the largest distance to the source is least."""
+"""LOD meshes by decimation.
+
+fast-simplification makes the many cheap collapses, quadric collapses the last; then the vertices left are moved until the largest
+distance to the source is least.
+"""
 
 import threading
 from collections.abc import Iterator
@@ -7,31 +10,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..connected_components import connected_components
 from ..errors import CrowdError
 from ..progress import finished
-from .components import areas, grown, parts_of, within
-from .edge_collapse import collapse, edge_keys, half_edges, held_sides, normals_of, quadrics_of
+from . import settings
+from .components import areas, grown, within
+from .edge_collapse import Poses, collapse, normals_of, quadrics_of
 from .pose_deformation import Skin
-from .surface_fit import FINE, Fit
-from .triangle_redistribution import share
+from .surface_fit import SurfaceFit
+from .triangle_mesh import constrained_edges, edge_keys, half_edges
 
-BULK, REST = 1.1, 0.04  # times the triangles wanted, and part of the source's: down to these fast-simplification collapses
-SEAMED, BENT = 30_000, 60_000  # triangles that it leaves of a mesh with seams, or poses, of which it knows nothing
-FAR = 0.065  # of the triangles: where fewer are wanted, seams hold the less, by the cube of their part of this
-HELD = 0.5  # the weight of seams in each pose, of that at rest: they add up
-LEFT = 0.5  # weight of the planes that it leaves against those of the source
-BULK_AGGRESSION = 3  # with this care; its default is 7
-# Work, in about microseconds: what may be done, at least and for each triangle of the source, and what is asked by a triangle of
-# the source, one that collapses, and each sample of a Fit: to begin, in a step of moves, a share, a flip, and to end.
-EFFORT, EACH = 1_000_000, 16.7
-TRIANGLE, COLLAPSED, BEGUN, MOVED, SHARED, FLIPPED, ENDED = 3.5, 18, 1.7, 0.17, 1.7, 1.2, 4
-PER_POSE = 1 / 3  # of a collapse's work, that each pose adds to it
-OVERHEAD = 6_000  # samples that ask as much as a step with none
-ROUNDS = 1, 40  # of moves, at least and at most
-LOOKS, HIDDEN = 3, 1.1  # at what lies between the samples, at most, the next only if that was this much farther off
-MENDED = 0.7  # of the worst distance: what is moved then
-STEPS, STEPPED = 8, 4  # moves in a round, and how many more steps it asks to begin and end
-GROWN = 1.0  # of the worst distance: how far parts may be widened to show as much as the source's
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
 # fast-simplification keeps its mesh in module-global state: one call at a time.
@@ -75,8 +63,8 @@ def decimating(
 
     points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
     of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of EFFORT it may
-    ask, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
+    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of Settings.moves it may
+    do, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
     loose part is lost while there are triangles for all, two each: then those that lie nearest to others go first.
     """
     if not 0 < ratio <= 1:
@@ -112,80 +100,81 @@ def decimating(
     whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
     yield
-    new_points, new_triangles, landed, follows = yield from _best(unit[solid], whole, held, target, skin, effort)
+    new_points, new_triangles, collapse_map, follows = yield from _best(unit[solid], whole, held, target, skin, effort)
     if skin:
         source = solid[follows]
     else:
-        landed = np.append(landed, -1)[index[joined]]
-        stands = np.flatnonzero(landed >= 0)
-        source = stands[_nearest(unit[stands], new_points, landed[stands])]
+        collapse_map = np.append(collapse_map, -1)[index[joined]]
+        stands = np.flatnonzero(collapse_map >= 0)
+        source = stands[_nearest(unit[stands], new_points, collapse_map[stands])]
     return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
 
 
 def _best(points, triangles, seams, target: int, skin: Skin | None, effort: float) -> Iterator[None]:
-    """Collapse, then fit while EFFORT lasts; yields between the steps and returns (points (k, 3), triangles (m, 3), landed
+    """Collapse, then fit while Settings.moves last; yields between the steps and returns (points (k, 3), triangles (m, 3), collapse_map
     (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
     straight elbow first: it goes less far, in the pose that bends most."""
-    part, facing = parts_of(len(points), triangles), normals_of(points, triangles)
-    hold = 1.0 if skin else min(1.0, target / len(triangles) / FAR) ** 3
-    held, border = sides = held_sides(triangles, seams, len(points))
+    part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
+    now = settings.CURRENT
+    hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
+    held, border = sides = constrained_edges(triangles, seams, len(points))
     quadrics = quadrics_of(points, triangles, sides, hold)
-    bent = [quadrics_of(place, triangles, sides, HELD) for place in (skin.place if skin else ())]
-    spared = BENT if bent else SEAMED if len(seams) else 0
+    pose_quadrics = [quadrics_of(place, triangles, sides, now.seams_posed) for place in (skin.place if skin else ())]
+    spared = now.bulk_posed if skin else now.bulk_seamed if len(seams) else 0
     yield
-    most = max(int(BULK * target + REST * len(triangles)), spared)
-    start, some, landed = _bulk(points, triangles, part, most, skin.place[0] if bent else points)
+    most = max(int(now.bulk_margin * target + now.bulk_part * len(triangles)), spared)
+    start, some, collapse_map = _bulk(points, triangles, part, most, skin.place[0] if skin else points)
     yield
-    rows, *bent = (np.stack([np.bincount(landed, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *bent))
-    if len(some) < len(triangles) and not bent:
+    rows, *pose_quadrics = (
+        np.stack([np.bincount(collapse_map, row, len(start)) for row in each]) for each in ((*quadrics, *facing.T), *pose_quadrics)
+    )
+    poses = Poses(skin, pose_quadrics) if skin else None
+    if len(some) < len(triangles) and not poses:
         # of a flat face all points may have landed far from its corners, which must not forget it
-        rows[:11] += LEFT * quadrics_of(start, some, held_sides(some, landed[seams], len(start)), hold)
-    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, skin, bent)
-    new_points, new_triangles, landed = within(points, part, new_points, new_triangles, end[landed], target)
+        rows[:11] += now.bulk_planes * quadrics_of(start, some, constrained_edges(some, collapse_map[seams], len(start)), hold)
+    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, poses)
+    new_points, new_triangles, collapse_map = within(points, part, new_points, new_triangles, end[collapse_map], target)
     follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
     new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
     index = np.full(len(start), -1)
     index[kept] = np.arange(len(kept))
-    landed = index[landed]
+    collapse_map = index[collapse_map]
     yield
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = Fit(new_points, new_triangles, points, triangles, landed, seams[inside], hold, skin, follows[kept])
-    left = max(effort * EFFORT, EACH * len(triangles)) - TRIANGLE * len(triangles)
-    left -= COLLAPSED * (1 + PER_POSE * len(bent)) * (len(some) - target)
-    left -= BEGUN * fit.samples + ENDED * (fit.samples + OVERHEAD)
-    for k in range(ROUNDS[1]):
-        before = left
-        if k:
-            if bent:  # what lies between the samples is farther off with them, and only shares mend it
-                fit.watch()
-            share(fit)
-            left -= SHARED * (fit.samples + OVERHEAD)
+    fit = SurfaceFit((new_points, new_triangles), (points, triangles), collapse_map, seams[inside], skin, follows[kept])
+    yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
+    new_points = _widened(points, triangles, part, fit)
+    return new_points, fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows
+
+
+def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
+    """Move the LOD nearer to its source, about as many samples in all as `moves`, then mend what lies between the samples; yields
+    between the rounds."""
+    now = settings.CURRENT
+    for k in range(int(np.clip(np.round(moves / (now.steps * fit.samples)), *now.rounds))):
         if k % 4 == 2:
             fit.flip()
-            left -= FLIPPED * (fit.samples + OVERHEAD)
-        left -= MOVED * (STEPS + STEPPED) * (fit.move(STEPS) + OVERHEAD)
-        if fit.worst < FINE or (k + 1 >= ROUNDS[0] and left < (before - left) / 2):
+        fit.move(now.steps)
+        if fit.worst < now.near_enough:
             break
         yield
     fit.restore()
-    for _ in range(LOOKS):
+    for _ in range(now.looks):
         before = fit.worst
-        if before < FINE or not fit.watch() | fit.look():
+        if before < now.near_enough or not fit.watch() | fit.look():
             break
         found = fit.worst
-        fit.move(STEPS, MENDED)
+        fit.move(now.steps)
         fit.restore()
-        if found < HIDDEN * before:
+        if found < now.looks_gain * before:
             break
-    new_points = _widened(points, triangles, part, fit)
-    return new_points, fit.corners.T, fit.copies.one(fit.landed), fit.follows
 
 
-def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: Fit) -> np.ndarray:
+def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit) -> np.ndarray:
     """The LOD's points (k, 3) at rest; of several parts each as wide as it must be to show as much as the source's, of points (n, 3) and
     triangles (m, 3)."""
     new_points = fit.points.T / fit.copies.rest
@@ -194,11 +183,11 @@ def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: F
     names, of = np.unique(part[fit.follows], return_inverse=True)
     shown = triangles[np.isin(part[triangles[:, 0]], names)]
     wanted = areas(points, shown, np.searchsorted(names, part[shown[:, 0]]), len(names))
-    return grown(new_points, fit.corners.T, of, wanted, GROWN * fit.worst)
+    return grown(new_points, fit.corners.T, of, wanted, settings.CURRENT.parts_grown * fit.worst)
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3), triangles, landed (n,)) about `target` triangles by fast-simplification, which chooses what to collapse
+    """(points (n, 3), triangles, collapse_map (n,)) about `target` triangles by fast-simplification, which chooses what to collapse
     with the points at `seen` (n, 3). Parts that it would lose, or whose faces it would open, double or join, stay as they are."""
     import fast_simplification
 
@@ -206,16 +195,17 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
     if target >= len(triangles):
         return points, triangles, every
     faces = np.ascontiguousarray(triangles, np.int32)
+    care = settings.CURRENT.bulk_aggression
     with _one_at_a_time:
-        _, _, collapses = fast_simplification.simplify(seen, faces, target_count=target, agg=BULK_AGGRESSION, return_collapses=True)
-        some_points, some, landed = fast_simplification.replay_simplification(points, faces, collapses)
+        _, _, collapses = fast_simplification.simplify(seen, faces, target_count=target, agg=care, return_collapses=True)
+        some_points, some, collapse_map = fast_simplification.replay_simplification(points, faces, collapses)
     # it numbers the points anew: each takes back the number of the first that landed on it
-    _, first = np.unique(landed, return_index=True)
-    if len(first) != len(some_points) or (landed[first] != np.arange(len(first))).any():
+    _, first = np.unique(collapse_map, return_index=True)
+    if len(first) != len(some_points) or (collapse_map[first] != np.arange(len(first))).any():
         return points, triangles, every
     moved = points.copy()
     moved[first] = some_points
-    some, landed = first[some], first[landed]
+    some, collapse_map = first[some], first[collapse_map]
     whole = _without_flat_and_doubled(some)
     count, sound = (np.bincount(part[each[:, 0]], minlength=n) for each in (some, whole))
     bad = (count == 0) | (sound < count) | (_uneven(some, part) > _uneven(triangles, part))
@@ -224,10 +214,10 @@ def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.nd
     np.minimum.at(low, part, points)
     np.maximum.at(high, part, points)
     bad[part[(np.abs(moved - moved.clip(low[part], high[part])) > 0.01).any(axis=1)]] = True
-    bad[part[part[landed] != part]] = True
+    bad[part[part[collapse_map] != part]] = True
     bad = bad[part]
     some = np.concatenate([some[~bad[some[:, 0]]], triangles[bad[triangles[:, 0]]]])
-    return np.where(bad[:, None], points, moved), some, np.where(bad, every, landed)
+    return np.where(bad[:, None], points, moved), some, np.where(bad, every, collapse_map)
 
 
 def _uneven(triangles: np.ndarray, part: np.ndarray) -> np.ndarray:
@@ -262,9 +252,9 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
     return joined, joined[border]
 
 
-def _nearest(points: np.ndarray, new_points: np.ndarray, landed: np.ndarray) -> np.ndarray:
-    """For each new point the nearest of the points that landed on it, (k,) intp. landed: (n,) index of the new point."""
-    distance = np.linalg.norm(points - new_points[landed], axis=1)
-    order = np.lexsort((distance, landed))
-    first = np.searchsorted(landed[order], np.arange(len(new_points)))
+def _nearest(points: np.ndarray, new_points: np.ndarray, collapse_map: np.ndarray) -> np.ndarray:
+    """For each new point the nearest of the points that landed on it, (k,) intp. collapse_map: (n,) index of the new point."""
+    distance = np.linalg.norm(points - new_points[collapse_map], axis=1)
+    order = np.lexsort((distance, collapse_map))
+    first = np.searchsorted(collapse_map[order], np.arange(len(new_points)))
     return order[first]

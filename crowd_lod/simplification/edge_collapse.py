@@ -5,40 +5,49 @@ Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
 """
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
-from .closest_point import BLOCK, blocks, length
-from .closest_point import normals as normals_at
+from . import settings
+from .closest_point import BLOCK
 from .pose_deformation import Skin
-
-MEAN = 0.9  # the power of its area that a collapse's error is divided by: 0 spares large faces, 1 all alike
-STAY = 1e-9  # weight of the edge's middle against the planes: decides where they leave a choice
-FACING = 0.2  # least cosine between a triangle's normals before and after, and to what it stands for
-FOLDED = -1.0  # the same where nothing else is left to collapse
-THIN = 0.001  # a triangle may get no thinner than this, twice its area over its squared sides
-SHARE = 0.15  # of a round's edges, the cheapest, that may collapse in it
-PASSES = 6  # choices of edges in a round
+from .triangle_mesh import blocks, edge_keys, edges_of, half_edges, length
+from .triangle_mesh import normals as normals_at
 
 
-def half_edges(triangles: np.ndarray) -> np.ndarray:
-    """The sides (3 m, 2) of triangles (m, 3): side 3 t + i of triangle t from its corner i to the next."""
-    return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+@dataclass(frozen=True)
+class Poses:
+    """What the poses add to the mesh at rest: its skin; quadrics: the vertices' (11, n) in each pose."""
+
+    skin: Skin
+    quadrics: list[np.ndarray]
 
 
-def held_sides(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(which of the `half_edges` of triangles (m, 3) between n points are open borders or `seams` (k, 2), (h,); which of these are
-    borders, (h,) bool)."""
-    keys = edge_keys(half_edges(triangles).T, n)
-    _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
-    border = count[inverse] != 2
-    held = np.flatnonzero(border | np.isin(keys, edge_keys(seams.T, n)))
-    return held, border[held]
+@dataclass(frozen=True)
+class _Mesh:
+    """points: (3, n); corners: (3, m); normals: (3, n), the sums of those of the source that each vertex stands for."""
+
+    points: np.ndarray
+    corners: np.ndarray
+    normals: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Edges:
+    """Edges that may collapse. ends: (2, k) vertices; faces: (k,) how many have the edge; at: (3, k), where it would collapse to."""
+
+    ends: np.ndarray
+    faces: np.ndarray
+    at: np.ndarray
+
+    def take(self, some: np.ndarray) -> "_Edges":
+        return _Edges(self.ends[:, some], self.faces[some], self.at[:, some])
 
 
 def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarray, np.ndarray], hold: float = 1.0) -> np.ndarray:
     """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its triangles by
-    their areas, and of the planes upright on their `held_sides`, by length squared, those on seams times `hold`."""
+    their areas, and of the planes upright on their `constrained_edges`, by length squared, those on seams times `hold`."""
     n, (side, border) = len(points), held
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, area = _unit(np.cross(b - a, c - a))
@@ -55,78 +64,67 @@ def normals_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return _spread(np.cross(b - a, c - a).T, triangles.T, len(points)).T
 
 
-def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
-    """One number (k,) for each edge (2, k) between n points, whichever way it runs."""
-    return np.minimum(*ends) * n + np.maximum(*ends)
+def collapse(points, triangles, quadrics, normals, target: int, poses: Poses | None = None) -> Iterator[None]:
+    """Collapse edges until at most `target` triangles are left, or as few as may be; yields between the rounds.
 
-
-def collapse(points, triangles, quadrics, normals, target: int, skin: Skin | None = None, bent=()) -> Iterator[None]:
-    """Yields between the rounds and returns (points (n, 3), triangles (m, 3), landed (n,), follows (n,)) with at most `target`
-    triangles, or the fewest that hold.
+    Returns (points (n, 3), triangles (m, 3), collapse_map (n,), follows (n,)).
 
     points: (n, 3), about of unit size; triangles: (m, 3); quadrics, normals: of the points. Points keep their indices;
-    landed: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
+    collapse_map: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
     parts keeps a triangle, or four where it is closed.
 
-    skin: how the points move, and bent: in each of its poses their quadrics (11, n), whose errors add to that at rest;
-    follows: the point of those given that each moves with, of the two ends of an edge the nearer. Source: Mohr, Gleicher,
+    With `poses` the errors in these add to that at rest. follows: the point of those given that each moves with, of the two ends
+    of an edge the nearer. Source: Mohr, Gleicher,
     "Deformation sensitive decimation", 2003.
     """
     all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
     own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
     corners = np.ascontiguousarray(corners.reshape(-1, 3).T)  # (3, m): NumPy is several times faster along the long axis
     points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
-    bent, follows = [each.take(own, 1) for each in bent], own.copy()
-    landed, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, FACING
+    poses, follows = poses and Poses(poses.skin, [each.take(own, 1) for each in poses.quadrics]), own.copy()
+    collapse_map, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, settings.CURRENT.facing
     keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
     while corners.shape[1] > target:
         before, (keys, edges, faces) = keys, edges_of(corners, n)
         # of each edge where it would collapse to, its cost at rest and, if known, its error in the poses: most stay as they were
         known = _taken_over(before, known, keys, changed[edges].any(axis=0))
         new = np.flatnonzero(np.isnan(known[3]))
-        known[:3, new], known[3, new] = place(points, quadrics, *edges.take(new, 1))
-        at, barred = known[:3], bridges(edges, faces, n) | np.isin(keys, refused)
+        known[:3, new], known[3, new] = _place(points, quadrics, *edges.take(new, 1))
+        found, barred = _Edges(edges, faces, known[:3]), _bridges(edges, faces, n) | np.isin(keys, refused)
         cost = np.where(barred, np.inf, known[3])
-        most = len(cost) if thorough else min(len(cost), max(64, int(SHARE * len(cost))))
-        if bent:
-            _add_bent(skin, bent, follows, edges, at, quadrics[10], most, cost, known[4])
+        most = len(cost) if thorough else min(len(cost), max(64, int(settings.CURRENT.round_part * len(cost))))
+        if poses:
+            errors = _PoseErrors(poses, follows, quadrics[10])
+            errors.add(cost, known[4], found, most)
         order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
         order = order[np.argsort(cost[order], kind="stable")]
-        passes = len(order) if thorough else PASSES
-        chosen, bad = choose(points, corners, normals, edges, faces, order, at, passes, facing)
+        passes = len(order) if thorough else settings.CURRENT.round_passes
+        chosen, bad = (order[each] for each in _choose(_Mesh(points, corners, normals), edges, found.take(order), passes, facing))
         refused = np.append(refused, keys[bad])
         if not len(chosen):
-            if thorough and facing == FOLDED:
+            if thorough and facing == settings.CURRENT.facing_last:
                 break
             if thorough:
-                refused, facing = refused[:0], FOLDED
+                refused, facing = refused[:0], settings.CURRENT.facing_last
             thorough, changed = not thorough, np.zeros(n, bool)
             continue
         chosen = chosen[: np.searchsorted(np.cumsum(faces[chosen]), corners.shape[1] - target) + 1]
         keep, gone = ends = edges[:, chosen]
         around = _ring(corners, ends, n)
         refused, thorough = refused[~around[np.stack(np.divmod(refused, n))].any(axis=0)], False
-        points[:, keep] = at.take(chosen, 1)
-        follows[keep] = skin.nearer(points[:, keep], *follows[ends]) if bent else follows[keep]
+        points[:, keep] = found.at.take(chosen, 1)
+        follows[keep] = poses.skin.nearer(points[:, keep], *follows[ends]) if poses else follows[keep]
         changed = np.zeros(n, bool)
         changed[keep] = True
-        for each in (quadrics, normals, *bent):
+        for each in (quadrics, normals, *(poses.quadrics if poses else ())):
             each[:, keep] += each[:, gone]
         move = np.arange(n)
         move[gone] = keep
-        landed, corners = move[landed], move[corners]
+        collapse_map, corners = move[collapse_map], move[corners]
         corners = corners.compress(~_flat(corners), axis=1)
         yield
-    all_points[own], all_landed[own], all_follow[own] = points.T, own[landed], follows
+    all_points[own], all_landed[own], all_follow[own] = points.T, own[collapse_map], follows
     return all_points, own[corners].T, all_landed, all_follow
-
-
-def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(keys (k,), ends (2, k), how many triangles (k,)) of each edge of the triangles `corners` (3, m)."""
-    keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
-    first = np.flatnonzero(np.diff(keys, prepend=-1))
-    faces, keys = np.diff(first, append=len(keys)), keys[first]
-    return keys, np.stack(np.divmod(keys, n)), faces
 
 
 def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray) -> np.ndarray:
@@ -140,7 +138,7 @@ def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed
     return found
 
 
-def bridges(edges: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
+def _bridges(edges: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
     """Which of the edges (2, k), of `faces` (k,) triangles, would join two borders if they collapsed, (k,) bool."""
     border = np.zeros(n, bool)
     border[edges[:, faces != 2]] = True
@@ -153,25 +151,27 @@ def _flat(corners: np.ndarray) -> np.ndarray:
     return (a == b) | (b == c) | (c == a)
 
 
-def choose(points, corners, normals, edges, faces, order, at, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
-    """(the edges to collapse together, those that must not collapse) of the edges `order`, the cheapest first. points, normals,
-    at: (3, n) and (3, k)."""
-    n = points.shape[1]
-    ends, at, faces = edges[:, order], at[:, order], faces[order]  # an edge's index is its rank by cost
+def _choose(mesh: _Mesh, edges: np.ndarray, order: _Edges, passes: int, facing: float) -> tuple[np.ndarray, np.ndarray]:
+    """(which of `order` to collapse together, which must not collapse), as indices.
+
+    edges: (2, j) all the mesh's edges; order: those that may collapse, the cheapest first; facing: see _valid().
+    """
+    n = mesh.points.shape[1]
     near = np.zeros(n, bool)
-    near[ends] = True
-    corners, edges = (each.compress(near[each].any(axis=0), axis=1) for each in (corners, edges))
-    free, chosen, bad = np.ones(len(order), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
+    near[order.ends] = True
+    corners, edges = (each.compress(near[each].any(axis=0), axis=1) for each in (mesh.corners, edges))
+    mesh = _Mesh(mesh.points, corners, mesh.normals)
+    free, chosen, bad = np.ones(len(order.faces), bool), np.zeros(0, np.intp), np.zeros(0, np.intp)
     for _ in range(passes):
-        found = _apart(ends, free, corners, n)
+        found = _apart(order.ends, free, corners, n)
         if not len(found):
             break
         free[found] = False
-        good = _valid(points, corners, normals, edges, ends[:, found], at[:, found], faces[found], facing)
+        good = _valid(mesh, edges, order.take(found), facing)
         bad = np.append(bad, found[~good])
         chosen = np.append(chosen, found[good])
-        free &= ~_ring(corners, ends[:, found[good]], n)[ends].any(axis=0)
-    return order[np.sort(chosen)], order[bad]
+        free &= ~_ring(corners, order.ends[:, found[good]], n)[order.ends].any(axis=0)
+    return np.sort(chosen), bad
 
 
 def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -190,21 +190,22 @@ def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
     return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
 
 
-def place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
     at, cost = np.empty((3, len(a))), np.empty(len(a))
     for block in blocks(len(a), BLOCK):
-        at[:, block], cost[block] = _place(points, quadrics, a[block], b[block])
+        at[:, block], cost[block] = _place_block(points, quadrics, a[block], b[block])
     return at, cost
 
 
-def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+def _place_block(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+    """As _place(), all at once."""
     p, q = points.take(a, 1), points.take(b, 1)
     xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
     x, y, z = middle = (p + q) / 2
     gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
     cost = (gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd
-    hold = STAY * area + 1e-300
+    hold = settings.CURRENT.midpoint * area + 1e-300
     xx, yy, zz = xx + hold, yy + hold, zz + hold
     cxx, cxy, cxz = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     cyy, cyz, czz = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
@@ -213,39 +214,45 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     edge = np.einsum("dn,dn->n", p - q, p - q)
     # planes that hardly differ meet anywhere
     step *= np.einsum("dn,dn->n", step, step) <= 4 * edge
-    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + STAY * edge * area
-    return middle + step, cost / (area + 1e-300) ** MEAN
+    cost = np.maximum(cost + gx * step[0] + gy * step[1] + gz * step[2], 0) + settings.CURRENT.midpoint * edge * area
+    return middle + step, cost / (area + 1e-300) ** settings.CURRENT.area_power
 
 
-def _add_bent(skin: Skin, bent, follows, edges, at, area, most: int, cost: np.ndarray, error: np.ndarray) -> None:
-    """Add to the `cost` (k,) of the edges (2, k), which collapse to `at` (3, k), the error in all poses: of the `most` cheapest and
-    whichever else might be one of these. error: (k,) those known from before, or NaN; takes up what is new. follows, area: (n,)
-    of the points."""
-    known = ~np.isnan(error)
-    cost[known] += error[known]
-    limit = np.partition(cost, most - 1)[most - 1]
-    for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
-        some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
-        ends = edges.take(some, 1)
-        there = at.take(some, 1)
-        found = _bent_error(skin, bent, skin.nearer(there, *follows[ends]), ends, there)
-        error[some] = found / (area.take(ends).sum(axis=0) + 1e-300) ** MEAN
-        cost[some] += error[some]
-        known[some] = True
-        limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
+@dataclass(frozen=True)
+class _PoseErrors:
+    """The errors of collapses in all poses. follows: (n,) what each vertex moves with; area: (n,) that each stands for."""
 
+    poses: Poses
+    follows: np.ndarray
+    area: np.ndarray
 
-def _bent_error(skin: Skin, bent, follow, edges, at) -> np.ndarray:
-    """The error in all poses (k,) of the points that the edges (2, k) collapse to, `at` (3, k), each moving with `follow` (k,)."""
-    error = np.zeros(len(follow))
-    for block in blocks(len(follow), BLOCK):
-        a, b = edges[:, block]
-        for j, quadrics in enumerate(bent):
-            xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
-            x, y, z = skin.at(j, at[:, block], follow[block])
-            gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
-            error[block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
-    return error
+    def add(self, cost: np.ndarray, error: np.ndarray, edges: _Edges, most: int) -> None:
+        """Add to the `cost` (k,) of the edges their error in all poses: of the `most` cheapest, and of others that might be among
+        these. error: (k,), known from the round before, or NaN; it takes up what is new."""
+        known = ~np.isnan(error)
+        cost[known] += error[known]
+        limit = np.partition(cost, most - 1)[most - 1]
+        for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
+            some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
+            ends, at = edges.ends.take(some, 1), edges.at.take(some, 1)
+            area = self.area.take(ends).sum(axis=0)
+            error[some] = self.of(ends, at) / (area + 1e-300) ** settings.CURRENT.area_power
+            cost[some] += error[some]
+            known[some] = True
+            limit = np.partition(np.where(known, cost, np.inf), most - 1)[most - 1]
+
+    def of(self, ends: np.ndarray, at: np.ndarray) -> np.ndarray:
+        """The error in all poses (k,) of collapses of the edges (2, k) to `at` (3, k)."""
+        skin, error = self.poses.skin, np.zeros(ends.shape[1])
+        follow = skin.nearer(at, *self.follows[ends])
+        for block in blocks(len(follow), BLOCK):
+            a, b = ends[:, block]
+            for j, quadrics in enumerate(self.poses.quadrics):
+                xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, _ = quadrics.take(a, 1) + quadrics.take(b, 1)
+                x, y, z = skin.at(j, at[:, block], follow[block])
+                gx, gy, gz = xx * x + xy * y + xz * z + xd, xy * x + yy * y + yz * z + yd, xz * x + yz * y + zz * z + zd
+                error[block] += np.maximum((gx + xd) * x + (gy + yd) * y + (gz + zd) * z + dd, 0)
+        return error
 
 
 def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
@@ -258,20 +265,25 @@ def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
 
 
 def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> np.ndarray:
-    """The free edges that are the cheapest of all that reach a triangle that they reach."""
+    """The free edges, as indices, none of which shares a face at its ends with a cheaper free edge.
+
+    ends: (2, k) vertices of the edges, the cheapest first; free: (k,) bool; corners: (3, m). Two of them may collapse at once.
+    """
     edge = np.flatnonzero(free)
     cheapest, reach = np.full((2, n), len(free))
     for end in ends[:, edge]:
         np.minimum.at(cheapest, end, edge)
-    star = cheapest[corners].min(axis=0)
+    vertex_faces = cheapest[corners].min(axis=0)
     for corner in corners:
-        np.minimum.at(reach, corner, star)
+        np.minimum.at(reach, corner, vertex_faces)
     return edge[(reach[ends[:, edge]] == edge).all(axis=0)]
 
 
-def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> np.ndarray:
-    """Whether each of the edges `ends` (2, k), of `faces` (k,) triangles, may collapse to `at` (3, k); they lie apart. facing:
-    the least cosine between a triangle's normals before and after."""
+def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.ndarray:
+    """Whether each of the edges `chosen`, which lie apart, may collapse, (k,) bool. edges: (2, j) all of the mesh; facing: the least
+    cosine between a triangle's normals before and after."""
+    points, corners, normals = mesh.points, mesh.corners, mesh.normals
+    ends, at, faces = chosen.ends, chosen.at, chosen.faces
     n, k = points.shape[1], ends.shape[1]
     which = np.full(n, -1)
     which[ends] = np.arange(k)
@@ -296,7 +308,7 @@ def _valid(points, corners, normals, edges, ends, at, faces, facing: float) -> n
     was, now = normals_at(*old), normals_at(*new)
     was_size, size = length(was), length(now)
     was_long, long = (sum(np.einsum("dn,dn->n", side, side) for side in (a - b, b - c, c - a)) for a, b, c in (old, new))
-    thin = (size < THIN * long) & (size * was_long <= was_size * long)
+    thin = (size < settings.CURRENT.thinnest * long) & (size * was_long <= was_size * long)
     merged = normals[:, ends].sum(axis=1)
     outward = [np.where(m >= 0, merged.take(edge, 1), normals.take(c, 1)) for m, c in zip(mine, rest, strict=True)]
     stands_for = sum(each / (length(each) + 1e-300) for each in outward)

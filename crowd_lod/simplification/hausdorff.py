@@ -8,21 +8,15 @@ upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from .closest_point import Walkable, barycentric, blocks, normals
+from . import settings
+from .closest_point import closest_weights, walk
+from .triangle_mesh import TriangleMesh, blocks, normals
 
-TOLERANCE = 0.10  # part of the distance by which the bound may lie above what was measured
-FLOOR = 5e-5  # part of the size: how far a bound need never be lowered
-DEEPEST = 10  # times that pieces are divided, at most
-MOST = 400_000  # pieces of one surface in a pose; where there would be more, the bound is left as it is
-FIRST = 8  # points of each pose that are measured first, those which may be farthest off
-SPOKES = 4  # sides of triangles that one side of a piece crosses, at most
-INSIDE = 0.1  # of the way to a piece's middle: where the triangles beneath its corners are sought
 BLOCK = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 
 
@@ -37,35 +31,20 @@ class Moving:
 
     def on(self, face: np.ndarray, points: np.ndarray, pose: int) -> np.ndarray:
         """Barycentric weights (j, 3) of what is nearest to points (j, 3) on the triangles `face` (j,) in the pose."""
-        return barycentric(points.T, *self.corners(face, pose)).T
+        return closest_weights(points.T, *self.corners(face, pose)).T
 
     def corners(self, face: np.ndarray, pose: int) -> list[np.ndarray]:
         """The corners of the triangles `face` (j,) in the pose, three times (3, j)."""
         return [self.points[self.triangles[face, c], pose].T for c in range(3)]
 
-    def walkable(self, pose: int) -> Walkable:
-        found = copy(self._walkable)
-        found.points = np.ascontiguousarray(self.points[:, pose].T)
-        return found
+    def mesh(self, pose: int) -> TriangleMesh:
+        """The surface in the pose."""
+        return self.rest.moved(np.ascontiguousarray(self.points[:, pose].T))
 
     @cached_property
-    def _walkable(self) -> Walkable:
-        return Walkable(self.points[:, 0].T, np.ascontiguousarray(self.triangles.T))
-
-    @cached_property
-    def beyond(self) -> np.ndarray:
-        """The triangles (m, 3) beyond the sides from each corner to the next; -1 where that is not one, the same way
-        round."""
-        sides = np.stack([self.triangles, self.triangles[:, [1, 2, 0]]]).reshape(2, -1)
-        n = len(self.points)
-        (keys, first, count), back = (
-            np.unique(sides[0] * n + sides[1], return_index=True, return_counts=True),
-            sides[1] * n + sides[0],
-        )
-        place = np.searchsorted(keys, back).clip(max=len(keys) - 1)
-        mine = np.searchsorted(keys, sides[0] * n + sides[1])
-        one = (keys[place] == back) & (count[place] == 1) & (count[mine] == 1)
-        return np.where(one, first[place] // 3, -1).reshape(-1, 3)
+    def rest(self) -> TriangleMesh:
+        """The surface in the first pose."""
+        return TriangleMesh(self.points[:, 0].T, np.ascontiguousarray(self.triangles.T))
 
 
 @dataclass
@@ -86,7 +65,7 @@ class Interval:
 
     @property
     def enough(self) -> float:
-        return max((1 + TOLERANCE) * self.measured, self.floor)
+        return max((1 + settings.CURRENT.bound_tolerance) * self.measured, self.floor)
 
 
 @dataclass
@@ -122,7 +101,7 @@ class _Pairs:
 
 def interval(one: Moving, other: Moving) -> Interval:
     """The symmetric Hausdorff distance of two surfaces, the largest over their poses."""
-    found = Interval(FLOOR * float(np.ptp(one.points, axis=0).max()))
+    found = Interval(settings.CURRENT.bound_floor * float(np.ptp(one.points, axis=0).max()))
     ways = [_Way(b, found, slice(0, b.points.shape[1])) for b in (other, one)]
     mapped = [way.mapped(a.points) for way, a in zip(ways, (one, other), strict=True)]
     for way, points in zip(ways, mapped, strict=True):
@@ -147,8 +126,8 @@ class _Way:
         return self.poses.start
 
     @cached_property
-    def walkable(self) -> Walkable:
-        return self.other.walkable(self.base)
+    def mesh(self) -> TriangleMesh:
+        return self.other.mesh(self.base)
 
     def mapped(self, at: np.ndarray) -> _Points:
         """Points (n, poses, 3), mapped to the nearest in the first pose."""
@@ -166,7 +145,7 @@ class _Way:
 
     def look_again(self, points: _Points) -> None:
         """Measure points in the poses where they may be farther off than any."""
-        for least in (FIRST, None):
+        for least in (settings.CURRENT.bound_first, None):
             for k in range(1, points.off.shape[1]):
                 order = np.argsort(-points.near[:, k])[:least]
                 some = order[points.near[order, k] > self.found.enough]
@@ -180,14 +159,14 @@ class _Way:
     def cover(self, points: _Points, pieces: np.ndarray, longest: np.ndarray) -> None:
         """Bound the distance of pieces (p, 3), triangles of mapped points with sides up to `longest` (p, poses)."""
         later = []
-        for depth in range(DEEPEST + 1):
+        for depth in range(settings.CURRENT.bound_depth + 1):
             near = points.near[pieces]
             most = np.minimum(near.min(axis=1) + longest, near.max(axis=1) + longest / np.sqrt(3))
             some = np.flatnonzero((most > self.found.enough).any(axis=1))
             most = np.minimum(most[some], self.mapped_pieces(points, pieces[some]))
             wrong = most > self.found.enough
             split = wrong[:, 0]
-            if depth == DEEPEST or 4 * split.sum() > MOST:
+            if depth == settings.CURRENT.bound_depth or 4 * split.sum() > settings.CURRENT.bound_pieces:
                 self.found.bound = max(self.found.bound, float(most[split, 0].max(initial=0)))
                 split = np.zeros_like(split)
             rest = np.flatnonzero(wrong.any(axis=1) & ~split)
@@ -247,9 +226,9 @@ class _Way:
     def beneath(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
         """The triangles (p, 3) of `other` beneath the pieces, near each corner."""
         corner = points.at[pieces, 0]
-        inside = corner + INSIDE * (corner.mean(axis=1, keepdims=True) - corner)
-        start = self.walkable.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
-        return self.walkable.walk(start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
+        inside = corner + settings.CURRENT.bound_inside * (corner.mean(axis=1, keepdims=True) - corner)
+        start = self.mesh.corner(points.to[pieces.ravel()], points.weights[pieces.ravel()].T)
+        return walk(self.mesh, start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
 
     def to_one(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
         """Pieces with corners (p, 3, 3) mapped to that one of the triangles (p, 3) beneath to which they are nearest."""
@@ -279,7 +258,7 @@ class _Way:
                 pairs.append(crossing)
                 turned[crossing.piece] += steps
         some = np.flatnonzero(turned)
-        weights = barycentric(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
+        weights = closest_weights(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
         return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
 
     def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray):
@@ -290,7 +269,7 @@ class _Way:
         one, other = at[some, i], at[some, j]
         up = sum(normals(*self.other.corners(each, self.base)) for each in (face, last)).T
         left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
-        for more in reversed(range(SPOKES)):
+        for more in reversed(range(settings.CURRENT.bound_spokes)):
             place = (self.other.triangles[face] == hub[some, None]).argmax(axis=1)
             rim = self.other.triangles[face, (place + 1 + left) % 3]
             end = self.other.points[rim, self.base]
@@ -301,7 +280,7 @@ class _Way:
             weights[:, i], weights[:, j] = 1 - part, part
             part = _part(_between(one, other, part), middle, end)
             to_weights[:, 0], to_weights[:, 1] = 1 - part, part
-            face = self.other.beyond[face, np.where(left, (place + 2) % 3, place)]
+            face = self.other.rest.neighbours[face, np.where(left, (place + 2) % 3, place)]
             going = (face != last) & (face >= 0)
             to_weights[(face < 0) | going & (more == 0)] = np.nan
             yield _Pairs(some, weights, np.stack([hub[some], rim, rim], axis=1), to_weights), np.where(left, 1, -1)

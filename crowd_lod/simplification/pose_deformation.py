@@ -5,14 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from .closest_point import length
-
-MOST = 3  # poses, besides the one at rest, that decimation heeds
-LOOKED_AT = 5_000  # triangles that tell poses apart, about
-STIFF = 1e-3  # mean change of a side's turn below which poses are alike
-APART = 2.0  # sizes of the mesh between its copies
-LITTLE = 1e-3  # of a side's length, that a point's axes count where its triangles tell nothing
-LARGER = 2.0  # times that the mesh at rest is as large as in its poses
+from . import settings
+from .triangle_mesh import length
 
 
 @dataclass(frozen=True)
@@ -65,17 +59,17 @@ class Skin:
         """That of the mesh moved by -origin and divided by size."""
         return Skin((self.rest - origin) / size, (self.place - origin) / size, self.frame)
 
-    def telling(self, triangles: np.ndarray, most: int = MOST) -> "Skin | None":
-        """At most `most` of the poses: each time the one that bends the triangles (m, 3) most unlike those before and the
+    def telling(self, triangles: np.ndarray, most: int | None = None) -> "Skin | None":
+        """At most `most` of the poses, or Settings.poses: each time the one that bends the triangles (m, 3) most unlike those before and the
         rest; none that is like one of them. None if nothing bends."""
-        a, b = triangles[:: len(triangles) // LOOKED_AT + 1, [0, 1]].T
+        a, b = triangles[:: len(triangles) // settings.CURRENT.pose_triangles + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
-        unlike, chosen = np.full(len(turns), np.inf), []
+        unlike, chosen, most = np.full(len(turns), np.inf), [], most or settings.CURRENT.poses
         new = np.zeros_like(turns[0])
         while len(chosen) < most:
             unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))).mean(axis=1))
-            if unlike.max(initial=0) < STIFF:
+            if unlike.max(initial=0) < settings.CURRENT.pose_least:
                 break
             chosen.append(int(unlike.argmax()))
             new = turns[chosen[-1]]
@@ -96,7 +90,13 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
         for corner in triangles.T:
             np.add.at(normal, corner, np.cross(b - a, c - a))
         normal *= size / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-        return np.concatenate([points[end] - points[start], normal, *(np.tile(LITTLE * size * axis, (n, 1)) for axis in np.eye(3))])
+        return np.concatenate(
+            [
+                points[end] - points[start],
+                normal,
+                *(np.tile(settings.CURRENT.pose_axes * size * axis, (n, 1)) for axis in np.eye(3)),
+            ]
+        )
 
     point, own = np.concatenate([start, np.tile(np.arange(n), 4)]), vectors(rest)
 
@@ -111,16 +111,16 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
 class Copies:
     """A mesh at rest and in its poses, side by side as one mesh, so that whatever measures it measures all of them at once.
 
-    Copy j of point, or triangle, i is number i * count + j; the first is at rest, and LARGER if there are others: there
-    distances count more.
+    Copy j of point, or triangle, i is number i * count + j; the first is at rest, and Settings.rest_scale times as large if there are
+    others: there distances count more.
     """
 
     def __init__(self, skin: Skin | None):
         self.skin, self.count = skin, 1 if skin is None else 1 + len(skin.place)
-        self.rest = LARGER if self.count > 1 else 1.0
+        self.rest = settings.CURRENT.rest_scale if self.count > 1 else 1.0
         if skin is not None:
             low, high = skin.place.min(axis=1), skin.place.max(axis=1)
-            gap = APART * self.rest * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
+            gap = settings.CURRENT.pose_gap * self.rest * max(np.ptp(skin.rest, axis=0).max(), (high - low).max())
             self.shift = gap * np.arange(1, self.count) - low[:, 0]
 
     def every(self, one: np.ndarray) -> np.ndarray:
@@ -144,10 +144,6 @@ class Copies:
             every[..., j] = self.skin.at(j - 1, points / self.rest, follows)
             every[0, :, j] += self.shift[j - 1]
         return every.reshape(3, -1)
-
-    def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Which of `one` and `other`, each (k,), that points (3, k) of the larger copy at rest may move with, lies nearer to them."""
-        return one if self.count == 1 else self.skin.nearer(points / self.rest, one, other)
 
     def joined(self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(weight (k,), ways (3, k)) of the larger copy at rest, that come nearest to the weighed `ways` (3, k * count) of all."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .closest_point import ranges
+from .triangle_mesh import ranges
 
 MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the processor's cache
 EDGE = 1e-9  # pixels by which a centre may miss an edge that it lies on, by rounding

@@ -1,137 +1,154 @@
 """A LOD's points moved, and its sides flipped, until the worst distance between its surface and its source's is least."""
 
-from copy import copy
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .closest_point import Walkable, distances, length, normals, ranges
-from .edge_collapse import edge_keys, normals_of
-from .fit_region import Patch
+from . import settings
+from .closest_point import beyond, distances, doubt, follow, walk
+from .edge_collapse import normals_of
 from .pose_deformation import Copies, Skin
 from .surface_sampling import between, lattice
+from .triangle_mesh import TriangleMesh, edge_keys, length, normals, ranges, sides_of_two
 
-KEEP = 0.8  # of a sample's weight for the next move
-SHARPEN = 10.0  # a move adds to a sample's weight its distance, over the worst near it, to this power
-LOCAL = 0.8  # the worst near it: of this power, to the rest the worst of all
-LAZY = 0.01  # weight, of all points' mean, that holds a point in place
-STRIDE = 0.8  # of each move
-NEAR = 0.5  # of the worst distance: the corners of triangles that are as far off are moved, the others stay
-FINE = 1e-6  # no moves below this worst distance
-HALVES = 3  # times that a move which turns a triangle is halved before it is left
-FLIP = 0.9  # a flip must lessen the local worst distance to this part
-WORSE = 1.05  # times the worst distance that flips together may lead to, or none is made
-FLIPPED = 0.6  # of the worst distance: where the local one is less, nothing is flipped
-WATCHED = 0.6  # of the worst distance: where samples are as far off, what lies between them is looked at as well
-STEEP = 0.5  # least cosine between a triangle and what it is nearest to: where it is less, the same
-FEW = 2  # samples along a side, with which the same holds for all triangles of the LOD
-SEEN = 0.9  # of the worst distance: those as far off as this count from then on
-POSED = 3_000  # of the source's points that count in each pose, about
-SAMPLES = 15_000  # of the LOD's surface, about
-FINEST = 5  # samples along a side, at most
-MIDDLES = lattice(2)  # of a triangle and its sides
+MIDDLES = lattice(2)  # of a face and its edges
+
+Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3), triangles (m, 3)
 
 
-class Fit:
-    """The surface of a LOD against its source's. worst: the distance now; least, best: the least so far, with no triangle turned()
-    unless some were at first, as of a `rough` source, and the state() then.
+@dataclass(frozen=True)
+class FitState:
+    """A fit at one moment: a value, whose arrays are never written to.
 
-    elsewhere: where it is a Patch, the worst distance of the others, which stay.
-
-    Distances are those of the source's points to the LOD, and of points spread over the LOD to the source.
+    lod: the LOD, in all copies. worst: the largest distance.
+    Of the source's k samples: there (3, k), where they lie; face (k,), weights (3, k): the closest points of the LOD; off
+    (3, k), distance (k,): from these to the samples; pull (k,): their weights in the next move.
+    Of the LOD's j samples: own_face (j,), own_weights (3, j): where they lie on it; hit (j,), hit_weights (3, j): the closest
+    points of the source; own_off (3, j), own_distance (j,): from the samples to these; own_pull (j,).
     """
 
-    def __init__(
-        self, points, triangles, source, source_triangles, landed, seams, hold=1.0, skin: Skin | None = None, follows=None
-    ):
-        """points (n, 3), triangles (m, 3): the LOD, each point in one; source (k, 3), source_triangles (j, 3): what it was
-        made of; landed: (k,) the LOD's point that each of the source's collapsed into, or -1; seams: (s, 2) edges of the
-        source whose points are to leave neither of their sides; hold: their weight, as in quadrics_of. skin: how the source
-        moves, if it does, and follows: (n,) the source's point that each of the LOD's moves with; then both surfaces are their
-        Copies, at rest and in each pose, and so are the points, triangles and samples of all that follows."""
+    lod: TriangleMesh
+    there: np.ndarray
+    face: np.ndarray
+    weights: np.ndarray
+    pull: np.ndarray
+    own_face: np.ndarray
+    own_weights: np.ndarray
+    hit: np.ndarray
+    hit_weights: np.ndarray
+    own_pull: np.ndarray
+    off: np.ndarray | None = None
+    distance: np.ndarray | None = None
+    own_off: np.ndarray | None = None
+    own_distance: np.ndarray | None = None
+    worst: float = np.inf
+
+    def errors(self) -> np.ndarray:
+        """The worst distance at each face of the LOD, (m,)."""
+        errors = np.zeros(self.lod.corners.shape[1])
+        np.maximum.at(errors, self.face, self.distance)
+        np.maximum.at(errors, self.own_face, self.own_distance)
+        return errors
+
+
+class SurfaceFit:
+    """The surface of a LOD against its source's, to be moved nearer.
+
+    state: as it is now; best: the state with the least worst distance so far, in which no face is turned() unless some were at
+    first, as of a `rough` source; least: that distance. Distances are those of the source's vertices to the LOD, and of points
+    spread over the LOD to the source.
+    """
+
+    def __init__(self, lod: Shape, source: Shape, collapse_map, seams, skin: Skin | None = None, follows=None):
+        """lod: points (n, 3), none of them loose, and triangles (m, 3). source: points (k, 3) and triangles (j, 3) that it was made of.
+        collapse_map: (k,) the LOD's point that each of the source's collapsed into, or -1. seams: (s, 2) edges of the source that
+        its points stay on. skin: how the source moves, if it does; follows: (n,) the source's point that each of the LOD's moves
+        with. Both surfaces are then in Copies, at rest and in each pose, and so are points, faces and samples hereafter."""
+        (points, triangles), (source, source_triangles) = lod, source
         self.copies = copies = Copies(skin)
         self.follows = np.zeros(len(points), np.intp) if follows is None else follows
-        self.source = Walkable(copies.at(copies.rest * source.T, np.arange(len(source))), copies.every(source_triangles.T))
-        self.lod = Walkable(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
-        ends, landed = landed[seams].T, copies.every(landed)
+        self.source = TriangleMesh(copies.at(copies.rest * source.T, np.arange(len(source))), copies.every(source_triangles.T))
+        lod = TriangleMesh(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
+        ends, collapse_map = collapse_map[seams].T, copies.every(collapse_map)
         self.seams = copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
         self.outward = normals_of(source, source_triangles).T
-        self.hold = hold
-        self.least, self.best, self.rough, self.most, self.elsewhere = np.inf, None, False, len(triangles), 0.0
+        self.least, self.best, self.rough = np.inf, None, False
         # the source's points
-        point, copy = np.divmod(np.arange(len(landed)), copies.count)
-        some = (copy == 0) | (point % -(-len(source) // POSED) == 0)
-        self.landed, self.mine = landed, np.flatnonzero(some & (landed >= 0))
-        self.there = self.source.points.take(self.mine, 1)
-        self.face, self.weights = self.lod.walk(landed[self.mine], self.there)
-        self.pull = np.zeros(len(self.mine))
+        point, copy = np.divmod(np.arange(len(collapse_map)), copies.count)
+        some = (copy == 0) | (point % -(-len(source) // settings.CURRENT.samples_posed) == 0)
+        self.collapse_map, self.mine = collapse_map, np.flatnonzero(some & (collapse_map >= 0))
+        there = self.source.points.take(self.mine, 1)
+        face, weights = walk(lod, collapse_map[self.mine], there)
         # a grid on each of the LOD's triangles, then the LOD's points
-        n, m = self.lod.points.shape[1], self.lod.corners.shape[1]
-        self.fine = int(np.clip(np.round(np.sqrt(2 * SAMPLES / m)), 1, FINEST))
+        n, m = lod.points.shape[1], lod.corners.shape[1]
+        self.fine = int(np.clip(np.round(np.sqrt(2 * settings.CURRENT.samples / m)), 1, settings.CURRENT.samples_finest))
         self.grid = lattice(self.fine)
-        own = self.spread()
+        on = self._spread(lod)
         near = np.empty(n, np.intp)
-        near[landed[landed >= 0]] = np.flatnonzero(landed >= 0)
+        near[collapse_map[collapse_map >= 0]] = np.flatnonzero(collapse_map >= 0)
         # from a source's point on the same triangle, where there is one
-        start = near[self.lod.corners[self.grid.argmax(axis=0)]]
-        cell = np.stack([((self.weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
-        start[cell, self.face] = self.mine
-        start = np.append(start, near)
-        self.hit, self.hit_weights = self.source.walk(start, own)
-        self.own_pull = np.zeros(len(self.hit))
-        self.doubt(own)
+        start = near[lod.corners[self.grid.argmax(axis=0)]]
+        cell = np.stack([((weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
+        start[cell, face] = self.mine
+        here = lod.at(*on)
+        hit = doubt(self.source, *walk(self.source, np.append(start, near), here), here)
+        face, weights = doubt(lod, face, weights, there)
+        self.state = FitState(lod, there, face, weights, np.zeros(len(face)), *on, *hit, np.zeros(len(hit[0])))
+        self.measure()
 
-    def state(self) -> dict:
-        """All that moves, flips and shares change."""
-        same = {name: getattr(self, name).copy() for name in ("face", "weights", "hit", "hit_weights")}
-        return {**self.__dict__, **same, "lod": copy(self.lod), "best": None}
+    @property
+    def lod(self) -> TriangleMesh:
+        return self.state.lod
+
+    @property
+    def worst(self) -> float:
+        """The largest distance."""
+        return self.state.worst
 
     def restore(self) -> None:
         """Go back to where the worst distance was least."""
-        self.__dict__.update({**self.best, "best": self.best})
+        self.state = self.best
 
     @property
     def samples(self) -> int:
         """How many points are held against the other surface."""
-        return len(self.face) + len(self.hit)
+        return len(self.state.face) + len(self.state.hit)
 
-    def spread(self) -> np.ndarray:
-        """Put samples on the LOD: own_face (g m + n,), own_weights; returns where they are."""
-        m, n = self.lod.corners.shape[1], self.lod.points.shape[1]
-        one = self.lod.star[self.lod.first[:-1]]
-        self.own_face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
-        self.own_weights = np.concatenate([np.repeat(self.grid, m, axis=1), self.lod.corners[:, one] == np.arange(n)], axis=1)
-        return self.lod.at(self.own_face, self.own_weights)
+    def _spread(self, lod: TriangleMesh) -> tuple[np.ndarray, np.ndarray]:
+        """(faces (g m + n,), weights) of samples on the LOD: a grid on each face, then the vertices."""
+        m, n = lod.corners.shape[1], lod.points.shape[1]
+        one = lod.vertex_faces[lod.first[:-1]]
+        face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
+        return face, np.concatenate([np.repeat(self.grid, m, axis=1), lod.corners[:, one] == np.arange(n)], axis=1)
 
-    def doubt(self, own) -> None:
-        self.lod.doubt(self.face, self.weights, self.there)
-        self.source.doubt(self.hit, self.hit_weights, own)
-        self.measure()
-
-    def measure(self, walk=True) -> float:
-        """The worst distance; `off` and `own_off` are the ways to the nearest points, `distance` and `own_distance` their
-        lengths. A worst distance that is no less than before may be of a walk that ended at a wrong place."""
-        here = self.lod.at(self.own_face, self.own_weights)
+    def measure(self, walking=True) -> None:
+        """Bring the closest points and distances up to date. A worst distance that is no less than before may be of a walk that ended
+        at a wrong place: then those farthest off are sought again."""
+        state = self.state
+        lod, here = state.lod, state.lod.at(state.own_face, state.own_weights)
+        face, weights, hit, hit_weights = state.face, state.weights, state.hit, state.hit_weights
         for again in (False, True):
-            self.off, self.distance = self.lod.follow(self.face, self.weights, self.there, walk)
-            self.own_off, self.own_distance = self.source.follow(self.hit, self.hit_weights, here, walk)
-            self.own_off *= -1
-            self.worst = max(self.distance.max(initial=self.elsewhere), self.own_distance.max())
-            if again or not walk or self.worst < self.least:
+            face, weights, off, distance = follow(lod, face, weights, state.there, walking)
+            hit, hit_weights, own_off, own_distance = follow(self.source, hit, hit_weights, here, walking)
+            worst = max(distance.max(initial=0), own_distance.max())
+            if again or not walking or worst < self.least:
                 break
-            self.lod.doubt(self.face, self.weights, self.there, 4)
-            self.source.doubt(self.hit, self.hit_weights, here, 4)
-        if self.worst < self.least:
+            face, weights = doubt(lod, face, weights, state.there, 4)
+            hit, hit_weights = doubt(self.source, hit, hit_weights, here, 4)
+        closest = {"face": face, "weights": weights, "hit": hit, "hit_weights": hit_weights}
+        found = {"off": off, "distance": distance, "own_off": -own_off, "own_distance": own_distance, "worst": worst}
+        self.state = replace(state, **closest, **found)
+        if worst < self.least:
             turned = len(self.turned())
             self.rough = turned > 0 if self.best is None else self.rough
             if self.rough or not turned:
-                self.least, self.best = self.worst, self.state()
-        return self.worst
+                self.least, self.best = worst, self.state
 
     def facing(self) -> np.ndarray:
         """(3, m): about the normals of what each of the LOD's triangles, at rest, stands for."""
-        landed = self.copies.one(self.landed)
-        n, some = len(self.follows), landed >= 0
-        facing = np.stack([np.bincount(landed[some], x[some], n) for x in self.outward])
+        collapse_map = self.copies.one(self.collapse_map)
+        n, some = len(self.follows), collapse_map >= 0
+        facing = np.stack([np.bincount(collapse_map[some], x[some], n) for x in self.outward])
         return (facing / (length(facing) + 1e-300))[:, self.corners].sum(axis=1)
 
     @property
@@ -145,117 +162,110 @@ class Fit:
         return self.copies.one(self.lod.corners)
 
     def turned(self) -> np.ndarray:
-        """Which of the LOD's triangles face away, at rest, from the source's that is nearest to their middle."""
+        """Which of the LOD's faces turn away, at rest, from the source's face that is closest to their middle."""
         every = np.arange(0, self.lod.corners.shape[1], self.copies.count)  # the first samples
         away = every[self.lean(every) < 0]
-        start = self.source.corner(self.hit[away], self.hit_weights.take(away, 1))
-        middle = self.lod.points[:, self.lod.corners[:, away]].mean(axis=1)
-        self.hit[away], self.hit_weights[:, away] = self.source.walk(start, middle)
+        if len(away):
+            hit, weights = self.state.hit.copy(), self.state.hit_weights.copy()
+            start = self.source.corner(hit[away], weights.take(away, 1))
+            hit[away], weights[:, away] = walk(self.source, start, sum(self.lod.vertices(away)) / 3)
+            self.state = replace(self.state, hit=hit, hit_weights=weights)
         return away[self.lean(away) < 0]
 
     def lean(self, faces: np.ndarray) -> np.ndarray:
         """The cosines (k,) between the LOD's triangles `faces` and the source's that are nearest to their middles."""
         own, theirs = (
             normals(*(surface.points.take(c, 1) for c in surface.corners.take(face, 1)))
-            for surface, face in ((self.lod, faces), (self.source, self.hit[faces]))
+            for surface, face in ((self.lod, faces), (self.source, self.state.hit[faces]))
         )
         return np.einsum("dn,dn->n", own, theirs) / (length(own) * length(theirs) + 1e-300)
 
     def watch(self) -> bool:
-        """Take up what of the source's surface between its points is far from the LOD; whether anything is."""
+        """Take up what of the source's surface between its vertices is far from the LOD; whether anything is."""
+        state, now = self.state, settings.CURRENT
         near = np.full(self.source.points.shape[1], -1)
         near[self.mine] = np.arange(len(self.mine))
         near = near[self.source.corners]
-        away = np.where(near >= 0, self.distance[near], 0).max(axis=0)
-        some = np.flatnonzero((away > WATCHED * self.worst) & (near >= 0).all(axis=0))
-        a, b, c = self.face[near[:, some]]
-        some = some[(a != b) | (b != c)]  # near a single triangle nothing is farther than the corners
+        away = np.where(near >= 0, state.distance[near], 0).max(axis=0)
+        some = np.flatnonzero((away > now.looks_from * state.worst) & (near >= 0).all(axis=0))
+        a, b, c = state.face[near[:, some]]
+        some = some[(a != b) | (b != c)]  # near a single face nothing is farther than the corners
         face, grid = between(self.source.corners, some, MIDDLES)
         there = self.source.at(face, grid)
-        far, face, weights = self.lod.beyond(SEEN * self.worst, self.face[near[grid.argmax(axis=0), face]], there)
-        if not len(far):
-            return False
-        self.there, self.face = np.append(self.there, there.take(far, 1), axis=1), np.append(self.face, face)
-        self.weights, self.pull = np.append(self.weights, weights, axis=1), np.append(self.pull, np.zeros(len(far)))
-        self.renew()
-        return True
+        far, face, weights = beyond(state.lod, now.looks_kept * state.worst, state.face[near[grid.argmax(axis=0), face]], there)
+        if len(far):
+            self._add(there=there.take(far, 1), face=face, weights=weights, pull=np.zeros(len(far)))
+        return len(far) > 0
 
     def look(self) -> bool:
-        """Take up what of the LOD's surface between its samples is far from the source; whether anything is. Its triangles must
-        not change any more."""
-        if self.fine == FINEST:
+        """Take up what of the LOD's surface between its samples is far from the source; whether anything is. Its faces must not
+        change any more."""
+        state, now = self.state, settings.CURRENT
+        if self.fine == now.samples_finest:
             return False
-        every = np.arange(self.lod.corners.shape[1])
-        some = (self.errors() > WATCHED * self.worst) | (self.lean(every) < STEEP) | (self.fine <= FEW)
-        face, grid = between(self.lod.corners, np.flatnonzero(some), lattice(min(2 * self.fine, FINEST), whole=True)[:, 1:])
-        here = self.lod.at(face, grid)
-        far, hit, weights = self.source.beyond(SEEN * self.worst, self.hit[face], here)
-        if not len(far):
-            return False
-        self.own_face, self.own_weights = (
-            np.append(self.own_face, face[far]),
-            np.append(self.own_weights, grid.take(far, 1), axis=1),
-        )
-        self.hit, self.hit_weights = np.append(self.hit, hit), np.append(self.hit_weights, weights, axis=1)
-        self.own_pull = np.append(self.own_pull, np.zeros(len(far)))
-        self.renew()
-        return True
+        steep = self.lean(np.arange(state.lod.corners.shape[1])) < now.looks_steep
+        some = (state.errors() > now.looks_from * state.worst) | steep | (self.fine <= now.looks_few)
+        finer = lattice(min(2 * self.fine, now.samples_finest), whole=True)[:, 1:]
+        face, grid = between(state.lod.corners, np.flatnonzero(some), finer)
+        far, hit, weights = beyond(self.source, now.looks_kept * state.worst, state.hit[face], state.lod.at(face, grid))
+        if len(far):
+            own = {"own_face": face[far], "own_weights": grid.take(far, 1), "own_pull": np.zeros(len(far))}
+            self._add(**own, hit=hit, hit_weights=weights)
+        return len(far) > 0
 
-    def renew(self) -> None:
-        """Measure, with the new samples: the best so far has those, too."""
+    def _add(self, **samples: np.ndarray) -> None:
+        """Add samples, and measure: the best so far has those, too."""
+        both = {name: np.append(getattr(self.state, name), each, axis=-1) for name, each in samples.items()}
         if self.best and self.worst <= self.least:
             self.least = np.inf
+        self.state = replace(self.state, **both)
         self.measure()
 
-    def move(self, steps: int, near: float = NEAR) -> int:
-        """Move the corners of the triangles that are as far off as `near` of the worst distance `steps` times, but for those of
-        triangles that would be turned(). Returns how many samples that concerned."""
-        if self.worst < FINE:
-            return 0
-        patch = Patch(self, self.errors() > near * self.worst)
-        part, before = patch.fit, patch.fit.lod.points
-        part._move(steps)
-        for _ in range(HALVES):
-            turned = () if self.rough else part.turned()
+    def move(self, steps: int) -> None:
+        """Move the LOD's vertices `steps` times, no face away from what it stands for; then those of faces that are turned() back.
+
+        The moves are least squares in which each sample weighs by how far off it was at this and the moves before, against
+        others near it: that leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to the theory
+        of linear least maximum approximation", 1961.
+        """
+        before, facing = self.lod.points, self.facing()
+        for step in range(steps):
+            if self.worst < settings.CURRENT.near_enough:
+                break
+            self._step(facing)
+            self.measure(step == steps - 1)
+        for _ in range(settings.CURRENT.halvings):
+            turned = () if self.rough else self.turned()
             if not len(turned):
                 break
-            back = self.copies.every(part.lod.corners[:, turned] // self.copies.count)
-            part.lod.points = part.lod.points.copy()
-            part.lod.points[:, back] = before[:, back]
-            part.measure()
-        if part.best is not self.best:
-            patch.put_back(part.best)
-            self.least, self.best = part.least, self.state()
-        patch.put_back(part.__dict__)
-        return part.samples
+            back = self.copies.every(self.lod.corners[:, turned] // self.copies.count)
+            points = self.lod.points.copy()
+            points[:, back] = before[:, back]
+            self.state = replace(self.state, lod=self.lod.moved(points))
+            self.measure()
 
-    def _move(self, steps: int) -> None:
-        """Move the `free` points (n,) `steps` times, no triangle away from where it faces, `toward` (3, m), by least squares
-        weighed by how far the samples were off at this and the moves before, against others near them, which leads to the least
-        worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least maximum approximation",
-        1961."""
-        n, copies, corners = self.lod.points.shape[1], self.copies, self.corners
-        for step in range(steps):
-            if self.worst < FINE:
-                return
-            worst = self.around(self.errors()) ** LOCAL * self.worst ** (1 - LOCAL) + 1e-300  # at rest there may be none
-            self.pull = KEEP * self.pull + (self.distance / worst[self.face]) ** SHARPEN
-            self.own_pull = KEEP * self.own_pull + (self.own_distance / worst[self.own_face]) ** SHARPEN
-            total, move = np.zeros(n), np.zeros((3, n))
-            for face, weights, pull, off in (
-                (self.face, self.weights, self.pull, self.off),
-                (self.own_face, self.own_weights, self.own_pull, self.own_off),
-            ):
-                some = np.flatnonzero(pull > 1e-3)
-                off = off.take(some, 1)
-                for corner, share in zip(self.lod.corners.take(face[some], 1), weights.take(some, 1) * pull[some], strict=True):
-                    total += np.bincount(corner, share, n)
-                    move += [np.bincount(corner, share * along, n) for along in off]
-            total, move = copies.joined(total, move, self.follows)
-            move *= self.free[:: copies.count] * STRIDE / (total + LAZY * total.mean())
-            points = _unfolded(self.points, self._along(corners, move), corners, self.toward)
-            self.lod.points = copies.at(points, self.follows)
-            self.measure(step == steps - 1)
+    def _step(self, facing: np.ndarray) -> None:
+        """Move the vertices once; facing: (3, m), where the faces at rest are to face."""
+        now, state, copies, corners = settings.CURRENT, self.state, self.copies, self.corners
+        n = state.lod.points.shape[1]
+        # at rest there may be none
+        worst = self.around(state.errors()) ** now.weight_local * state.worst ** (1 - now.weight_local) + 1e-300
+        pull = now.weight_kept * state.pull + (state.distance / worst[state.face]) ** now.weight_power
+        own_pull = now.weight_kept * state.own_pull + (state.own_distance / worst[state.own_face]) ** now.weight_power
+        total, move = np.zeros(n), np.zeros((3, n))
+        for face, weights, each, off in (
+            (state.face, state.weights, pull, state.off),
+            (state.own_face, state.own_weights, own_pull, state.own_off),
+        ):
+            some = np.flatnonzero(each > 1e-3)
+            off = off.take(some, 1)
+            for corner, part in zip(state.lod.corners.take(face[some], 1), weights.take(some, 1) * each[some], strict=True):
+                total += np.bincount(corner, part, n)
+                move += [np.bincount(corner, part * along, n) for along in off]
+        total, move = copies.joined(total, move, self.follows)
+        move *= now.stride / (total + now.damping * total.mean())
+        points = _unfolded(self.points, self._along(corners, move), corners, facing)
+        self.state = replace(state, lod=state.lod.moved(copies.at(points, self.follows)), pull=pull, own_pull=own_pull)
 
     def _along(self, corners: np.ndarray, move: np.ndarray) -> np.ndarray:
         """The points at rest moved; those on seams along their normals and the seam only, or triangles would reach across it."""
@@ -274,13 +284,6 @@ class Fit:
             move[:, held] = normal * np.einsum("dn,dn->n", normal, move.take(held, 1)) + slid
         return points + move
 
-    def errors(self) -> np.ndarray:
-        """The worst distance at each of the LOD's triangles, (m,)."""
-        errors = np.zeros(self.lod.corners.shape[1])
-        np.maximum.at(errors, self.face, self.distance)
-        np.maximum.at(errors, self.own_face, self.own_distance)
-        return errors
-
     def around(self, errors: np.ndarray) -> np.ndarray:
         """The worst of `errors` (m,) at the triangles that share a corner with each, (m,)."""
         worst = np.zeros(self.lod.points.shape[1])
@@ -290,15 +293,15 @@ class Fit:
 
     def flip(self) -> None:
         """Flip sides where that lessens the local worst distance; no seams."""
-        copies, before = self.copies, self.state()
+        copies, before = self.copies, self.state
         points, corners, seams = self.points, self.corners, copies.one(self.seams)
         n, m = points.shape[1], corners.shape[1]
-        errors = copies.worst(self.errors())
+        errors = copies.worst(before.errors())
         one, two, keys = sides_of_two(corners, n)
         a, b, c = (corners[(one // m + k) % 3, one % m] for k in (1, 2, 0))
         d, one, two = corners[two // m, two % m], one % m, two % m
         was = np.maximum(errors[one], errors[two])
-        fine = (was > FLIPPED * self.worst) & ~np.isin(edge_keys(np.stack([c, d]), n), keys)
+        fine = (was > settings.CURRENT.flip_from * self.worst) & ~np.isin(edge_keys(np.stack([c, d]), n), keys)
         fine &= ~np.isin(edge_keys(np.stack([a, b]), n), edge_keys(seams, n))
         pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
         mean = normals(pc, pa, pb) + normals(pd, pb, pa)
@@ -306,9 +309,9 @@ class Fit:
             along = np.einsum("dn,dn->n", now, mean)
             fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
         a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
-        most = np.repeat(FLIP * was, copies.count)
-        now = copies.worst(self._flipped(*(copies.every(each) for each in (a, b, c, d, one, two)), most))
-        good = np.flatnonzero(now < FLIP * was)
+        most = np.repeat(settings.CURRENT.flip_gain * was, copies.count)
+        now = copies.worst(self._flipped(*(copies.every(np.stack(each)) for each in ((a, b, c, d), (one, two))), most))
+        good = np.flatnonzero(now < settings.CURRENT.flip_gain * was)
         taken, made, chosen = np.zeros(m, bool), set(), []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
             side = frozenset((c[g], d[g]))
@@ -319,49 +322,44 @@ class Fit:
         if not chosen:
             return
         a, b, c, d, one, two = (copies.every(each[chosen]) for each in (a, b, c, d, one, two))
-        start, corners, taken = self.lod.corner(self.face, self.weights), self.lod.corners.copy(), np.repeat(taken, copies.count)
+        corners, taken = before.lod.corners.copy(), np.repeat(taken, copies.count)
         corners[:, one], corners[:, two] = (c, a, d), (d, b, c)
-        self.lod = Walkable(self.lod.points, corners)
-        new = np.flatnonzero(taken[self.face])
-        self.face[new], self.weights[:, new] = self.lod.walk(start[new], self.there.take(new, 1))
-        own = self.spread()
-        new = np.flatnonzero(taken[self.own_face])
-        start = self.source.corner(self.hit[new], self.hit_weights.take(new, 1))
-        self.hit[new], self.hit_weights[:, new] = self.source.walk(start, own.take(new, 1))
+        lod = TriangleMesh(before.lod.points, corners)
+        face, weights, new = before.face.copy(), before.weights.copy(), np.flatnonzero(taken[before.face])
+        start = before.lod.corner(face[new], weights.take(new, 1))
+        face[new], weights[:, new] = walk(lod, start, before.there.take(new, 1))
+        own_face, own_weights = self._spread(lod)
+        hit, hit_weights, new = before.hit.copy(), before.hit_weights.copy(), np.flatnonzero(taken[own_face])
+        start = self.source.corner(hit[new], hit_weights.take(new, 1))
+        here = lod.at(own_face[new], own_weights.take(new, 1))
+        hit[new], hit_weights[:, new] = walk(self.source, start, here)
+        closest = {"face": face, "weights": weights, "hit": hit, "hit_weights": hit_weights}
+        self.state = replace(before, lod=lod, own_face=own_face, own_weights=own_weights, **closest)
         self.measure()
-        if self.worst > WORSE * before["worst"]:
-            self.__dict__.update({**before, "best": self.best})
+        if self.worst > settings.CURRENT.flip_loss * before.worst:
+            self.state = before
 
-    def _flipped(self, a, b, c, d, one, two, most) -> np.ndarray:
-        """The worst distance (k,) at the triangles cad and dbc, in place of `one` and `two` (k,), each (k,); or what of it is no
-        less than `most` (k,)."""
-        points, every = self.lod.points, np.arange(len(a))
-        order = np.argsort(self.face, kind="stable")
-        first = np.searchsorted(self.face[order], np.arange(self.lod.corners.shape[1] + 1))
+    def _flipped(self, corners: np.ndarray, faces: np.ndarray, most: np.ndarray) -> np.ndarray:
+        """The worst distance (k,) after each of k flips: of the edge from a to b, of the `faces` (2, k), to that from c to d;
+        corners: (4, k), a to d. Where it is no less than `most` (k,), only some of it is known."""
+        (a, b, c, d), (one, two) = corners, faces
+        state, points, every = self.state, self.lod.points, np.arange(len(a))
+        order = np.argsort(state.face, kind="stable")
+        first = np.searchsorted(state.face[order], np.arange(self.lod.corners.shape[1] + 1))
         worst = np.zeros(len(a))
         for face in (one, two):
             count = first[face + 1] - first[face]
             which = np.repeat(every, count)
-            there = self.there.take(order[ranges(first[face], count)], 1)
+            there = state.there.take(order[ranges(first[face], count)], 1)
             now = (distances(there, *(points.take(each[which], 1) for each in t)) for t in ((c, a, d), (d, b, c)))
             np.maximum.at(worst, which, np.minimum(*now))
         pa, pb, pc, pd = (points.take(each, 1) for each in (a, b, c, d))
         for face, middle in ((one, (pc + pd) / 2), (one, (pc + pa + pd) / 3), (two, (pc + pb + pd) / 3)):
             some = np.flatnonzero(worst < most)
-            middle, hit = middle.take(some, 1), self.hit[face[some]]
-            start = self.source.corner(hit, self.hit_weights.take(face[some], 1))
-            worst[some] = np.maximum(worst[some], length(middle - self.source.at(*self.source.walk(start, middle))))
+            middle, hit = middle.take(some, 1), state.hit[face[some]]
+            start = self.source.corner(hit, state.hit_weights.take(face[some], 1))
+            worst[some] = np.maximum(worst[some], length(middle - self.source.at(*walk(self.source, start, middle))))
         return worst
-
-
-def sides_of_two(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(one, two (k,): the sides of two triangles, as seen from each; keys of all sides). Side i m + t is that of triangle t
-    opposite of its corner i."""
-    keys = edge_keys(np.stack([np.roll(corners, -1, axis=0).ravel(), np.roll(corners, -2, axis=0).ravel()]), n)
-    order = np.argsort(keys, kind="stable")
-    _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
-    double = first[count == 2]
-    return order[double], order[double + 1], keys
 
 
 def _unfolded(old, new, corners, facing) -> np.ndarray:
@@ -379,5 +377,5 @@ def _unfolded(old, new, corners, facing) -> np.ndarray:
         stay = stay[(new[:, stay] != old[:, stay]).any(axis=0)]
         if not len(stay):
             return new
-        new[:, stay] = (new[:, stay] + old[:, stay]) / 2 if k < HALVES else old[:, stay]
+        new[:, stay] = (new[:, stay] + old[:, stay]) / 2 if k < settings.CURRENT.halvings else old[:, stay]
     return old

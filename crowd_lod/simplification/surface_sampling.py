@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .edge_collapse import edge_keys
+from .triangle_mesh import edge_keys
 
 PARTS = 60  # of a side: all samples of a lattice lie at whole ones
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .. import srgb
 from ..simplification import rasterizer
 
 SUPERSAMPLING = 3  # pixels drawn across one of the picture
@@ -35,7 +36,7 @@ class Body:
 
 def pictures(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
     """Pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1, as `lit` has their light."""
-    return [_encoded(each) for each in lit(bodies, images, flat, axes)]
+    return [srgb.encoded(each).clip(0, 1) for each in lit(bodies, images, flat, axes)]
 
 
 def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
@@ -59,10 +60,6 @@ def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], 
     return found
 
 
-def _encoded(linear: np.ndarray) -> np.ndarray:
-    return np.where(linear < 0.0031308, 12.92 * linear, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055).clip(0, 1)
-
-
 def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
     """The mean differences of two pictures of `lit`, as they are and HALVINGS times halved, each pixel the mean of four: as they look from
     twice as far, and so on."""
@@ -70,7 +67,7 @@ def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
     sides = [(pad, pad + -length % pad) for length in one.shape[:2]]  # what stays empty about the smallest
     one, other = (np.pad(each, [*sides, (0, 0)], constant_values=PAPER) for each in (one, other))
     for _ in range(HALVINGS + 1):
-        found.append(likeness(_encoded(one), _encoded(other))[0])
+        found.append(likeness(*(srgb.encoded(each).clip(0, 1) for each in (one, other)))[0])
         one, other = (each.reshape(len(each) // 2, 2, -1, 2, 3).mean(axis=(1, 3)) for each in (one, other))
     return found
 
@@ -83,8 +80,7 @@ def _colours(body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.n
         size = images.shape[1]
         u, v = np.einsum("nk,nkd->dn", weights[some], body.uvs[triangle[some]])
         column, row = (np.floor(each % 1 * size).astype(int).clip(0, size - 1) for each in (u, v))
-        encoded = images[image[some], row, column, :3] / 255
-        colours[some] = np.where(encoded < 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+        colours[some] = srgb.linear(images[image[some], row, column, :3] / 255)
     return colours
 
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from ...crowd_lod.connected_components import connected_components
+from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import LodMesh
 from ..blender import mesh_data
 from .source_mesh import KEY, KINDS, NORMALS, Source, offset_of, positions, read_attributes
@@ -60,7 +62,7 @@ def charts_of(source: Source) -> Charts:
         source.mesh.polygons.foreach_get("material_index", looks[0])
         source.mesh.polygons.foreach_get("use_smooth", looks[1])
         looks = np.column_stack([ids.ravel(), *looks[:, faces].repeat(3, axis=1)])
-        _, label = np.unique(components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True)
+        _, label = np.unique(connected_components(ids.max() + 1, ids)[ids[:, 0]], return_inverse=True)
         order = np.argsort(label, kind="stable")
         members = np.split(order, np.flatnonzero(np.diff(label[order])) + 1)
         pairs = np.unique(np.stack([triangles.ravel(), label.repeat(3)], axis=1), axis=0)
@@ -87,22 +89,6 @@ def unique_rows(rows: np.ndarray) -> np.ndarray:
     return number
 
 
-def components(count: int, triangles: np.ndarray) -> np.ndarray:
-    """For each of `count` vertices the least vertex that triangles (m, 3) join it to, (count,)."""
-    label = np.arange(count)
-    while True:
-        low = label[triangles].min(axis=1)
-        joined = label.copy()
-        for column in range(3):
-            np.minimum.at(joined, label[triangles[:, column]], low)
-            np.minimum.at(joined, triangles[:, column], low)
-        while (joined[joined] != joined).any():
-            joined = joined[joined]
-        if (joined == label).all():
-            return label
-        label = joined
-
-
 @dataclass(frozen=True)
 class Place:
     """Where points lie on the source. triangle: (n,) of the source; weights: (n, 3) barycentric, within it; outside:
@@ -127,25 +113,13 @@ def locate(source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.nda
         one = int(chart[group[0]])
         at, hit, distance[group] = charts.surface(one, at_points, triangles).nearest(points[group])
         triangle[group], inside[group] = charts.members[one][hit], at
-    a, b, c = (at_points[triangles[triangle, i]].astype(np.float64) for i in range(3))
-    within = barycentric(inside, a, b, c).clip(0, 1)
+    abc = [at_points[triangles[triangle, i]].astype(np.float64).T for i in range(3)]
+    within = barycentric(inside.T, *abc).T.clip(0, 1)
     within /= within.sum(axis=1, keepdims=True)
-    outside = barycentric(points if beyond is None else beyond, a, b, c)
+    outside = barycentric((points if beyond is None else beyond).T, *abc).T
     far = np.abs(outside - within).max(axis=1) > BEYOND
     outside[far] = within[far]
     return Place(triangle, within, outside), distance
-
-
-def barycentric(p, a, b, c) -> np.ndarray:
-    """Barycentric coordinates (n, 3) of the points p, dropped onto the planes of the triangles a, b, c, each (n, 3)."""
-    u, v, w = b - a, c - a, p - a
-    uu, uv, vv, wu, wv = (np.einsum("nd,nd->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v)))
-    area = uu * vv - uv * uv
-    flat = area <= 1e-12 * uu * vv
-    area[flat] = 1
-    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
-    s[flat] = t[flat] = 1 / 3
-    return np.stack([1 - s - t, s, t], axis=1)
 
 
 def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:

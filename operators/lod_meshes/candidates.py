@@ -44,7 +44,7 @@ REACH = "reach"  # of what was measured: where the group stands, by how much mat
 # Modifiers whose settings say all that they do; of others, such as physics, groups are measured again.
 PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
 LOST = 4.0  # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
-VERSION = 18  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 19  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
@@ -73,7 +73,7 @@ class Ladder:
     """
 
     def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], settings, place: Sequence[float]):
-        self.name, self.objects, self.ratios, self.way = name, objects, ratios, settings.way
+        self.name, self.objects, self.ratios, self.method = name, objects, ratios, settings.way
         self.looks = Looks() if settings.choice == "BY_TOLERANCE" and settings.shading_counts else None
         self.kinds = dict(COLUMNS) | ({"shaded": float} if self.looks else {})
         self.place = [*place, *map(displaced, objects)]
@@ -94,7 +94,7 @@ class Ladder:
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
-        self.digest = sources.text_digest(digests, self.ratios, self.way, VERSION, *["shading"] * bool(self.looks))
+        self.digest = sources.text_digest(digests, self.ratios, self.method, VERSION, *["shading"] * bool(self.looks))
         shown = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
         for source, own in zip(shown, triangles, strict=True):
@@ -137,7 +137,7 @@ class Ladder:
         home, sizes = bpy.data.collections.new(f"{self.name} LOD {k}"), []
         for number, source in enumerate(self.sources):
             progress = number / len(self.sources)
-            sizes.append((yield from _level_object(source, home, k, self.ratios[k], self.way, progress)))
+            sizes.append((yield from _level_object(source, home, k, self.ratios[k], self.method, progress)))
         home[DIGEST], home[CANDIDATE], home[SIZE] = self.digest, k, len(sizes)
         self.found[k] = self.made[k] = home
         self.sizes[k] = tuple(map(sum, zip(*sizes, strict=True)))
@@ -195,7 +195,7 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
     return sources.digest(source.mesh, stance(item), looks, active, source.groups)
 
 
-def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, way: str, progress: float):
+def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, method: str, progress: float):
     """Put the LOD `level` of the source into `home`; yields `progress` and returns (vertices, triangles) of its mesh."""
     item, name = source.item, f"{source.item.name} LOD {level}"
     if source.mesh is None or (level == 0 and ratio == 1 and item.type == "MESH"):
@@ -205,7 +205,7 @@ def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, 
         copy[AS_MADE] = _as_made(copy)
         mesh = source.mesh
         return (len(mesh.vertices), len(mesh.loops) - 2 * len(mesh.polygons)) if mesh else (0, 0)
-    made = yield from standing(methods.make(source, ratio, way, name), progress)
+    made = yield from standing(methods.make(source, ratio, method, name), progress)
     copy = _copy(item) if item.type == "MESH" else _stand_in(item, made.mesh)
     for modifier in list(copy.modifiers):
         if modifier.type not in sources.FOLLOWED:
@@ -218,7 +218,7 @@ def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, 
     attribute_transfer.set_keys(copy, source)
     attribute_transfer.mark_active(made.mesh, source.mesh)
     _place(copy, name, home, level)
-    copy[WAY], copy[WHY], copy[MILLISECONDS] = made.way, " ".join([made.why, *source.notes]), made.milliseconds
+    copy[WAY], copy[WHY], copy[MILLISECONDS] = made.method, " ".join([made.why, *source.notes]), made.milliseconds
     copy[AS_MADE] = _as_made(copy)
     return len(made.mesh.vertices), len(made.mesh.loops) - 2 * len(made.mesh.polygons)
 

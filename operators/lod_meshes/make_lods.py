@@ -1,11 +1,12 @@
 """LOD meshes: decimated copies of every character, in collections that the user can see and edit."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import bpy
 
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
@@ -50,46 +51,14 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     characters = characters_of(scene)
     if settings.choice == "BY_TOLERANCE":
         check_maps(settings)  # where agents are is asked after the meshes were read
-    ratios = selection.ratios_of(settings)
     copied = scene_data.shared(scene, "levels")  # a linked copy begins with the LODs of the other scene, which stay that one's
     earlier = None if copied else settings.levels
     before = set(bpy.data.user_map())
     done = False
     try:
-        ladders, homes, edited, taken, reaches = [], [], [], set(), {}
-        for g, (name, objects, origin) in enumerate(characters):
-            ladder = Ladder(name, objects, ratios, settings, (*origin, float(stands(settings, name))))
-            yield from share(ladder.read(), 0.1 * g / len(characters), 0.1 * (g + 1) / len(characters))
-            ladder.recall(earlier)
-            ladders.append(ladder)
-            if ladder.reach:
-                reaches[name] = ladder.reach
-        groups = yield from standing(measuring_groups(scene, reaches), 0.1)
-        shots = [None] * len(groups)
-        if settings.choice == "BY_TOLERANCE":
-            shots = yield from standing(selection.views(scene, groups), 0.1)
-        for ladder, group in zip(ladders, groups, strict=True):
-            ladder.reach = group.lowest, group.centre, group.radius
-            if 0 not in ladder.rows:
-                yield from standing(ladder.measure(0), 0.1)
-        chosen, missing, total = None, True, len(ladders) * len(ratios)
-        while missing:  # those that are chosen by what is guessed of them are made, until all that are chosen are
-            usual = [each for ladder in ladders for each in ladder.lost()]
-            guesses = [ladder.guess(group, usual) for ladder, group in zip(ladders, groups, strict=True)]
-            chosen = selection.chosen(scene, guesses, shots)
-            missing = [(ladder, k) for ladder, own in zip(ladders, chosen.keep, strict=True) for k in own if k not in ladder.rows]
-            for ladder, k in missing[:1]:  # it says more of the others
-                tried = sum(len(each.rows) for each in ladders)
-                yield from share(ladder.measure(k), 0.1 + 0.8 * tried / total, 0.1 + 0.8 * (tried + 1) / total)
-        for g, (ladder, kept) in enumerate(zip(ladders, chosen.keep, strict=True)):
-            ladder.find(earlier, taken)
-            missing = [k for k in kept if k not in ladder.found]
-            if ladder.held(earlier, missing) and ladder.digest not in [each.digest for each in ladders[:g]]:
-                edited.append(ladder.name)
-            for k in missing:
-                yield from standing(ladder.make(k), 0.9 + 0.09 * g / len(groups))
-            homes.append([ladder.found[k] for k in kept])
-            taken.update(homes[-1])
+        ladders, groups, shots = yield from _read(scene, characters, earlier)
+        chosen = yield from _chosen(scene, ladders, groups, shots)
+        homes, edited = yield from _made(ladders, chosen.keep, earlier)
         done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
         raise CrowdError("Something that LODs are made from was deleted meanwhile: press Make LOD Meshes again.") from error
@@ -98,38 +67,10 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
             bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
     for ladder, own in zip(ladders, homes, strict=True):
         ladder.settle(own)
-    top, levels = bpy.data.collections.new("Crowd LOD"), []
-    for k in range(max(map(len, homes))):
-        levels.append(bpy.data.collections.new(f"Crowd LOD {k}"))
-        top.children.link(levels[k])
-    outcome = Outcome(
-        tuple(ladder.name for ladder in ladders if ladder.made),
-        tuple(ladder.name for ladder in ladders if not ladder.made),
-        tuple(edited),
-    )
-    for (_, _, origin), group, own in zip(characters, groups, homes, strict=True):
-        for k, level in enumerate(levels):
-            home = own[min(k, len(own) - 1)]
-            home.instance_offset = (*origin[:2], origin[2] + group.feet)
-            for other in earlier.children if earlier is not None and home in before else ():
-                if home.name in other.children:
-                    other.children.unlink(home)
-            level.children.link(home)
-    if earlier is not None:
-        remove_owned(earlier, levels)
-    for block in bpy.data.user_map():
-        if block not in before:
-            block[OWNED] = True
-            # free again, now that the earlier LODs are gone; never at the cost of what else has the name
-            block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
-    for g, ((name, _, _), own) in enumerate(zip(characters, homes, strict=True)):
-        for k, home in enumerate(own):
-            home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")
-            home[GROUP] = name
-            for item in home.objects:
-                if item.get(OWNED):
-                    item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")
-                    item.color = (*TINTS[k], 1.0)
+    made, kept = ([ladder.name for ladder in ladders if bool(ladder.made) == new] for new in (True, False))
+    feet = [(*origin[:2], origin[2] + group.feet) for (_, _, origin), group in zip(characters, groups, strict=True)]
+    top, levels = _linked(homes, feet, earlier, before)
+    _named([name for name, _, _ in characters], homes, before)
     if copied:
         scene_data.let_go(scene, "levels")
     scene.collection.children.link(top)
@@ -144,7 +85,98 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
     for entry, finest in zip(settings.groups, chosen.finest, strict=True):
         entry.finest = finest
     yield 1.0
-    return outcome
+    return Outcome(tuple(made), tuple(kept), tuple(edited))
+
+
+def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collection | None) -> Iterator[float]:
+    """Read the characters and measure them; yields the progress and returns (a Ladder each, a Group each, what the camera sees
+    of each, by tolerance)."""
+    settings = scene.crowd_lod
+    ladders, reaches, ratios = [], {}, selection.ratios_of(settings)
+    for g, (name, objects, origin) in enumerate(characters):
+        ladder = Ladder(name, objects, ratios, settings, (*origin, float(stands(settings, name))))
+        yield from share(ladder.read(), 0.1 * g / len(characters), 0.1 * (g + 1) / len(characters))
+        ladder.recall(earlier)
+        ladders.append(ladder)
+        if ladder.reach:
+            reaches[name] = ladder.reach
+    groups = yield from standing(measuring_groups(scene, reaches), 0.1)
+    shots = [None] * len(groups)
+    if settings.choice == "BY_TOLERANCE":
+        shots = yield from standing(selection.views(scene, groups), 0.1)
+    for ladder, group in zip(ladders, groups, strict=True):
+        ladder.reach = group.lowest, group.centre, group.radius
+        if 0 not in ladder.rows:
+            yield from standing(ladder.measure(0), 0.1)
+    return ladders, groups, shots
+
+
+def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Group], shots: list) -> Iterator[float]:
+    """Choose LODs by what is guessed of them, measure one that was chosen so, and choose again, until all that are chosen are
+    measured; yields the progress and returns the choice."""
+    chosen, missing, total = None, True, sum(len(ladder.ratios) for ladder in ladders)
+    while missing:
+        usual = [each for ladder in ladders for each in ladder.lost()]
+        guesses = [ladder.guess(group, usual) for ladder, group in zip(ladders, groups, strict=True)]
+        chosen = selection.chosen(scene, guesses, shots)
+        missing = [(ladder, k) for ladder, own in zip(ladders, chosen.keep, strict=True) for k in own if k not in ladder.rows]
+        for ladder, k in missing[:1]:  # it says more of the others
+            tried = sum(len(each.rows) for each in ladders)
+            yield from share(ladder.measure(k), 0.1 + 0.8 * tried / total, 0.1 + 0.8 * (tried + 1) / total)
+    return chosen
+
+
+def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.types.Collection | None) -> Iterator[float]:
+    """Find the candidates to `keep` of each ladder, or make them; yields the progress and returns (their collections by ladder, the
+    names of groups whose LODs were edited)."""
+    homes, edited, taken = [], [], set()
+    for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
+        ladder.find(earlier, taken)
+        missing = [k for k in kept if k not in ladder.found]
+        if ladder.held(earlier, missing) and ladder.digest not in [each.digest for each in ladders[:g]]:
+            edited.append(ladder.name)
+        for k in missing:
+            yield from standing(ladder.make(k), 0.9 + 0.09 * g / len(ladders))
+        homes.append([ladder.found[k] for k in kept])
+        taken.update(homes[-1])
+    return homes, edited
+
+
+def _linked(homes: list, feet: list, earlier: bpy.types.Collection | None, before: set) -> tuple[bpy.types.Collection, list]:
+    """(the collection of all LODs, those of each LOD) with the groups' collections `homes` in them, which stand at `feet`; the
+    `earlier` ones are removed. before: the data-blocks that there were."""
+    top, levels = bpy.data.collections.new("Crowd LOD"), []
+    for k in range(max(map(len, homes))):
+        levels.append(bpy.data.collections.new(f"Crowd LOD {k}"))
+        top.children.link(levels[k])
+    for own, offset in zip(homes, feet, strict=True):
+        for k, level in enumerate(levels):
+            home = own[min(k, len(own) - 1)]
+            home.instance_offset = offset
+            for other in earlier.children if earlier is not None and home in before else ():
+                if home.name in other.children:
+                    other.children.unlink(home)
+            level.children.link(home)
+    if earlier is not None:
+        remove_owned(earlier, levels)
+    return top, levels
+
+
+def _named(names: list[str], homes: list, before: set) -> None:
+    """Mark what was not there `before` as made by this add-on, and name all by group and LOD."""
+    for block in bpy.data.user_map():
+        if block not in before:
+            block[OWNED] = True
+            # free again, now that the earlier LODs are gone; never at the cost of what else has the name
+            block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
+    for g, (name, own) in enumerate(zip(names, homes, strict=True)):
+        for k, home in enumerate(own):
+            home.rename(f"{g:03d} {name} LOD {k}", mode="NEVER")
+            home[GROUP] = name
+            for item in home.objects:
+                if item.get(OWNED):
+                    item.rename(re.sub(r" LOD \d+(\.\d+)?$", f" LOD {k}", item.name), mode="NEVER")
+                    item.color = (*TINTS[k], 1.0)
 
 
 def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:

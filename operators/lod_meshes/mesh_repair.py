@@ -6,7 +6,7 @@ import bmesh
 import bpy
 import numpy as np
 
-from ...crowd_lod.simplification.components import parts_of
+from ...crowd_lod.connected_components import connected_components
 from ..blender import mesh_data
 from .surface import has_area
 
@@ -31,7 +31,7 @@ def mend(mesh: bpy.types.Mesh, split_sharp: bool) -> None:
 def drop_flat_parts(mesh: bpy.types.Mesh) -> None:
     """Remove loose parts of which nothing shows, for they have no area: a LOD would spend triangles on them, and deviate there."""
     points, triangles, _, faces = mesh_data.read_triangles(mesh)
-    part = parts_of(len(points), triangles)[triangles[:, 0]]
+    part = connected_components(len(points), triangles)[triangles[:, 0]]
     shown = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
     if shown.all() or not shown.any():
         return
@@ -77,9 +77,8 @@ def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     low, high = half.min(axis=1), half.max(axis=1)
     _, first, times = np.unique(low * count + high, return_index=True, return_counts=True)
     border = first[times == 1]
-    target = np.arange(count)
     if not len(border):
-        return target
+        return np.arange(count)
     a, b, c = (points[triangles[:, i]].astype(np.float64) for i in range(3))
     normal = np.cross(b - a, c - a)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True).clip(1e-30)
@@ -92,13 +91,4 @@ def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     against = place[order[:, 0], 0] == place[order[:, 1], 1]
     facing = (normal[border[order[:, 0]] // 3] * normal[border[order[:, 1]] // 3]).sum(axis=1)
     one, other = half[border[order[against & (facing > -0.99)]]].transpose(1, 0, 2)
-    for _ in range(8):  # corners where several seams meet
-        before = target.copy()
-        for v, w in zip(one.T, other[:, ::-1].T, strict=True):
-            least = np.minimum(target[v], target[w])
-            np.minimum.at(target, v, least)
-            np.minimum.at(target, w, least)
-        target = target[target]
-        if (target == before).all():
-            break
-    return target
+    return connected_components(count, np.stack([one, other[:, ::-1]], axis=2).reshape(-1, 2))

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import bpy
 import numpy as np
 
+from ...crowd_lod.simplification.closest_point import barycentric
 from ...crowd_lod.simplification.decimate import decimating
 from ..blender import mesh_data
-from .attribute_transfer import barycentric, charts_of, dress, nearest_vertices, shade, weights_of
+from .attribute_transfer import charts_of, dress, nearest_vertices, shade, weights_of
 from .mesh_repair import drop_loose
 from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
@@ -29,17 +30,17 @@ MOST_PRECISE = 300_000  # triangles beyond which only the fast way is tried, of 
 
 @dataclass
 class Made:
-    """A LOD's mesh (its caller's to remove), with the weights as read_weights gives them. way: FAST, PRECISE or WHOLE;
+    """A LOD's mesh (its caller's to remove), with the weights as read_weights gives them. method: FAST, PRECISE or WHOLE;
     why: sentences; milliseconds: that it took to make."""
 
     mesh: bpy.types.Mesh
     weights: tuple[np.ndarray, np.ndarray, np.ndarray]
-    way: str
+    method: str
     why: str
     milliseconds: float
 
 
-def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
+def make(source: Source, ratio: float, method: str, name: str) -> Iterator[None]:
     """Make the mesh of about `ratio` of the source's triangles in the way asked for, AUTO, FAST or PRECISE; yields between
     its steps and returns the Made."""
     triangles = source.geometry[1]
@@ -47,11 +48,11 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
         mesh = source.mesh.copy()
         mesh.name = name
         return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
-    if way == "PRECISE":
+    if method == "PRECISE":
         precise = _precise(source, ratio, name, "The precise way was asked for.")
         return precise if precise.mesh.polygons else (yield from _fast(source, ratio, name, _without(precise)))
     fast = yield from _fast(source, ratio, name, "The fast way was asked for.")
-    if way == "FAST":
+    if method == "FAST":
         return fast
     if len(triangles) > MOST_PRECISE:
         fast.why = (
@@ -73,7 +74,7 @@ def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
     better, reason = chosen(one, two)
     best, other = (fast, precise) if better else (precise, fast)
     best.why = (
-        f"{best.way.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
+        f"{best.method.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
         f"surface, and shows {one.area:.0%} of its area, in {fast.milliseconds:.0f} ms; the precise way "
         f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
     )
@@ -186,7 +187,7 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np
     face, mine = scattered(surface.area, SAMPLES)
     at, hit, _ = source.surface.nearest(surface.at(face, mine))
     there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
-    theirs = barycentric(at, *(source.geometry[0][there[:, i]].astype(np.float64) for i in range(3))).clip(0, 1)
+    theirs = barycentric(at.T, *(source.geometry[0][there[:, i]].astype(np.float64).T for i in range(3))).T.clip(0, 1)
     worst = 0.0
     for layer in mesh.uv_layers:
         one, other = (_uvs(m.uv_layers[layer.name]) for m in (mesh, source.mesh))

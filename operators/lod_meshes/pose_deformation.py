@@ -5,7 +5,8 @@ from collections.abc import Iterator, Sequence
 import bpy
 import numpy as np
 
-from ...crowd_lod.simplification.pose_deformation import MOST, Skin, frames_of
+from ...crowd_lod.simplification import settings
+from ...crowd_lod.simplification.pose_deformation import Skin, frames_of
 from .attribute_transfer import set_keys
 from .source_mesh import FOLLOWED, Source, positions
 
@@ -57,7 +58,7 @@ def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
     offsets = [
         (abs(blocks[name].slider_max) or 1.0) * source.offset(k) for k, name in enumerate(source.keys) if not values[:, k].any()
     ]
-    strongest = sorted(offsets, key=lambda offset: -float((offset**2).sum()))[:MOST]
+    strongest = sorted(offsets, key=lambda offset: -float((offset**2).sum()))[: settings.CURRENT.poses]
     return np.array(strongest).reshape(-1, *source.geometry[0].shape)
 
 

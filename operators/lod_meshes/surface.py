@@ -6,9 +6,9 @@ from functools import cached_property
 import numpy as np
 from mathutils.bvhtree import BVHTree
 
-from ...crowd_lod.simplification.closest_point import ranges
 from ...crowd_lod.simplification.components import areas
 from ...crowd_lod.simplification.hausdorff import Moving
+from ...crowd_lod.simplification.triangle_mesh import ranges
 
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
 LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32

@@ -1,8 +1,9 @@
 """Nearest points found by walking, against all triangles and against a finely sampled surface."""
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.simplification.closest_point import Walkable, barycentric, length
-from crowd_lod_extension.crowd_lod.simplification.surface_fit import Fit
+from crowd_lod_extension.crowd_lod.simplification.closest_point import closest_weights, doubt
+from crowd_lod_extension.crowd_lod.simplification.surface_fit import SurfaceFit
+from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import TriangleMesh, length
 
 from .test_decimate import sphere, terrain
 
@@ -19,7 +20,7 @@ def test_the_nearest_point_of_a_triangle_is_that_of_its_samples():
     for corners in (random.normal(size=(3, 3)), np.array([[0, 1, 2], [0, 1e-3, 0], [0, 0, 0.0]])):
         others = random.normal(scale=2, size=(3, 200))
         a, b, c = (np.repeat(corners[:, [k]], 200, axis=1) for k in range(3))
-        weights = barycentric(others, a, b, c)
+        weights = closest_weights(others, a, b, c)
         assert (weights >= -1e-12).all() and np.allclose(weights.sum(axis=0), 1)
         away = length(others - (a * weights[0] + b * weights[1] + c * weights[2]))
         assert (away <= least_by_samples(corners, others) + 1e-9).all()
@@ -28,15 +29,15 @@ def test_the_nearest_point_of_a_triangle_is_that_of_its_samples():
 
 def test_a_walk_that_began_on_the_far_side_is_found_out():
     points, triangles = sphere()
-    mesh = Walkable(points.T.copy(), triangles.T.copy())
+    mesh = TriangleMesh(points.T.copy(), triangles.T.copy())
     others = 1.3 * points[::97].T
     face = np.full(others.shape[1], 5)
     weights = np.full((3, others.shape[1]), 1 / 3)
-    mesh.doubt(face, weights, others)
+    face, weights = doubt(mesh, face, weights, others)
     every = [mesh.points.take(c, 1) for c in mesh.corners]
     for k, other in enumerate(others.T):
         all_of_them = np.repeat(other[:, None], len(triangles), axis=1)
-        at = barycentric(all_of_them, *every)
+        at = closest_weights(all_of_them, *every)
         least = length(all_of_them - sum(p * w for p, w in zip(every, at, strict=True))).min()
         assert np.isclose(length(others[:, [k]] - mesh.at(face[[k]], weights[:, [k]]))[0], least, rtol=0.02)
 
@@ -51,7 +52,7 @@ def test_flips_mend_sides_across_a_valley_but_no_seam():
     mine = [np.linalg.norm(points - corner, axis=1).argmin() for corner in corners]
     seam = np.array([[mine[0], mine[5]]])
     for seams, sides in ((seam[:0], False), (seam, True)):
-        fit = Fit(corners, lod, points, triangles, nearest, seams)
+        fit = SurfaceFit((corners, lod), (points, triangles), nearest, seams)
         fit.flip()
         fit.flip()
         kept = {frozenset(pair) for t in fit.lod.corners.T.tolist() for pair in zip(t, t[1:] + t[:1], strict=True)}

@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.simplification import decimate as meshes
+from crowd_lod_extension.crowd_lod.simplification import settings
 from crowd_lod_extension.crowd_lod.simplification.decimate import decimate
-from crowd_lod_extension.crowd_lod.simplification.edge_collapse import held_sides, quadrics_of
+from crowd_lod_extension.crowd_lod.simplification.edge_collapse import quadrics_of
+from crowd_lod_extension.crowd_lod.simplification.triangle_mesh import constrained_edges
 
 pytestmark = pytest.mark.once
 
@@ -202,7 +205,7 @@ def test_far_lods_spend_no_more_on_many_seams_than_they_must():
 def test_seams_weigh_as_much_as_they_hold_and_borders_in_full():
     points, triangles = np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]), np.array([(0, 1, 2), (0, 2, 3)])
     seam = np.array([(0, 2)])
-    bare, held = (held_sides(triangles, each, len(points)) for each in (seam[:0], seam))
+    bare, held = (constrained_edges(triangles, each, len(points)) for each in (seam[:0], seam))
     none, some, all_of_it = (quadrics_of(points, triangles, held, hold)[:10] for hold in (0, 0.25, 1))
     assert (none == quadrics_of(points, triangles, bare)[:10]).all()
     assert np.allclose(some - none, (all_of_it - none) / 4) and (all_of_it != none).any()
@@ -264,6 +267,7 @@ def test_a_mesh_that_is_a_small_part_of_a_character_asks_as_small_a_part_of_the_
     points, triangles = sphere()
     part = decimate(points, triangles, 0.2, "part", effort=0.1)
     whole = decimate(points, triangles, 0.2, "whole")
-    monkeypatch.setattr(meshes, "EFFORT", meshes.EFFORT // 10)
+    less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10)
+    monkeypatch.setattr(settings, "CURRENT", less)
     small = decimate(points, triangles, 0.2, "small")
     assert part.points.tobytes() == small.points.tobytes() != whole.points.tobytes()

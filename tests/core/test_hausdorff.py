@@ -1,8 +1,10 @@
 """The interval of the Hausdorff distance over poses, against exact shapes and against brute force that shares no code with it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.simplification import hausdorff
+from crowd_lod_extension.crowd_lod.simplification import hausdorff, settings
 
 
 def away(points, corners):
@@ -55,7 +57,7 @@ def ball(rings, segments):
 @pytest.mark.parametrize(("seed", "tolerance"), [(0, 0.1), (0, 0.01), (1, 0.01), (2, 0.01), (3, 0.01)])
 def test_the_true_distance_over_all_poses_lies_in_the_interval(seed, tolerance, monkeypatch):
     """Bent and bumpy tubes, the coarse one with weights of its own: each is off most in another pose."""
-    monkeypatch.setattr(hausdorff, "TOLERANCE", tolerance)
+    monkeypatch.setattr(settings, "CURRENT", replace(settings.CURRENT, bound_tolerance=tolerance))
     random = np.random.default_rng(seed)
     surfaces = []
     for rings, segments in ((8, 10), (5, 6)):
@@ -100,7 +102,7 @@ def test_a_map_of_one_pose_that_says_too_much_in_another_is_found_anew():
 def test_equal_surfaces_are_off_by_no_more_than_the_floor():
     points, triangles = ball(6, 8)
     found = hausdorff.interval(*(moving(points[:, None], each) for each in (triangles, triangles[::-1])))
-    assert found.measured < 1e-12 and found.bound == hausdorff.FLOOR * np.ptp(points[:, None], axis=0).max()
+    assert found.measured < 1e-12 and found.bound == settings.CURRENT.bound_floor * np.ptp(points[:, None], axis=0).max()
 
 
 @pytest.mark.parametrize("flat", [False, True])
