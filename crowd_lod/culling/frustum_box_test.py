@@ -12,7 +12,7 @@ SLACK = 1e-8
 # NumPy's matrix product takes several threads for more columns than this: it costs them more to start than they save.
 COLUMNS = 2048
 # Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
-HUGE, TINY = 1e100, 1e-100
+HUGE, LEAST = 1e100, 1e-100
 # Times the largest coordinate: farther off no plane meets a box, whatever is rounded.
 BEYOND = 2.0**20
 
@@ -46,7 +46,7 @@ class Test:
         self.slack = (SLACK + 6 * camera.grain) * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
         away = np.abs(offsets)
         # of a plane so far beyond all boxes that none comes near, as a far one may be, roundings decide nothing
-        self.slack += 1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + TINY
+        self.slack += 1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + LEAST
         if not about < HUGE:
             self.slack = np.nan  # nothing is decided
         k = self.count = len(normals)

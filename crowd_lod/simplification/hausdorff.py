@@ -17,7 +17,7 @@ from . import settings
 from .closest_point import closest_weights, walk
 from .triangle_mesh import TriangleMesh, blocks, normals
 
-BLOCK = 4_000  # points, or pieces, in all poses that fit in the processor's cache
+TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's cache
 
 
 @dataclass
@@ -134,7 +134,7 @@ class _Way:
         to = self.other.find(self.base, at[:, 0])
         weights = self.other.on(to, at[:, 0], self.base)
         off = np.empty(at.shape[:2])
-        for some in blocks(len(at), BLOCK):
+        for some in blocks(len(at), TOGETHER):
             off[some] = _length(at[some] - self.mixed(self.other.triangles[to[some]], weights[some], self.poses))
         self.found.see(off[:, 0], self.base)
         return _Points(at, to, weights, off, off.copy())
@@ -200,7 +200,7 @@ class _Way:
         to = points.to[pieces]
         most = np.where((to == to[:, :1]).all(axis=1)[:, None], points.off[pieces].max(axis=1), np.inf)
         every = np.flatnonzero((most > self.found.enough).any(axis=1))
-        for block in blocks(len(every), BLOCK):
+        for block in blocks(len(every), TOGETHER):
             some = every[block]
             corners = points.at[pieces[some]]
             beneath = self.beneath(points, pieces[some])

@@ -43,7 +43,7 @@ COLUMNS = {"vertices": int, "triangles": int, "deviations": float, "bounds": flo
 REACH = "reach"  # of what was measured: where the group stands, by how much materials displace it, its lowest point, centre, radius
 # Modifiers whose settings say all that they do; of others, such as physics, groups are measured again.
 PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
-LOST = 4.0  # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
+USUALLY_LOST = 4.0  # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
 VERSION = 19  # of the code that makes LOD meshes: another one makes them anew
 
 
@@ -167,7 +167,7 @@ class Ladder:
         }
         for name in ("bounds", *self.kinds.keys() & {"shaded"}):
             known = {k: own[name][k] for k in self.rows}
-            own[name] = guessed(self.ratios, known, min(usual, default=LOST) * self.diagonal / whole)
+            own[name] = guessed(self.ratios, known, min(usual, default=USUALLY_LOST) * self.diagonal / whole)
         own["triangles"] = [own["triangles"][k] or max(1, round(ratio * whole)) for k, ratio in enumerate(self.ratios)]
         return replace(group, diagonal=self.diagonal, **{name: tuple(values) for name, values in own.items()})
 

@@ -16,12 +16,12 @@ from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, roughly, scattered
 
-SAMPLES = 4_000  # points of each surface that the two ways are compared at
+COMPARED = 4_000  # points of each surface that the two ways are compared at
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
 MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
 KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
 TWICE = 2.0  # times as far away a way may be that keeps that
-ALIKE = 0.01  # difference in similarity that tells two pictures apart
+AS_SIMILAR = 0.01  # difference in similarity that tells two pictures apart
 SLACK = 1.1  # how many times the precise way's distance the fast way's may be
 NEAR_ENOUGH = 5e-4  # of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
 MISSED = 1.1  # times the triangles asked for that are worth a word
@@ -71,7 +71,7 @@ def make(source: Source, ratio: float, method: str, name: str) -> Iterator[None]
         one, two = (
             replace(each, similar=similarity(source, made.mesh)) for each, made in zip((one, two), (fast, precise), strict=True)
         )
-    better, reason = chosen(one, two)
+    better, reason = chosen_method(one, two)
     best, other = (fast, precise) if better else (precise, fast)
     best.why = (
         f"{best.method.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
@@ -102,14 +102,14 @@ class Errors:
         return max(near) <= SLACK * min(near)
 
 
-def chosen(fast: Errors, precise: Errors) -> tuple[bool, str]:
+def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
     """(whether the fast way is to be taken, why)."""
     kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
     near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
     if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
         return kept[0], "it shows as much as the character"
     if fast.off <= max(MOST_OFF, precise.off):
-        if abs(fast.similar - precise.similar) > ALIKE and fast.as_near_as(precise):
+        if abs(fast.similar - precise.similar) > AS_SIMILAR and fast.as_near_as(precise):
             return (
                 fast.similar > precise.similar,
                 f"its picture is more similar ({max(fast.similar, precise.similar):.2f} for {min(fast.similar, precise.similar):.2f})",
@@ -166,13 +166,13 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     made = Surface(points, triangles)
-    distance = roughly(source.surface, made, SAMPLES)
+    distance = roughly(source.surface, made, COMPARED)
     skin, surfaces = source.posed
     if surfaces:
         follows = nearest_vertices(source, points)
     for j, surface in enumerate(surfaces):
         yield
-        distance = max(distance, roughly(surface, Surface(skin.at(j, points.T, follows).T, triangles), SAMPLES))
+        distance = max(distance, roughly(surface, Surface(skin.at(j, points.T, follows).T, triangles), COMPARED))
     yield
     off = uv_error(source, mesh, made, corners)
     yield
@@ -184,7 +184,7 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np
     nearest point of the source; corners (m, 3): of its triangles."""
     if not mesh.uv_layers or not surface.area.any():
         return 0.0
-    face, mine = scattered(surface.area, SAMPLES)
+    face, mine = scattered(surface.area, COMPARED)
     at, hit, _ = source.surface.nearest(surface.at(face, mine))
     there, there_corners = source.geometry[1][hit], source.geometry[2][hit]
     theirs = barycentric(at.T, *(source.geometry[0][there[:, i]].astype(np.float64).T for i in range(3))).T.clip(0, 1)

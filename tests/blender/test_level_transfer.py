@@ -229,7 +229,7 @@ def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
     ],
 )
 def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_fast):
-    assert methods.chosen(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
+    assert methods.chosen_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
 
 
 @pytest.mark.parametrize(
@@ -243,7 +243,7 @@ def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_f
     ],
 )
 def test_the_choice_counts_what_shows(fast, precise, takes_fast):
-    assert methods.chosen(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
+    assert methods.chosen_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
 
 
 @pytest.mark.usefixtures("exact_levels")
