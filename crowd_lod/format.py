@@ -5,7 +5,7 @@ import os
 
 def number(value: float | None) -> str:
     """Three figures, and all of those before the point; "-" for None."""
-    return "-" if value is None else f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return "-" if value is None else f"{value:,.0f}" if abs(value) >= 999.5 else f"{value:.3g}"
 
 
 def printable(path: str | os.PathLike) -> str:
