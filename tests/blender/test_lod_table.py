@@ -11,7 +11,7 @@ from crowd_lod_extension.crowd_lod.levels import selection
 from crowd_lod_extension.crowd_lod.reporting.html_report import page
 from crowd_lod_extension.operators.batch import lod_picture, lod_table
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.cli.commands import commands
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd import character_extent, scene_crowd
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.lod_meshes.surface import Surface
