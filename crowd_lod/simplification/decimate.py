@@ -62,13 +62,15 @@ def decimating(
     skin: Skin | None = None,
     effort: float = 1.0,
 ) -> Iterator[None]:
-    """Make the mesh with about `ratio` of its triangles; yields between its steps and returns the LodMesh.
+    """Make the mesh with about `ratio` of its triangles; yields between its steps.
 
-    points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
-    of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of Settings.moves it may
-    do, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
-    loose part is lost while there are triangles for all, two each: then those that lie nearest to others go first.
+    points: (n, 3) metres; triangles: (m, 3) indices; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for errors.
+    seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams and where materials meet.
+    skin: how its points move, if they do: the poses count as much as the rest.
+    effort: what part of Settings.moves it may do, as one of a character's meshes.
+
+    Returns the LodMesh. Points without a triangle are dropped, open borders at the same points become one. Loose parts are lost
+    only where there are not two triangles for each: those that lie nearest to others go first. CrowdError for bad input.
     """
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")

@@ -1,4 +1,4 @@
-"""Between which two numbers the Hausdorff distance of two moving surfaces lies, over all their poses.
+"""An interval of the Hausdorff distance of two moving surfaces, over all poses.
 
 Each triangle of one surface is mapped onto the other, linearly on each of a few pieces. A piece's largest distance from its
 image is at a corner, and the other surface is no farther off than the image. The map is found in one pose and holds in all:

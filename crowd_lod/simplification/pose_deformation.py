@@ -100,7 +100,10 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
     n, size = len(rest), np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=1).mean()
 
     def vectors(points: np.ndarray) -> np.ndarray:
-        """The sides from each point, its normal as long as a side, and a little of each axis, that all are told, (s + 4 n, 3)."""
+        """Vectors (s + 4 n, 3) that the derivatives must map.
+
+        The edges from each point, its normal as long as an edge, and a little of each axis, so that each point has enough.
+        """
         a, b, c = (points[triangles[:, i]] for i in range(3))
         normal = np.zeros((n, 3))
         for corner in triangles.T:
