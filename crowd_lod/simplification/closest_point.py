@@ -1,4 +1,4 @@
-"""Closest points of a mesh, found by walks over its faces from where others were found before."""
+"""Closest points of a mesh, by walks over its faces."""
 
 import numpy as np
 
@@ -9,10 +9,12 @@ BLOCK = 16_000  # faces looked at together: what fits in the processor's cache
 
 
 def walk(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(face (k,), barycentric weights on it (3, k)) of the mesh's point closest to each of `points` (3, k).
+    """The mesh's points closest to `points`, by walks from vertex to vertex.
 
-    Goes from the vertex `start` (k,) to the closest of the faces at it, to the vertex of that which is closest, and on while
-    that leads elsewhere. It may end at a place that is closest only nearby, see doubt().
+    A walk goes from its vertex to the closest face at it, to the closest vertex of that face, and on until it comes back. It may
+    end where it is closest only nearby: see doubt().
+
+    start: (k,) vertices; points: (3, k). Returns faces (k,) and barycentric weights on them (3, k).
     """
     start = start.copy()
     face, weights = _closest_round(mesh, start, points)
@@ -29,10 +31,11 @@ def walk(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.
 
 
 def follow(mesh: TriangleMesh, face, weights, points, walking=True) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(face, weights, offsets (3, k) from the closest points to `points`, their lengths (k,)) after the mesh or the points moved.
+    """The closest points again, after the mesh or the points have moved a little.
 
-    face (k,), weights (3, k): the closest points before. Only of the points that are farthest off they are found anew: on the same
-    faces, and if `walking` by walks from their edges.
+    face: (k,), weights: (3, k), the closest points before; points: (3, k). Only points farther off than a part of the largest
+    distance are brought up to date: on the same face, and if `walking` by a walk from its edge.
+    Returns faces, weights, the offsets (3, k) from the closest points to `points`, and their lengths (k,).
     """
     off = points - mesh.at(face, weights)
     distance = length(off)
@@ -49,8 +52,11 @@ def follow(mesh: TriangleMesh, face, weights, points, walking=True) -> tuple[np.
 
 
 def doubt(mesh: TriangleMesh, face, weights, points, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """(face (k,), weights (3, k)) with the `count` points that are farthest off found again, on all faces near enough; once more
-    while any was wrong."""
+    """Search again, on all faces near enough, for the points that are farthest off.
+
+    face: (k,), weights: (3, k), the closest points as known; points: (3, k); count: how many to doubt at a time. It goes on while
+    any of them was wrong. Returns faces and weights.
+    """
     face, weights, count = face.copy(), weights.copy(), count or settings.CURRENT.doubt_points
     sorted_by, along, middle, radius = mesh.spheres
     distance = length(points - mesh.at(face, weights))
@@ -80,8 +86,10 @@ def doubt(mesh: TriangleMesh, face, weights, points, count: int | None = None) -
 
 
 def beyond(mesh: TriangleMesh, least: float, face: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(which of `points` (3, k) are farther from the mesh than `least`, (j,); their closest faces; the weights on these (3, j)), by
-    walks from the faces (k,)."""
+    """Which points are farther from the mesh than `least`, and their closest points.
+
+    face: (k,) where the walks begin; points: (3, k). Returns the indices of those points (j,), faces (j,), weights (3, j).
+    """
     far = np.flatnonzero(distances(points, *mesh.vertices(face)) > least)
     points = points.take(far, 1)
     corners = mesh.corners.take(face[far], 1)
@@ -105,8 +113,10 @@ def _closest_round(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) ->
 
 
 def barycentric(p, a, b, c) -> np.ndarray:
-    """Barycentric weights (3, k) of the points p dropped onto the planes of the triangles abc, each (3, k): thirds where a
-    triangle has no area."""
+    """Barycentric weights (3, k) of points p, dropped onto the planes of triangles.
+
+    p, a, b, c: (3, k), the points and the triangles' corners. Triangles without area get thirds.
+    """
     products = _products(p, a, b, c)
     uu, uv, vv = products[:3]
     s, t = _on_plane(*products)
@@ -116,7 +126,10 @@ def barycentric(p, a, b, c) -> np.ndarray:
 
 
 def closest_weights(p, a, b, c) -> np.ndarray:
-    """Barycentric weights (3, k) of the points of the triangles abc nearest to p, each (3, k)."""
+    """Barycentric weights (3, k) of the points of triangles closest to points p.
+
+    p, a, b, c: (3, k), the points and the triangles' corners.
+    """
     weights = np.empty(p.shape)
     for block in blocks(p.shape[1], BLOCK):
         weights[:, block] = _closest_weights(*(each[:, block] for each in (p, a, b, c)))
@@ -145,7 +158,7 @@ def _closest_weights(p, a, b, c) -> np.ndarray:
 
 
 def squares(p, a, b, c) -> np.ndarray:
-    """Squared distances (k,) of p to the nearest points of the triangles abc, each (3, k)."""
+    """Squared distances (k,) of points p to triangles abc, each (3, k)."""
     (ww, plane), s, t, _, away = _planes_and_sides(p, a, b, c)
     sides = np.minimum(np.minimum(*away[:2]), away[2])
     inside = np.minimum(np.minimum(s, t), 1 - s - t) >= 0
@@ -153,21 +166,25 @@ def squares(p, a, b, c) -> np.ndarray:
 
 
 def _products(p, a, b, c) -> list[np.ndarray]:
-    """Dot products (k,) of u = b - a, v = c - a and w = p - a: uu, uv, vv, wu, wv, ww."""
+    """The dot products (k,) uu, uv, vv, wu, wv, ww.
+
+    u = b - a, v = c - a, w = p - a.
+    """
     u, v, w = b - a, c - a, p - a
     return [np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w))]
 
 
 def _on_plane(uu, uv, vv, wu, wv, _) -> tuple[np.ndarray, np.ndarray]:
-    """Barycentric weights (k,) of b and of c, of the point of the triangle's plane nearest to p."""
+    """Barycentric weights (k,) of b and of c: p dropped onto the triangle's plane."""
     area = uu * vv - uv * uv + 1e-300
     return (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
 
 
 def _planes_and_sides(p, a, b, c) -> tuple[tuple, np.ndarray, np.ndarray, tuple, tuple]:
-    """((squared distances to a, what is added to these on the plane), barycentric weights on the plane of b, of c, how far
-    along the sides ab, ac, bc the nearest points on these are, what is added on these), each (k,).
+    """What closest points of triangles are computed from, each (k,).
 
+    Returns: the squared distance to a and what to add for that to the plane; the weights of b and c on the plane; the place of the
+    closest point along the edges ab, ac, bc; what to add to the squared distance to a for that to each edge.
     Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
     uu, uv, vv, wu, wv, ww = products = _products(p, a, b, c)

@@ -1,4 +1,4 @@
-"""Loose parts of a mesh: what becomes of those that there are too few triangles for, and that each still shows as much."""
+"""Loose parts of a mesh: which stay, and that each shows as much as before."""
 
 import numpy as np
 
@@ -13,11 +13,13 @@ DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
 def within(points, part, new_points, new_triangles, collapse_map, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(new points (n, 3), new triangles (k, 3), collapse_map (n,)) with at most `target` triangles, or those of the largest part: the
-    others become cards of two triangles, the smallest first; where that is not enough, those nearest to others go.
+    """Bring a mesh of many loose parts to at most `target` triangles.
 
-    points: (n, 3) of the source; part: (n,) the first point of each one's part; new_points (n, 3), new_triangles (m, 3): the
-    LOD, its points numbered as the source's; collapse_map: (n,) the point that each collapsed into.
+    Parts become cards of two triangles, the smallest first; where that is not enough, those nearest to others go. The largest part
+    stays as it is.
+
+    points: (n, 3), part: (n,) the first point of each one's part: of the source. new_points: (n, 3), new_triangles: (m, 3): the LOD, its
+    points numbered as the source's. collapse_map: (n,). Returns new points (n, 3), new triangles (k, 3), collapse_map (n,).
     """
     if len(new_triangles) <= target:
         return new_points, new_triangles, collapse_map
@@ -44,7 +46,10 @@ def within(points, part, new_points, new_triangles, collapse_map, target: int) -
 
 
 def _card(points: np.ndarray) -> np.ndarray:
-    """Triangles (2, 3), or fewer, between the points that reach farthest along the two longest axes of points (k, 3)."""
+    """Two triangles (2, 3), or fewer, in place of a part.
+
+    They lie between the points that reach farthest along the two longest axes of `points` (k, 3).
+    """
     off = points - points.mean(axis=0)
     along = off @ np.linalg.eigh(off.T @ off)[1][:, :0:-1]
     (a, b), (c, d) = along.argmin(axis=0), along.argmax(axis=0)
@@ -53,9 +58,11 @@ def _card(points: np.ndarray) -> np.ndarray:
 
 
 def _spread_out(middle: np.ndarray, radius: np.ndarray, count: np.ndarray, target: int) -> list[int]:
-    """Which parts to keep of spheres about `middle` (p, 3) and of `radius` (p,), of `count` (p,) triangles, `target` in all: the
-    largest, then each time the one that reaches farthest from those. Source: Gonzalez, "Clustering to minimize the maximum
-    intercluster distance", 1985."""
+    """Which parts to keep: the largest, then each time the one farthest from those.
+
+    middle: (p, 3), radius: (p,), of spheres about the parts; count: (p,) their triangles; target: triangles in all.
+    Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985.
+    """
     kept, away, left = [], radius, target
     while not kept or (count <= left).any():
         kept.append(int(np.where(count <= left, away, -1).argmax() if kept else away.argmax()))
@@ -67,8 +74,12 @@ def _spread_out(middle: np.ndarray, radius: np.ndarray, count: np.ndarray, targe
 
 
 def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: np.ndarray, most: float) -> np.ndarray:
-    """The points (n, 3) with each part that shows less than the area `wanted` (p,) widened about its middle, along each of its own axes
-    as far as along the others, until it shows as much, but by `most` at most. triangles: (m, 3); part: (n,) each one's number."""
+    """Widen parts that show too little, and return the points (n, 3).
+
+    A part is widened about its middle, along each of its own axes as far as along the others.
+    points: (n, 3); triangles: (m, 3); part: (n,) each one's number; wanted: (p,) area that each part should show; most: how far
+    a part may be widened.
+    """
     count = len(wanted)
     middle = np.stack([np.bincount(part, x, count) for x in points.T], axis=1) / np.bincount(part, minlength=count)[:, None]
     off = points - middle[part]
@@ -90,9 +101,10 @@ def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: n
 
 
 def areas(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, count: int, cell: int = CELL) -> np.ndarray:
-    """The area (count,) of each part's silhouette, in the mean of DIRECTIONS, from masks side by side, `cell` pixels across.
+    """The area (count,) of each part's silhouette, in the mean of DIRECTIONS.
 
-    points: (n, 3); triangles: (m, 3), of the parts (m,), each with one at least."""
+    points: (n, 3); triangles: (m, 3); part: (m,) of each triangle, one at least of each part; cell: pixels across a part.
+    """
     total, across = np.zeros(count), int(np.ceil(np.sqrt(count)))
     for axes in DIRECTIONS:
         flat = (points @ axes.T)[triangles]

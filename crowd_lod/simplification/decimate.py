@@ -28,8 +28,11 @@ _one_at_a_time = threading.Lock()
 
 @dataclass(frozen=True)
 class LodMesh:
-    """points: (k, 3) float64, metres; triangles: (m, 3) int32; source: (k,) intp, for each point the nearest of the
-    source's points that collapsed into it, whose weights it takes."""
+    """A LOD's mesh.
+
+    points: (k, 3) float64, metres; triangles: (m, 3) int32.
+    source: (k,) intp, the source's point whose weights each takes: the nearest of those that collapsed into it.
+    """
 
     points: np.ndarray
     triangles: np.ndarray
@@ -59,13 +62,15 @@ def decimating(
     skin: Skin | None = None,
     effort: float = 1.0,
 ) -> Iterator[None]:
-    """Make the mesh with about `ratio` of its triangles; yields between its steps and returns the LodMesh.
+    """Make the mesh with about `ratio` of its triangles; yields between its steps.
 
-    points: (n, 3) metres; triangles: (m, 3) indices; ratio in (0, 1]; name: of the mesh, for errors; seams: (k, 2) indices
-    of points, edges to be kept in place as open borders are, such as UV seams and where materials meet. A ratio of 1 gives
-    the mesh itself. skin: how its points move, if they do: the poses count as much as the rest. effort: what part of Settings.moves it may
-    do, as one of a character's meshes. Points without a triangle are dropped, open borders at the same points become one. No
-    loose part is lost while there are triangles for all, two each: then those that lie nearest to others go first.
+    points: (n, 3) metres; triangles: (m, 3) indices; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for errors.
+    seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams and where materials meet.
+    skin: how its points move, if they do: the poses count as much as the rest.
+    effort: what part of Settings.moves it may do, as one of a character's meshes.
+
+    Returns the LodMesh. Points without a triangle are dropped, open borders at the same points become one. Loose parts are lost
+    only where there are not two triangles for each: those that lie nearest to others go first. CrowdError for bad input.
     """
     if not 0 < ratio <= 1:
         raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
@@ -111,11 +116,15 @@ def decimating(
 
 
 def _best(points, triangles, seams, target: int, skin: Skin | None, effort: float) -> Iterator[None]:
-    """Collapse, then fit while Settings.moves last; yields between the steps and returns (points (k, 3), triangles (m, 3), collapse_map
-    (n,): the new point of each, or -1; follows (k,): with a skin the point that each moves with).
+    """Collapse edges, then fit the surface; yields between the steps.
+
+    points: (n, 3), of unit size; triangles: (m, 3); seams: (k, 2); target: triangles wanted; effort: part of Settings.moves.
+    Returns points (k, 3); triangles (m, 3); collapse_map (n,), the new point of each, or -1; follows (k,), with a skin the source's
+    point that each moves with.
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
-    straight elbow first: it goes less far, in the pose that bends most."""
+    straight elbow first: it goes less far, in the pose that bends most.
+    """
     part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
     now = settings.CURRENT
     hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
@@ -152,8 +161,10 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
 
 
 def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
-    """Move the LOD nearer to its source, about as many samples in all as `moves`, then mend what lies between the samples; yields
-    between the rounds."""
+    """Move the LOD nearer to its source, then mend what lies between the samples.
+
+    moves: how many samples to move in all, about. Yields between the rounds.
+    """
     now = settings.CURRENT
     for k in range(int(np.clip(np.round(moves / (now.steps * fit.samples)), *now.rounds))):
         if k % 4 == 2:
@@ -175,8 +186,10 @@ def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
 
 
 def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: SurfaceFit) -> np.ndarray:
-    """The LOD's points (k, 3) at rest; of several parts each as wide as it must be to show as much as the source's, of points (n, 3) and
-    triangles (m, 3)."""
+    """The LOD's points (k, 3) at rest, its loose parts widened if there are several.
+
+    Each part is as wide as it must be to show as much as the source's: points (n, 3), triangles (m, 3), part (n,).
+    """
     new_points = fit.points.T / fit.copies.rest
     if (part[triangles[:, 0]] == part[triangles[0, 0]]).all():
         return new_points
@@ -187,8 +200,12 @@ def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: S
 
 
 def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3), triangles, collapse_map (n,)) about `target` triangles by fast-simplification, which chooses what to collapse
-    with the points at `seen` (n, 3). Parts that it would lose, or whose faces it would open, double or join, stay as they are."""
+    """About `target` triangles by fast-simplification.
+
+    points: (n, 3); triangles: (m, 3); part: (n,); seen: (n, 3), the points by which it chooses what to collapse. Loose parts that it
+    would lose, or whose faces it would open, double or join, stay as they are.
+    Returns points (n, 3), triangles, collapse_map (n,).
+    """
     import fast_simplification
 
     n, every = len(points), np.arange(len(points))
@@ -236,8 +253,11 @@ def _without_flat_and_doubled(triangles: np.ndarray) -> np.ndarray:
 
 
 def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(the point that each is joined to (n,), the edges (k, 2) that were open): open borders at the same points, such as
-    glTF has along UV seams, become one, or else they would part; not where an edge would get more than two triangles."""
+    """Make one of open borders at the same points, or they would part.
+
+    glTF has such along UV seams. No edge gets more than two triangles by it. points: (n, 3); triangles: (m, 3).
+    Returns the point that each is joined to (n,), and the edges (k, 2) that were open.
+    """
     n, half = len(points), half_edges(triangles)
     joined = np.arange(n)
     _, inverse, count = np.unique(edge_keys(half.T, n), return_inverse=True, return_counts=True)
@@ -253,7 +273,10 @@ def _join_borders(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray
 
 
 def _nearest(points: np.ndarray, new_points: np.ndarray, collapse_map: np.ndarray) -> np.ndarray:
-    """For each new point the nearest of the points that landed on it, (k,) intp. collapse_map: (n,) index of the new point."""
+    """For each new point the nearest of the points that collapsed into it, (k,) intp.
+
+    points: (n, 3); new_points: (k, 3); collapse_map: (n,) the new point of each.
+    """
     distance = np.linalg.norm(points - new_points[collapse_map], axis=1)
     order = np.lexsort((distance, collapse_map))
     first = np.searchsorted(collapse_map[order], np.arange(len(new_points)))

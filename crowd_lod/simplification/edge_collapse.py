@@ -1,6 +1,7 @@
-"""Quadric edge collapse in rounds: each collapses, cheapest first, edges whose stars share no triangle.
+"""Quadric edge collapse, in rounds.
 
-Source: Garland, Heckbert, "Surface simplification using quadric error metrics", 1997; the link condition is that of Dey,
+Each round collapses, the cheapest first, edges so far apart that they share no face at their ends.
+Sources: Garland, Heckbert, "Surface simplification using quadric error metrics", 1997; the link condition is that of Dey,
 Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
 """
 
@@ -18,7 +19,10 @@ from .triangle_mesh import normals as normals_at
 
 @dataclass(frozen=True)
 class Poses:
-    """What the poses add to the mesh at rest: its skin; quadrics: the vertices' (11, n) in each pose."""
+    """What the poses add to the mesh at rest.
+
+    skin: how it moves; quadrics: those of the vertices, (11, n), in each pose.
+    """
 
     skin: Skin
     quadrics: list[np.ndarray]
@@ -26,7 +30,10 @@ class Poses:
 
 @dataclass(frozen=True)
 class _Mesh:
-    """points: (3, n); corners: (3, m); normals: (3, n), the sums of those of the source that each vertex stands for."""
+    """A mesh as far as it has collapsed.
+
+    points: (3, n); corners: (3, m); normals: (3, n), the sums of those of the source's vertices that each stands for.
+    """
 
     points: np.ndarray
     corners: np.ndarray
@@ -35,7 +42,10 @@ class _Mesh:
 
 @dataclass(frozen=True)
 class _Edges:
-    """Edges that may collapse. ends: (2, k) vertices; faces: (k,) how many have the edge; at: (3, k), where it would collapse to."""
+    """Edges that may collapse.
+
+    ends: (2, k) vertices; faces: (k,) how many have the edge; at: (3, k), where it would collapse to.
+    """
 
     ends: np.ndarray
     faces: np.ndarray
@@ -46,8 +56,11 @@ class _Edges:
 
 
 def quadrics_of(points: np.ndarray, triangles: np.ndarray, held: tuple[np.ndarray, np.ndarray], hold: float = 1.0) -> np.ndarray:
-    """Each point's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd and the weight, of the planes of its triangles by
-    their areas, and of the planes upright on their `constrained_edges`, by length squared, those on seams times `hold`."""
+    """Each vertex's quadric (11, n): xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area.
+
+    It sums the planes of the faces at the vertex, by their areas, and the planes upright on its constrained edges, by their lengths
+    squared. points: (n, 3); triangles: (m, 3); held: see constrained_edges(); hold: weight of seams, of that of borders.
+    """
     n, (side, border) = len(points), held
     a, b, c = (points[triangles[:, i]] for i in range(3))
     normal, area = _unit(np.cross(b - a, c - a))
@@ -65,17 +78,14 @@ def normals_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def collapse(points, triangles, quadrics, normals, target: int, poses: Poses | None = None) -> Iterator[None]:
-    """Collapse edges until at most `target` triangles are left, or as few as may be; yields between the rounds.
+    """Collapse edges until at most `target` faces are left, or as few as may be.
 
-    Returns (points (n, 3), triangles (m, 3), collapse_map (n,), follows (n,)).
+    points: (n, 3), about of unit size; triangles: (m, 3); quadrics: (11, n); normals: (n, 3). With `poses` the errors in these
+    add to that at rest. Source: Mohr, Gleicher, "Deformation sensitive decimation", 2003.
 
-    points: (n, 3), about of unit size; triangles: (m, 3); quadrics, normals: of the points. Points keep their indices;
-    collapse_map: the point that each collapsed into. No collapse opens, closes, pinches or folds the surface, and each of its
-    parts keeps a triangle, or four where it is closed.
-
-    With `poses` the errors in these add to that at rest. follows: the point of those given that each moves with, of the two ends
-    of an edge the nearer. Source: Mohr, Gleicher,
-    "Deformation sensitive decimation", 2003.
+    Yields between the rounds. Returns points (n, 3), whose indices stay; triangles (k, 3); collapse_map (n,), the point that each
+    collapsed into; follows (n,), the source's point that each moves with: of an edge's two the nearer. No collapse opens, closes,
+    pinches or folds the surface; each part keeps a triangle, or four where it is closed.
     """
     all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
     own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
@@ -128,8 +138,11 @@ def collapse(points, triangles, quadrics, normals, target: int, poses: Poses | N
 
 
 def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray) -> np.ndarray:
-    """What was `known` (r, j) of the edges `before` (j,), for those of `keys` (k,) that are among them and not `changed` (k,);
-    NaN for others, (r, k). Both in order."""
+    """What is known of edges from the round before.
+
+    before: (j,) keys, in order; known: (r, j), of these; keys: (k,), in order; changed: (k,) bool. Returns (r, k): NaN for edges
+    that are new or have changed.
+    """
     found = np.full((len(known), len(keys)), np.nan)
     if len(before):
         at = np.minimum(np.searchsorted(before, keys), len(before) - 1)
@@ -139,7 +152,10 @@ def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed
 
 
 def _bridges(edges: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
-    """Which of the edges (2, k), of `faces` (k,) triangles, would join two borders if they collapsed, (k,) bool."""
+    """Which edges would join two borders if they collapsed, (k,) bool.
+
+    edges: (2, k), of n vertices; faces: (k,) how many have each.
+    """
     border = np.zeros(n, bool)
     border[edges[:, faces != 2]] = True
     return (faces == 2) & border[edges[0]] & border[edges[1]]
@@ -180,18 +196,21 @@ def _unit(vectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _planes(normal: np.ndarray, on: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Quadrics (11, k) of the squared distance to planes with normals (k, 3) through the points `on` (k, 3)."""
+    """Quadrics (11, k) of the squared distance to planes.
+
+    normal: (k, 3); on: (k, 3), a point on each; weight: (k,).
+    """
     (x, y, z), d = normal.T, -np.einsum("nd,nd->n", normal, on)
     return np.stack([x * x, x * y, x * z, y * y, y * z, z * z, x * d, y * d, z * d, d * d, np.ones(len(d))]) * weight
 
 
 def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
-    """Each row (k,) of `rows` summed over the n points that each of `corners` (k,) names."""
+    """Each row (k,) of `rows` summed over n vertices, those that `corners` (k,) name."""
     return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
 
 
 def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
-    """Where the edges from points a to b would collapse to (3, k), and at what cost (k,)."""
+    """Where edges from a to b collapse to (3, k), and at what cost (k,)."""
     at, cost = np.empty((3, len(a))), np.empty(len(a))
     for block in blocks(len(a), BLOCK):
         at[:, block], cost[block] = _place_block(points, quadrics, a[block], b[block])
@@ -220,15 +239,20 @@ def _place_block(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class _PoseErrors:
-    """The errors of collapses in all poses. follows: (n,) what each vertex moves with; area: (n,) that each stands for."""
+    """The errors of collapses in all poses.
+
+    follows: (n,) what each vertex moves with; area: (n,) that each stands for.
+    """
 
     poses: Poses
     follows: np.ndarray
     area: np.ndarray
 
     def add(self, cost: np.ndarray, error: np.ndarray, edges: _Edges, most: int) -> None:
-        """Add to the `cost` (k,) of the edges their error in all poses: of the `most` cheapest, and of others that might be among
-        these. error: (k,), known from the round before, or NaN; it takes up what is new."""
+        """Add the errors in all poses to the `cost` (k,) of edges that may be cheapest.
+
+        error: (k,), known from the round before, or NaN; it takes up what is new. most: how many of the cheapest are wanted.
+        """
         known = ~np.isnan(error)
         cost[known] += error[known]
         limit = np.partition(cost, most - 1)[most - 1]
@@ -265,9 +289,10 @@ def _ring(corners: np.ndarray, ends: np.ndarray, n: int) -> np.ndarray:
 
 
 def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> np.ndarray:
-    """The free edges, as indices, none of which shares a face at its ends with a cheaper free edge.
+    """The free edges that share no face at their ends with a cheaper free edge.
 
-    ends: (2, k) vertices of the edges, the cheapest first; free: (k,) bool; corners: (3, m). Two of them may collapse at once.
+    ends: (2, k) vertices, the cheapest edge first; free: (k,) bool; corners: (3, m), of n vertices. Returns indices: all of these
+    may collapse at once.
     """
     edge = np.flatnonzero(free)
     cheapest, reach = np.full((2, n), len(free))
@@ -280,8 +305,10 @@ def _apart(ends: np.ndarray, free: np.ndarray, corners: np.ndarray, n: int) -> n
 
 
 def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.ndarray:
-    """Whether each of the edges `chosen`, which lie apart, may collapse, (k,) bool. edges: (2, j) all of the mesh; facing: the least
-    cosine between a triangle's normals before and after."""
+    """Whether each of the edges `chosen`, which lie apart, may collapse, (k,) bool.
+
+    edges: (2, j) all of the mesh; facing: the least cosine between a face's normals before and after.
+    """
     points, corners, normals = mesh.points, mesh.corners, mesh.normals
     ends, at, faces = chosen.ends, chosen.at, chosen.faces
     n, k = points.shape[1], ends.shape[1]

@@ -1,4 +1,4 @@
-"""Between which two numbers the Hausdorff distance of two moving surfaces lies, over all their poses.
+"""An interval of the Hausdorff distance of two moving surfaces, over all poses.
 
 Each triangle of one surface is mapped onto the other, linearly on each of a few pieces. A piece's largest distance from its
 image is at a corner, and the other surface is no farther off than the image. The map is found in one pose and holds in all:
@@ -22,15 +22,21 @@ TOGETHER = 4_000  # points, or pieces, in all poses that fit in the processor's 
 
 @dataclass
 class Moving:
-    """A surface in k poses. points: (n, k, 3) float64 metres; triangles: (m, 3) indices; find(pose, points (j, 3)): the triangles
-    (j,) nearest to the points in that pose."""
+    """A surface in k poses.
+
+    points: (n, k, 3) float64 metres; triangles: (m, 3) indices.
+    find(pose, points (j, 3)): the triangles (j,) closest to the points in that pose.
+    """
 
     points: np.ndarray
     triangles: np.ndarray
     find: Callable[[int, np.ndarray], np.ndarray]
 
     def on(self, face: np.ndarray, points: np.ndarray, pose: int) -> np.ndarray:
-        """Barycentric weights (j, 3) of what is nearest to points (j, 3) on the triangles `face` (j,) in the pose."""
+        """Barycentric weights (j, 3) of the points of faces closest to `points` (j, 3).
+
+        face: (j,); in the given pose.
+        """
         return closest_weights(points.T, *self.corners(face, pose)).T
 
     def corners(self, face: np.ndarray, pose: int) -> list[np.ndarray]:
@@ -49,8 +55,10 @@ class Moving:
 
 @dataclass
 class Interval:
-    """The distance over all poses is at least `measured`, as at `pose`, and at most `bound`, metres. `floor`: metres that a bound
-    need not be lowered below."""
+    """What is known of the distance over all poses, metres.
+
+    It is at least `measured`, as at `pose`, and at most `bound`. floor: a bound need not be lower.
+    """
 
     floor: float
     measured: float = 0.0
@@ -70,8 +78,11 @@ class Interval:
 
 @dataclass
 class _Points:
-    """Points of one surface, at: (n, poses, 3), mapped to the other. to: (n,), a triangle; weights: (n, 3), barycentric; off: (n, poses)
-    metres from there; near: (n, poses), no less than how far they are from the other surface."""
+    """Points of one surface, mapped to the other.
+
+    at: (n, poses, 3); to: (n,), triangles; weights: (n, 3), barycentric, on these; off: (n, poses) metres from there.
+    near: (n, poses), metres: each is no farther from the other surface.
+    """
 
     at: np.ndarray
     to: np.ndarray
@@ -85,8 +96,11 @@ class _Points:
 
 @dataclass
 class _Pairs:
-    """Points at barycentric `weights` (q, 3) of the pieces `piece` (q,), each mapped to the other surface's points `to` (q, 3), of
-    `to_weights` (q, 3): not a number where there is no map."""
+    """Points of pieces, and the points of the other surface that they map to.
+
+    piece: (q,); weights: (q, 3), barycentric, on the piece; to: (q, 3), points of the other surface; to_weights: (q, 3), NaN where
+    there is no map.
+    """
 
     piece: np.ndarray
     weights: np.ndarray
@@ -115,7 +129,10 @@ def interval(one: Moving, other: Moving) -> Interval:
 
 @dataclass
 class _Way:
-    """The way to the surface `other` in `poses`; `found` gets what is found. The map is found in the first of the poses."""
+    """The distance from one surface to `other`, in the given poses.
+
+    The map is found in the first of the poses; `found` takes up what is found.
+    """
 
     other: Moving
     found: Interval
@@ -157,7 +174,10 @@ class _Way:
         return _Way(self.other, self.found, slice(self.base + k, self.base + k + 1))
 
     def cover(self, points: _Points, pieces: np.ndarray, longest: np.ndarray) -> None:
-        """Bound the distance of pieces (p, 3), triangles of mapped points with sides up to `longest` (p, poses)."""
+        """Bound the distance of pieces, triangles of mapped points.
+
+        pieces: (p, 3); longest: (p, poses), metres: none of their edges is longer.
+        """
         later = []
         for depth in range(settings.CURRENT.bound_depth + 1):
             near = points.near[pieces]
@@ -185,7 +205,7 @@ class _Way:
                 way.cover(way.mapped(points.at[used, k, None]), corners.reshape(-1, 3), sides[:, None])
 
     def divided(self, points: _Points, pieces: np.ndarray) -> tuple[_Points, np.ndarray]:
-        """(the points and those in the middle of sides, the four quarters (4 p, 3) of each of the pieces)."""
+        """Divide pieces into four: the points with those between, and (4 p, 3) pieces."""
         n = len(points.at)
         low, high = np.sort(np.stack([pieces, pieces[:, [1, 2, 0]]]), axis=0)
         keys, middle = np.unique(low * n + high, return_inverse=True)
@@ -195,8 +215,10 @@ class _Way:
         return points, np.concatenate([np.stack(each, axis=1) for each in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
 
     def mapped_pieces(self, points: _Points, pieces: np.ndarray) -> np.ndarray:
-        """(p, poses) metres that the pieces are off at most, each mapped to one triangle or to neighbours; infinite where that is
-        too much in the first pose already."""
+        """The metres (p, poses) that pieces are off at most, mapped to faces.
+
+        To one triangle, or to neighbours; infinite where that is too much in the first pose already.
+        """
         to = points.to[pieces]
         most = np.where((to == to[:, :1]).all(axis=1)[:, None], points.off[pieces].max(axis=1), np.inf)
         every = np.flatnonzero((most > self.found.enough).any(axis=1))
@@ -216,7 +238,10 @@ class _Way:
         return most
 
     def off(self, pairs: _Pairs, corners: np.ndarray, poses: slice) -> np.ndarray:
-        """(p, poses) metres that pieces with corners (p, 3, poses, 3) are off at most by the pairs; infinite without a map."""
+        """The metres (p, poses) that pieces are off at most by the pairs.
+
+        corners: (p, 3, poses, 3). Infinite where there is no map.
+        """
         at = sum(corners[pairs.piece, c] * pairs.weights[:, c, None, None] for c in range(3))
         off = _length(at - self.mixed(pairs.to, pairs.to_weights, poses))
         order = np.argsort(pairs.piece, kind="stable")
@@ -231,7 +256,10 @@ class _Way:
         return walk(self.mesh, start, np.ascontiguousarray(inside.reshape(-1, 3).T))[0].reshape(-1, 3)
 
     def to_one(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
-        """Pieces with corners (p, 3, 3) mapped to that one of the triangles (p, 3) beneath to which they are nearest."""
+        """Map pieces, with corners (p, 3, 3), to one triangle each.
+
+        Of the triangles (p, 3) beneath its corners, that to which it is nearest.
+        """
         on = np.array([[self.other.on(each, at[:, c], self.base) for c in range(3)] for each in beneath.T])
         to, first = self.other.triangles[beneath], slice(self.base, self.base + 1)
         off = [[_length(at[:, c] - self.mixed(to[:, t], on[t, c], first)[:, 0]) for c in range(3)] for t in range(3)]
@@ -241,9 +269,11 @@ class _Way:
         )
 
     def to_neighbours(self, at: np.ndarray, beneath: np.ndarray) -> _Pairs:
-        """Each corner's part of pieces with corners (p, 3, 3) mapped to its own triangle beneath, where these have a corner in common,
-        the hub: sides are cut where they cross spokes, the sides of triangles that meet in the hub. If they cross them all round, the
-        hub is mapped as well."""
+        """Map each corner's part of a piece to the triangle beneath it.
+
+        at: (p, 3, 3) corners; beneath: (p, 3) triangles, which must have a corner in common, the hub. Edges of the piece are cut where
+        they cross spokes, the edges that meet in the hub. Where they go all round the hub, it is mapped as well.
+        """
         to, every = self.other.triangles[beneath], np.arange(len(at))
         common = (to[:, 0, :, None, None] == to[:, None, 1:, :]).any(axis=3).all(axis=2)
         hub = to[every, 0, common.argmax(axis=1)]
@@ -262,8 +292,10 @@ class _Way:
         return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
 
     def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray):
-        """Yields _Pairs where the side from one to another corner of the pieces `some` crosses spokes, one after another from the
-        triangle beneath the one to that beneath the other, and 1 or -1 for each, the way round the hub."""
+        """The spokes that an edge of the pieces `some` crosses, one after another.
+
+        side: the edge's two corners. Yields _Pairs where it crosses, and 1 or -1 for each: the way round the hub.
+        """
         i, j = side
         face, last, middle = beneath[some, i], beneath[some, j], self.other.points[hub[some], self.base]
         one, other = at[some, i], at[some, j]
@@ -296,7 +328,10 @@ def _joined(pairs: list[_Pairs]) -> _Pairs:
 
 
 def _part(points: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """How far from `begin` to `end` what is nearest to points, all (p, 3), lies: (p,) in [0, 1]."""
+    """How far from begin to end the closest point lies, (p,) in [0, 1].
+
+    points, begin, end: (p, 3).
+    """
     side = end - begin
     return (np.einsum("pd,pd->p", points - begin, side) / np.maximum(np.einsum("pd,pd->p", side, side), 1e-300)).clip(0, 1)
 

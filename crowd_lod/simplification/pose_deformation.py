@@ -1,4 +1,4 @@
-"""How a mesh moves in its poses: what decimation must know to keep the rings of an elbow that is straight at rest."""
+"""How a mesh moves in its poses, for decimation to keep what bends."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,9 +11,9 @@ from .triangle_mesh import length
 
 @dataclass(frozen=True)
 class Skin:
-    """A point that moves with the mesh's point i and lies at p at rest lies at place[j, i] + frame[j, i] @ (p - rest[i]) in
-    pose j.
+    """How points move that are near to those of a mesh.
 
+    A point that moves with the mesh's point i and lies at p at rest lies at place[j, i] + frame[j, i] @ (p - rest[i]) in pose j.
     rest: (n, 3) metres; place: (k, n, 3) metres; frame: (k, n, 3, 3), the derivative of the place by where it lies at rest.
     """
 
@@ -22,31 +22,42 @@ class Skin:
     frame: np.ndarray
 
     def at(self, pose: int, points: np.ndarray, follows: np.ndarray) -> np.ndarray:
-        """Where points (3, m) at rest, each moving with the mesh's point `follows` (m,), lie in the pose, (3, m)."""
+        """Where points (3, m) at rest lie in the pose, (3, m).
+
+        follows: (m,) the mesh's point that each moves with.
+        """
         rows = self._rows[pose].take(follows, 1)
         x, y, z = points - rows[:3]
         return rows[3:6] + (rows[6:9] * x + rows[9:12] * y + rows[12:] * z)
 
     def nearer(self, points: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        """Which of the mesh's points `one` and `other`, each (m,), lies nearer to each of points (3, m) at rest."""
+        """Of two of the mesh's points the nearer at rest, (m,).
+
+        points: (3, m); one, other: (m,).
+        """
         off, off_other = (length(self.rest.T.take(each, 1) - points) for each in (one, other))
         return np.where(off_other < off, other, one)
 
     def back(self, pose: int, ways: np.ndarray, follows: np.ndarray) -> np.ndarray:
-        """The weighed ways (3, m) at rest of the weighed `ways` (3, m) in the pose, of points that move with `follows` (m,): the
-        right side of least squares; `stretch` is the left."""
+        """Offsets in the pose taken back to rest, (3, m).
+
+        They are the right side of least squares, `stretch` the left. ways: (3, m) offsets, weighed; follows: (m,) what each point moves with.
+        """
         x, y, z = ways
         xx, yx, zx, xy, yy, zy, xz, yz, zz = self._rows[pose, 6:].take(follows, 1)
         return np.stack([xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z])
 
     @cached_property
     def stretch(self) -> np.ndarray:
-        """(k, n): how much longer, squared, ways are in each pose than at rest, in the mean of all directions."""
+        """(k, n): how much longer, squared, offsets are in each pose, in the mean."""
         return np.einsum("knij,knij->kn", self.frame, self.frame) / 3
 
     @cached_property
     def _rows(self) -> np.ndarray:
-        """(k, 15, n): rest, place, and the frame's three columns: NumPy is several times faster along the long axis."""
+        """(k, 15, n): rest, place, and the frame's three columns.
+
+        NumPy is several times faster along the long axis.
+        """
         frame = self.frame.transpose(0, 3, 2, 1).reshape(len(self.frame), 9, -1)
         rest = np.broadcast_to(self.rest.T, (len(frame), *self.rest.T.shape))
         return np.concatenate([rest, self.place.transpose(0, 2, 1), frame], axis=1)
@@ -60,8 +71,10 @@ class Skin:
         return Skin((self.rest - origin) / size, (self.place - origin) / size, self.frame)
 
     def telling(self, triangles: np.ndarray, most: int | None = None) -> "Skin | None":
-        """At most `most` of the poses, or Settings.poses: each time the one that bends the triangles (m, 3) most unlike those before and the
-        rest; none that is like one of them. None if nothing bends."""
+        """The poses that tell most: each bends the mesh most unlike those before.
+
+        triangles: (m, 3); most: how many, or Settings.poses. None is like the rest or another. Returns None if nothing bends.
+        """
         a, b = triangles[:: len(triangles) // settings.CURRENT.pose_triangles + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
@@ -77,14 +90,20 @@ class Skin:
 
 
 def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The derivatives (k, n, 3, 3), see Skin, of a mesh whose points move on their own: by least squares, what the sides of a point's
-    triangles (m, 3) become in each pose, and its normal the normal there. rest: (n, 3) metres; place: (k, n, 3) metres."""
+    """The derivatives (k, n, 3, 3) of a mesh whose points move on their own.
+
+    See Skin. By least squares: what the edges of a point's triangles become in each pose, and its normal the normal there.
+    rest: (n, 3) metres; place: (k, n, 3) metres; triangles: (m, 3).
+    """
     ends = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     start, end = np.concatenate([ends, ends[:, ::-1]]).T
     n, size = len(rest), np.linalg.norm(rest[ends[:, 1]] - rest[ends[:, 0]], axis=1).mean()
 
     def vectors(points: np.ndarray) -> np.ndarray:
-        """The sides from each point, its normal as long as a side, and a little of each axis, that all are told, (s + 4 n, 3)."""
+        """Vectors (s + 4 n, 3) that the derivatives must map.
+
+        The edges from each point, its normal as long as an edge, and a little of each axis, so that each point has enough.
+        """
         a, b, c = (points[triangles[:, i]] for i in range(3))
         normal = np.zeros((n, 3))
         for corner in triangles.T:
@@ -109,10 +128,10 @@ def frames_of(rest: np.ndarray, place: np.ndarray, triangles: np.ndarray) -> np.
 
 
 class Copies:
-    """A mesh at rest and in its poses, side by side as one mesh, so that whatever measures it measures all of them at once.
+    """A mesh at rest and in its poses, side by side as one mesh.
 
-    Copy j of point, or triangle, i is number i * count + j; the first is at rest, and Settings.rest_scale times as large if there are
-    others: there distances count more.
+    Whatever measures it measures all of them at once. Copy j of point, or triangle, i is number i * count + j; the first is at rest,
+    and Settings.rest_scale times as large if there are others: there distances count more.
     """
 
     def __init__(self, skin: Skin | None):
@@ -137,7 +156,10 @@ class Copies:
         return values.reshape(-1, self.count).max(axis=1)
 
     def at(self, points: np.ndarray, follows: np.ndarray) -> np.ndarray:
-        """All copies (3, k * count) of points (3, k) of the larger copy at rest, each of which moves with `follows` (k,)."""
+        """All copies (3, k * count) of points (3, k) of the larger copy at rest.
+
+        follows: (k,) what each moves with.
+        """
         every = np.empty((3, points.shape[1], self.count))
         every[..., 0] = points
         for j in range(1, self.count):
@@ -146,7 +168,11 @@ class Copies:
         return every.reshape(3, -1)
 
     def joined(self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(weight (k,), ways (3, k)) of the larger copy at rest, that come nearest to the weighed `ways` (3, k * count) of all."""
+        """The offsets at rest that come nearest to those wanted in all copies.
+
+        weight: (k * count,); ways: (3, k * count), weighed. Returns the weight (k,) and weighed offsets (3, k) of the larger copy at
+        rest.
+        """
         weight, ways = weight.reshape(-1, self.count), ways.reshape(3, -1, self.count)
         total, way = weight[:, 0].copy(), ways[..., 0].copy()
         for j in range(1, self.count):

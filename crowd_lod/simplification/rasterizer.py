@@ -1,4 +1,4 @@
-"""Triangles to pixels: a small rasteriser, for silhouettes and the pictures of LODs."""
+"""A small rasterizer, for silhouettes and the pictures of LODs."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ EDGE = 1e-9  # pixels by which a centre may miss an edge that it lies on, by rou
 
 
 def cover(corners: np.ndarray, shape: tuple[int, int]):
-    """Yields (pixel (k,) intp, triangle (k,) intp, weights (k, 3) float64): the pixels whose centres the triangles cover.
+    """The pixels whose centres each triangle covers, some triangles at a time.
 
-    corners: (m, 3, 2) float64, each triangle's corners in pixels: x from the left edge, y from the edge of row 0. shape:
-    rows and columns; a pixel is row x columns + column. weights: barycentric. Triangles seen edge on cover nothing; those
-    that share an edge both cover the centres on it.
+    corners: (m, 3, 2) float64, in pixels: x from the left edge, y from the edge of row 0. shape: rows and columns.
+    Yields pixels (k,) intp, each row x columns + column; triangles (k,) intp; barycentric weights (k, 3) float64. Triangles seen
+    edge on cover nothing; those that share an edge both cover the centres on it.
     """
     rows, columns = shape
     low = np.ceil(corners.min(axis=1) - 0.5).clip(0, (columns, rows)).astype(np.intp)
@@ -38,8 +38,10 @@ def cover(corners: np.ndarray, shape: tuple[int, int]):
 
 
 def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """(rows, columns) bool: the pixels that the triangles cover, from where each begins in a row to where it ends; centres on
-    edges are covered. corners, shape: see `cover`."""
+    """The pixels that triangles cover, (rows, columns) bool.
+
+    Each triangle covers a row from where it begins in it to where it ends; centres on edges are covered. corners, shape: see `cover`.
+    """
     rows, columns = shape
     u, v = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     x, y = corners[u[:, 0] * v[:, 1] != u[:, 1] * v[:, 0]].transpose(2, 1, 0)
@@ -63,8 +65,11 @@ def mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
 
 
 def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """(row (k,), column (k,)) of the pixels along the longest sides of the triangles that are less than a pixel high, of which
-    `mask` may miss parts: what is seen edge on. corners, shape: see `cover`; what lies outside is moved to the border."""
+    """The pixels along the longest edges of triangles less than a pixel high.
+
+    `mask` may miss parts of such: what is seen edge on. corners, shape: see `cover`; what lies outside is moved to the border.
+    Returns rows (k,) and columns (k,).
+    """
     sides = np.roll(corners, -1, axis=1) - corners
     squares = np.einsum("mkd,mkd->mk", sides, sides)
     doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
@@ -79,8 +84,10 @@ def edges(corners: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.n
 
 
 def nearest(corners: np.ndarray, depth: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(pixel (k,), triangle (k,), weights (k, 3)) of what is seen: at each covered pixel, once, the triangle of the least
-    depth. corners, shape: see `cover`; depth: (m, 3) of the corners."""
+    """The triangle of the least depth at each covered pixel.
+
+    corners, shape: see `cover`; depth: (m, 3), of the corners. Returns pixels (k,), triangles (k,), barycentric weights (k, 3).
+    """
     parts = list(cover(corners, shape))
     if not parts:
         return np.empty(0, np.intp), np.empty(0, np.intp), np.empty((0, 3))

@@ -1,11 +1,14 @@
-"""The numbers of simplification. Lengths are of a mesh of unit size; "the worst distance" is that of a fit, see surface_fit."""
+"""The numbers of simplification.
+
+Lengths are of a mesh of unit size. "The worst distance" is that of a fit, see surface_fit.
+"""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What simplification does how often, how far and how carefully; each field says its unit and why."""
+    """How often, how far and how carefully: each field says its unit and why."""
 
     # Bulk: fast-simplification's collapses, cheap but without knowledge of poses.
     bulk_margin: float = 1.1  # times the triangles wanted, that it leaves at least: the last collapses are chosen better

@@ -1,4 +1,4 @@
-"""A LOD's points moved, and its sides flipped, until the worst distance between its surface and its source's is least."""
+"""Moves a LOD's vertices, and flips its edges, until its worst distance is least."""
 
 from dataclasses import dataclass, replace
 
@@ -60,10 +60,15 @@ class SurfaceFit:
     """
 
     def __init__(self, lod: Shape, source: Shape, collapse_map, seams, skin: Skin | None = None, follows=None):
-        """lod: points (n, 3), none of them loose, and triangles (m, 3). source: points (k, 3) and triangles (j, 3) that it was made of.
-        collapse_map: (k,) the LOD's point that each of the source's collapsed into, or -1. seams: (s, 2) edges of the source that
-        its points stay on. skin: how the source moves, if it does; follows: (n,) the source's point that each of the LOD's moves
-        with. Both surfaces are then in Copies, at rest and in each pose, and so are points, faces and samples hereafter."""
+        """The fit of a LOD to its source.
+
+        lod: points (n, 3), none of them loose, and triangles (m, 3).
+        source: points (k, 3) and triangles (j, 3) that the LOD was made of.
+        collapse_map: (k,) the LOD's point that each of the source's collapsed into, or -1.
+        seams: (s, 2) edges of the source; the LOD's points on them stay on them.
+        skin: how the source moves, if it does; follows: (n,) the source's point that each of the LOD's moves with. Both surfaces are
+        then in Copies, at rest and in each pose, and so are vertices, faces and samples hereafter.
+        """
         (points, triangles), (source, source_triangles) = lod, source
         self.copies = copies = Copies(skin)
         self.follows = np.zeros(len(points), np.intp) if follows is None else follows
@@ -115,15 +120,21 @@ class SurfaceFit:
         return len(self.state.face) + len(self.state.hit)
 
     def _spread(self, lod: TriangleMesh) -> tuple[np.ndarray, np.ndarray]:
-        """(faces (g m + n,), weights) of samples on the LOD: a grid on each face, then the vertices."""
+        """Samples of the LOD: a grid on each face, then the vertices.
+
+        Returns faces (g m + n,) and barycentric weights (3, g m + n).
+        """
         m, n = lod.corners.shape[1], lod.points.shape[1]
         one = lod.vertex_faces[lod.first[:-1]]
         face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
         return face, np.concatenate([np.repeat(self.grid, m, axis=1), lod.corners[:, one] == np.arange(n)], axis=1)
 
     def measure(self, walking=True) -> None:
-        """Bring the closest points and distances up to date. A worst distance that is no less than before may be of a walk that ended
-        at a wrong place: then those farthest off are sought again."""
+        """Bring the closest points, the distances and the best state up to date.
+
+        A worst distance that is no less than before may be that of a walk which ended at a wrong place: then the points that are
+        farthest off are doubted, and all is measured once more. walking: see follow().
+        """
         state = self.state
         lod, here = state.lod, state.lod.at(state.own_face, state.own_weights)
         face, weights, hit, hit_weights = state.face, state.weights, state.hit, state.hit_weights
@@ -145,7 +156,7 @@ class SurfaceFit:
                 self.least, self.best = worst, self.state
 
     def facing(self) -> np.ndarray:
-        """(3, m): about the normals of what each of the LOD's triangles, at rest, stands for."""
+        """About the normals (3, m) of what each face of the LOD, at rest, stands for."""
         collapse_map = self.copies.one(self.collapse_map)
         n, some = len(self.follows), collapse_map >= 0
         facing = np.stack([np.bincount(collapse_map[some], x[some], n) for x in self.outward])
@@ -162,7 +173,10 @@ class SurfaceFit:
         return self.copies.one(self.lod.corners)
 
     def turned(self) -> np.ndarray:
-        """Which of the LOD's faces turn away, at rest, from the source's face that is closest to their middle."""
+        """The faces of the LOD, at rest, that face away from the source.
+
+        A face is compared with the source's face that is closest to its middle. Returns their indices.
+        """
         every = np.arange(0, self.lod.corners.shape[1], self.copies.count)  # the first samples
         away = every[self.lean(every) < 0]
         if len(away):
@@ -173,7 +187,10 @@ class SurfaceFit:
         return away[self.lean(away) < 0]
 
     def lean(self, faces: np.ndarray) -> np.ndarray:
-        """The cosines (k,) between the LOD's triangles `faces` and the source's that are nearest to their middles."""
+        """Cosines (k,) between faces of the LOD and those of the source closest to them.
+
+        faces: (k,); closest to their middles.
+        """
         own, theirs = (
             normals(*(surface.points.take(c, 1) for c in surface.corners.take(face, 1)))
             for surface, face in ((self.lod, faces), (self.source, self.state.hit[faces]))
@@ -181,7 +198,10 @@ class SurfaceFit:
         return np.einsum("dn,dn->n", own, theirs) / (length(own) * length(theirs) + 1e-300)
 
     def watch(self) -> bool:
-        """Take up what of the source's surface between its vertices is far from the LOD; whether anything is."""
+        """Sample the source's surface between its vertices, where it is far from the LOD.
+
+        Returns whether there was anything as far off as the worst distance, about.
+        """
         state, now = self.state, settings.CURRENT
         near = np.full(self.source.points.shape[1], -1)
         near[self.mine] = np.arange(len(self.mine))
@@ -198,8 +218,10 @@ class SurfaceFit:
         return len(far) > 0
 
     def look(self) -> bool:
-        """Take up what of the LOD's surface between its samples is far from the source; whether anything is. Its faces must not
-        change any more."""
+        """Sample the LOD's surface more finely, where it is far from the source.
+
+        Returns whether there was anything as far off as the worst distance, about. No edge may be flipped afterwards.
+        """
         state, now = self.state, settings.CURRENT
         if self.fine == now.samples_finest:
             return False
@@ -222,11 +244,11 @@ class SurfaceFit:
         self.measure()
 
     def move(self, steps: int) -> None:
-        """Move the LOD's vertices `steps` times, no face away from what it stands for; then those of faces that are turned() back.
+        """Move the LOD's vertices `steps` times; undo what turns a face.
 
-        The moves are least squares in which each sample weighs by how far off it was at this and the moves before, against
-        others near it: that leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to the theory
-        of linear least maximum approximation", 1961.
+        The moves are least squares. Each sample weighs by how far off it was at this and the moves before, compared with others near it:
+        that leads to the least worst distance everywhere at once. Source: Lawson, "Contributions to the theory of linear least
+        maximum approximation", 1961.
         """
         before, facing = self.lod.points, self.facing()
         for step in range(steps):
@@ -268,7 +290,10 @@ class SurfaceFit:
         self.state = replace(state, lod=state.lod.moved(copies.at(points, self.follows)), pull=pull, own_pull=own_pull)
 
     def _along(self, corners: np.ndarray, move: np.ndarray) -> np.ndarray:
-        """The points at rest moved; those on seams along their normals and the seam only, or triangles would reach across it."""
+        """Where the vertices at rest get to by `move` (3, n).
+
+        Vertices on seams move along their normal and the seam only, or faces would reach across it. corners: (3, m).
+        """
         points, seams = self.points, self.copies.one(self.seams)
         a, b = seams
         held, ends = np.unique(seams, return_inverse=True)
@@ -285,14 +310,14 @@ class SurfaceFit:
         return points + move
 
     def around(self, errors: np.ndarray) -> np.ndarray:
-        """The worst of `errors` (m,) at the triangles that share a corner with each, (m,)."""
+        """The worst of `errors` (m,) at each face and the faces at its vertices, (m,)."""
         worst = np.zeros(self.lod.points.shape[1])
         for corner in self.lod.corners:
             np.maximum.at(worst, corner, errors)
         return worst[self.lod.corners].max(axis=0)
 
     def flip(self) -> None:
-        """Flip sides where that lessens the local worst distance; no seams."""
+        """Flip edges, but no seams, where that lessens the worst distance nearby."""
         copies, before = self.copies, self.state
         points, corners, seams = self.points, self.corners, copies.one(self.seams)
         n, m = points.shape[1], corners.shape[1]
@@ -340,8 +365,11 @@ class SurfaceFit:
             self.state = before
 
     def _flipped(self, corners: np.ndarray, faces: np.ndarray, most: np.ndarray) -> np.ndarray:
-        """The worst distance (k,) after each of k flips: of the edge from a to b, of the `faces` (2, k), to that from c to d;
-        corners: (4, k), a to d. Where it is no less than `most` (k,), only some of it is known."""
+        """The worst distance (k,) near each of k edges, if it were flipped.
+
+        corners: (4, k), a to d: the edge from a to b becomes that from c to d; faces: (2, k), the two at the edge. Where the distance
+        is no less than `most` (k,), only some of it is known.
+        """
         (a, b, c, d), (one, two) = corners, faces
         state, points, every = self.state, self.lod.points, np.arange(len(a))
         order = np.argsort(state.face, kind="stable")
@@ -363,8 +391,11 @@ class SurfaceFit:
 
 
 def _unfolded(old, new, corners, facing) -> np.ndarray:
-    """`new` but for the points of triangles that would turn, shrink to slivers or turn away from `facing` (3, m): those go less
-    far, or not at all."""
+    """The vertices `new`, moved back where a face would turn or become a sliver.
+
+    old, new: (3, n); corners: (3, m); facing: (3, m), where faces that look that way must go on to. Vertices of such faces go half
+    as far, and in the end not at all.
+    """
     was = normals(*(old.take(c, 1) for c in corners))
     size = np.einsum("dn,dn->n", was, was)
     upright = np.einsum("dn,dn->n", was, facing) > 0

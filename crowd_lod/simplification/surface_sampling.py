@@ -8,8 +8,11 @@ PARTS = 60  # of a side: all samples of a lattice lie at whole ones
 
 
 def lattice(fine: int, whole: bool = False) -> np.ndarray:
-    """Barycentric weights (3, g): the middle of a triangle, points inside it, and those on its sides up to their middles, or on
-    the `whole` sides: where two triangles meet each has the other's half."""
+    """Barycentric weights (3, g) of a grid on a triangle.
+
+    Its middle, points inside it, and points on each edge up to its middle, or on the `whole` edge: where two triangles meet, each
+    has the other's half. fine: points along an edge.
+    """
     inside = [(i, j, fine - i - j) for i in range(1, fine) for j in range(1, fine - i) if 3 * i != fine or 3 * j != fine]
     along = range(1, fine if whole else fine // 2 + 1)
     sides = [np.roll((fine - i, i, 0), k) for k in range(3) for i in along]
@@ -17,8 +20,10 @@ def lattice(fine: int, whole: bool = False) -> np.ndarray:
 
 
 def between(corners: np.ndarray, faces: np.ndarray, grid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(triangles (k,), weights (3, k)) of the points of a lattice, `grid` (3, g), on the triangles `faces`, those on sides once where two of
-    these meet."""
+    """The points of a lattice on some faces, those on their shared edges once.
+
+    corners: (3, m); faces: (j,); grid: (3, g). Returns faces (k,) and barycentric weights (3, k).
+    """
     face, weights = np.tile(faces, grid.shape[1]), np.repeat(grid, len(faces), axis=1)
     on_side = np.flatnonzero((weights == 0).any(axis=0))
     side, every = weights[:, on_side].argmin(axis=0), np.arange(len(on_side))

@@ -10,9 +10,9 @@ import numpy as np
 
 
 class TriangleMesh:
-    """A triangle mesh and which faces meet at its vertices and edges. Its arrays are never written to.
+    """A triangle mesh, and which faces meet at its vertices and edges.
 
-    points: (3, n) float64; corners: (3, m) indices of points.
+    points: (3, n) float64; corners: (3, m) vertices of the faces. Nobody writes to its arrays.
     vertex_faces: (3 m,) the faces at each vertex, one vertex after another; first: (n + 1,) where those of each begin.
     """
 
@@ -37,18 +37,24 @@ class TriangleMesh:
         return [self.points.take(c, 1) for c in self.corners.take(face, 1)]
 
     def corner(self, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The vertex (k,) of each face that has the largest of the barycentric weights (3, k)."""
+        """The vertex (k,) of each face (k,) with the largest of its weights (3, k)."""
         return self.corners[weights.argmax(axis=0), face]
 
     def faces_at(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(the faces at each of the vertices (k,), one vertex after another; how many each has (k,))."""
+        """The faces at each of the vertices (k,), one vertex after another.
+
+        Returns the faces, and how many each vertex has (k,).
+        """
         begin = self.first[vertices]
         count = self.first[vertices + 1] - begin
         return self.vertex_faces[ranges(begin, count)], count
 
     @cached_property
     def spheres(self) -> tuple[np.ndarray, int, np.ndarray, np.ndarray]:
-        """(the faces in order along an axis (m,), the axis, middles (3, m) and radii (m,) of spheres about them)."""
+        """Spheres about the faces, in order along the mesh's longest axis.
+
+        Returns: the faces in that order (m,), the axis, the spheres' centres (3, m) and radii (m,).
+        """
         corner = [self.points.take(c, 1) for c in self.corners]
         middle = sum(corner) / 3
         radius = np.max([length(each - middle) for each in corner], axis=0)
@@ -58,8 +64,10 @@ class TriangleMesh:
 
     @cached_property
     def neighbours(self) -> np.ndarray:
-        """The face (m, 3) across each face's edge from its corner i to the next; -1 where there is not just one that runs the
-        edge the other way."""
+        """The face (m, 3) across each face's edge from corner i to the next.
+
+        -1 where there is none, where there are several, and where the other runs the edge the same way.
+        """
         sides = np.stack([self.corners.T, self.corners.T[:, [1, 2, 0]]]).reshape(2, -1)
         n = self.points.shape[1]
         back, own = sides[1] * n + sides[0], sides[0] * n + sides[1]
@@ -70,13 +78,19 @@ class TriangleMesh:
 
 
 def half_edges(triangles: np.ndarray) -> np.ndarray:
-    """The sides (3 m, 2) of triangles (m, 3): side 3 t + i of triangle t from its corner i to the next."""
+    """The edges (3 m, 2) of each of the triangles (m, 3), as it runs them.
+
+    Edge 3 t + i is that of triangle t from its corner i to the next.
+    """
     return triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
 
 
 def constrained_edges(triangles: np.ndarray, seams: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray]:
-    """(which of the `half_edges` of triangles (m, 3) between n points are open borders or `seams` (k, 2), (h,); which of these are
-    borders, (h,) bool)."""
+    """The half edges that are open borders or seams.
+
+    triangles: (m, 3), of n vertices; seams: (k, 2). Returns their indices in half_edges() (h,), and which of them are borders
+    (h,) bool.
+    """
     keys = edge_keys(half_edges(triangles).T, n)
     _, inverse, count = np.unique(keys, return_inverse=True, return_counts=True)
     border = count[inverse] != 2
@@ -90,7 +104,10 @@ def edge_keys(ends: np.ndarray, n: int) -> np.ndarray:
 
 
 def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(keys (k,), ends (2, k), how many triangles (k,)) of each edge of the triangles `corners` (3, m)."""
+    """The edges of triangles, each once.
+
+    corners: (3, m), of n vertices. Returns keys (k,) as in edge_keys(), ends (2, k), and how many triangles have each (k,).
+    """
     keys = np.sort(edge_keys(np.stack([corners, np.roll(corners, 1, axis=0)]).reshape(2, -1), n))
     first = np.flatnonzero(np.diff(keys, prepend=-1))
     faces, keys = np.diff(first, append=len(keys)), keys[first]
@@ -98,8 +115,11 @@ def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 def sides_of_two(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(one, two (k,): the sides of two triangles, as seen from each; keys of all sides). Side i m + t is that of triangle t
-    opposite of its corner i."""
+    """The edges between two triangles, as seen from each.
+
+    Side i m + t is that of triangle t opposite its corner i. corners: (3, m), of n vertices. Returns the sides (k,) of the one
+    triangle, those of the other (k,), and the keys of all sides (3 m,).
+    """
     keys = edge_keys(np.stack([np.roll(corners, -1, axis=0).ravel(), np.roll(corners, -2, axis=0).ravel()]), n)
     order = np.argsort(keys, kind="stable")
     _, first, count = np.unique(keys[order], return_index=True, return_counts=True)
@@ -108,7 +128,10 @@ def sides_of_two(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def blocks(count: int, size: int) -> list[slice]:
-    """Slices of `size` that make up range(count): NumPy is some three times faster on arrays that fit in the cache."""
+    """Slices of `size` that make up range(count).
+
+    NumPy is some three times faster on arrays that fit in the processor's cache.
+    """
     return [slice(k, k + size) for k in range(0, count, size)]
 
 

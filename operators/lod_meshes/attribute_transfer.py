@@ -1,4 +1,4 @@
-"""What a decimated mesh takes from its source: weights, UVs, colours, normals, materials, by UV chart."""
+"""What a LOD takes from its source, by UV chart: weights, UVs, colors, normals."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ BEYOND = 5.0  # how many sizes of a triangle beyond it its UVs are continued
 
 @dataclass
 class Charts:
-    """The source's triangles cut into charts: islands of its UVs, in all its UV maps, and of its surface.
+    """The source's triangles cut into charts: islands of its UVs and its surface.
 
     label: (m,) chart of each triangle; members: per chart its triangles; surfaces: per chart, made when first asked for.
     vertex, chart: (k,) the pairs of a vertex and a chart around it, by vertex. seams: (s, 2) vertices of the edges whose
@@ -49,7 +49,10 @@ class Charts:
 
 
 def charts_of(source: Source) -> Charts:
-    """The charts of the source, kept with it. Triangles that share a vertex with the same UVs are of one chart."""
+    """The charts of the source, kept with it.
+
+    Triangles that share a vertex with the same UVs, in all UV maps, are of one chart.
+    """
     if source.charts is None:
         _, triangles, corners, faces = source.geometry
         columns = [triangles.reshape(-1, 1).astype(np.int64)]
@@ -71,7 +74,10 @@ def charts_of(source: Source) -> Charts:
 
 
 def _seams(triangles: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """The edges (s, 2) that several triangles share whose corners, numbered with their UVs as `ids`, are not the same."""
+    """The edges (s, 2) whose triangles differ in UVs or looks at them.
+
+    triangles: (m, 3); ids: (m, 3), the corners numbered with their UVs and looks.
+    """
     ends, own = (np.sort(np.stack([t, np.roll(t, -1, axis=1)], axis=2).reshape(-1, 2), axis=1) for t in (triangles, ids))
     edge, uv_edge = unique_rows(ends), unique_rows(own)
     _, first = np.unique(uv_edge, return_index=True)
@@ -91,8 +97,11 @@ def unique_rows(rows: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Place:
-    """Where points lie on the source. triangle: (n,) of the source; weights: (n, 3) barycentric, within it; outside:
-    the same where the point itself is, which may lie beyond the chart's edge."""
+    """Where points lie on the source.
+
+    triangle: (n,); weights: (n, 3) barycentric, within it; outside: the same where the point itself is, which may lie beyond the
+    chart's edge.
+    """
 
     triangle: np.ndarray
     weights: np.ndarray
@@ -103,7 +112,10 @@ class Place:
 
 
 def locate(source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.ndarray | None = None) -> tuple[Place, np.ndarray]:
-    """(the places of points (n, 3) in their charts (n,), distances (n,)); `outside` is of the points `beyond`, if given."""
+    """The places of points in their charts.
+
+    chart: (n,); points: (n, 3); `outside` is of the points `beyond`, if given. Returns the Place and distances (n,).
+    """
     charts = charts_of(source)
     at_points, triangles = source.geometry[:2]
     triangle, distance = np.empty(len(points), np.intp), np.empty(len(points))
@@ -123,8 +135,11 @@ def locate(source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.nda
 
 
 def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
-    """(chart (m,), place of the centre) of each triangle of the LOD: of the charts around the source's vertices that its
-    corners stand for, the one nearest to its centre. So a sleeve takes nothing from the arm in it."""
+    """The chart of each triangle of the LOD, and the place of its centre there.
+
+    Of the charts around the source's vertices that its corners stand for, it is the one nearest to its centre: so a sleeve takes
+    nothing from the arm in it. Returns charts (m,) and the Place.
+    """
     charts = charts_of(source)
     first = np.searchsorted(charts.vertex, result.source)
     count = np.searchsorted(charts.vertex, result.source, side="right") - first
@@ -143,12 +158,12 @@ def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
 
 
 def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
-    """Make the decimated mesh with the source's materials and attributes; its weights are the object's to take. Yields
-    between the steps and returns the mesh.
+    """Make the decimated mesh with the source's materials and attributes.
 
     Points take those of the source's vertex that they stand for, faces those of the source's face nearest to their
     centre. Each triangle is in one chart: UVs of its corners are those of the nearest points in it, continued beyond its
-    edge; colours and normals those a little inwards, so that each side of a sharp edge keeps its own.
+    edge; colours and normals those a little inwards, so that each side of a sharp edge keeps its own. Weights are the object's
+    to take. Yields between the steps and returns the mesh.
     """
     mesh = mesh_data.new_mesh(name, result.points, result.triangles)
     for material in source.mesh.materials:
@@ -204,8 +219,11 @@ def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
 
 
 def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Normals of the LOD's corners (3 m, 3) that come nearest, all over each triangle, to those of the source's nearest points; one a
-    vertex where they are alike. chart: (m,) of its triangles; normals: (loops, 3) of the source's corners."""
+    """Normals of the LOD's corners (3 m, 3) that suit all of each triangle.
+
+    They come nearest, by least squares, to the source's all over the triangle; those of a vertex that are alike become one.
+    chart: (m,) of its triangles; normals: (loops, 3) of the source's corners.
+    """
     _, triangles, corners, _ = source.geometry
     at = np.einsum("sk,mkd->msd", SPREAD, result.points[result.triangles])
     place, _ = locate(source, chart.repeat(len(SPREAD)), at.reshape(-1, 3))
@@ -217,8 +235,11 @@ def _shading(source: Source, result: LodMesh, chart: np.ndarray, normals: np.nda
 
 
 def shade(mesh: bpy.types.Mesh, source: Source) -> None:
-    """Give the mesh of triangles, to which Blender's Decimate has mixed the source's normals, those that suit its triangles, if these are
-    few; where they are many, the mixture is worse than normals of their own, and stays only where the source had other ones."""
+    """Give a mesh from Blender's Decimate better normals than it has mixed.
+
+    With few triangles those that suit each. With many the mixture is worse than none: it stays only where the source had custom
+    normals.
+    """
     if NORMALS not in mesh.attributes:
         return
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
@@ -233,7 +254,10 @@ def shade(mesh: bpy.types.Mesh, source: Source) -> None:
 
 
 def nearest_vertices(source: Source, points: np.ndarray) -> np.ndarray:
-    """The source's vertices (n,) that points (n, 3) are nearest to, on the triangle that they are nearest to."""
+    """The source's vertices (n,) nearest to points (n, 3).
+
+    Each is a corner of the triangle that the point is nearest to.
+    """
     _, hit, _ = source.surface.nearest(points)
     corner = source.geometry[1][hit]
     return corner[np.arange(len(hit)), np.linalg.norm(source.geometry[0][corner] - points[:, None], axis=2).argmin(axis=1)]
@@ -245,8 +269,10 @@ def unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _same_side(nearest: np.ndarray, inwards: np.ndarray, centres: np.ndarray) -> np.ndarray:
-    """UVs of the LOD's corners (n, 2): the `nearest` in the chart, unless they are on the other side of a seam within it.
-    Then they are far from those continued from a little `inwards`, which are taken."""
+    """UVs of the LOD's corners (n, 2): the `nearest`, unless across a seam.
+
+    Across a seam within the chart they are far from those continued from a little `inwards`, which are taken then.
+    """
     jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(inwards - centres.repeat(3, axis=0), axis=1)
     return np.where(jump[:, None], inwards, nearest)
 
@@ -279,7 +305,10 @@ def set_normals(mesh: bpy.types.Mesh) -> None:
 
 
 def set_keys(item: bpy.types.Object, source: Source) -> None:
-    """Make the offsets that travelled as attributes shape keys of `item`, driven by those of the source's own object."""
+    """Make shape keys of `item` of the offsets that travelled as attributes.
+
+    They are driven by those of the source's own object.
+    """
     mesh = item.data
     if not source.keys:
         return
@@ -302,7 +331,10 @@ def set_keys(item: bpy.types.Object, source: Source) -> None:
 
 
 def weights_of(result: LodMesh, source: Source) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The weights, as read_weights gives them, of the source's vertices that those of the LOD stand for."""
+    """The weights of the LOD's vertices, as read_weights gives them.
+
+    They are those of the source's vertices that the LOD's stand for.
+    """
     vertex, group, weight = source.weights
     first = np.searchsorted(vertex, result.source)
     count = np.searchsorted(vertex, result.source, side="right") - first
@@ -312,8 +344,11 @@ def weights_of(result: LodMesh, source: Source) -> tuple[np.ndarray, np.ndarray,
 
 
 def set_weights(item: bpy.types.Object, names: list[str], rigs: list[set[str]], weights) -> None:
-    """Give `item` the vertex groups `names` with these weights. Those of the bones of each of `rigs`, which deform it one after
-    the other, are cut to the largest MOST_INFLUENCES a vertex and sum to one."""
+    """Give `item` the vertex groups `names` with these weights.
+
+    rigs: sets of bones that deform it one after the other. Of each, a vertex keeps the MOST_INFLUENCES largest weights, which sum
+    to one.
+    """
     vertex, group, weight = weights
     item.vertex_groups.clear()
     for name in names:

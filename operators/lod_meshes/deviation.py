@@ -1,4 +1,4 @@
-"""How far each LOD's surface lies from the character's, over the poses of its action: skinning errs in motion."""
+"""How far each LOD lies from its character, over the poses of its action."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -30,9 +30,9 @@ Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles
 
 
 class Posed:
-    """A character and its LODs in a scene of their own, as they are rendered. As a context: the scene is gone afterwards.
+    """A character and its LODs in a scene of their own, as they are rendered.
 
-    objects: the character's. levels: the objects of each LOD.
+    A context: the scene is gone afterwards. character: its objects; levels: the objects of each LOD.
     """
 
     def __init__(self, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]):
@@ -41,7 +41,10 @@ class Posed:
         self.character, *self.levels = [[actors[item] for item in each] for each in (objects, *levels)]
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
-        """(the character's surface, each LOD's) at `frame`, world space; None where there is no face."""
+        """The surfaces of the character and of each LOD at `frame`, world space.
+
+        None where there is no face.
+        """
         character, *levels = (_surface(*shape) for shape in self.shapes(frame))
         return character, levels
 
@@ -76,8 +79,10 @@ def _surface(points: np.ndarray, triangles: np.ndarray) -> Surface | None:
 
 
 def poses(objects: Sequence[bpy.types.Object]) -> list[float]:
-    """The frames at which LODs of the character `objects` are measured: some evenly, and those at which its joints are farthest
-    from where they are at any before."""
+    """The frames at which LODs of a character are measured.
+
+    Some lie evenly over its action; at the others its joints are farthest from where they are at any before.
+    """
     first, last = action_range(objects)
     times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, LOOKED_AT))
     if len(times) <= POSES:
@@ -92,13 +97,19 @@ def poses(objects: Sequence[bpy.types.Object]) -> list[float]:
 
 
 def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
-    """The farthest that any of `joints` (poses, n, 3) lies from where it is in one pose (n, 3): (poses,) metres."""
+    """How far the farthest joint is from where it is in one pose, (poses,) metres.
+
+    joints: (poses, n, 3); one: (n, 3).
+    """
     return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
 
 
 def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarray:
-    """Where the bones and objects of a character are at `times`, but for its way as a whole: (times, n, 3) metres, three points
-    of each bone, four of each object, and how far each shape key moves what it moves most."""
+    """Where a character's bones and objects are at `times`, (times, n, 3) metres.
+
+    Its way as a whole is left out. There are three points of each bone, four of each object, and how far each shape key moves what
+    it moves most.
+    """
     found = []
     with cleanup.scratch():
         stage = bpy.data.scenes.new("Crowd LOD poses")
@@ -134,7 +145,10 @@ def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarra
 
 
 def _reaches(item: bpy.types.Object) -> np.ndarray:
-    """The farthest that each shape key of a mesh but the first moves a vertex at the value 1, (k,) metres."""
+    """How far each shape key at 1 moves the vertex that it moves most, (k,) metres.
+
+    Of a mesh's keys but the first.
+    """
     found = []
     for key in item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ():
         at = np.empty((2, len(key.data), 3), np.float32)
@@ -149,14 +163,19 @@ def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarra
 
 
 class Measure:
-    """What LODs of the character `objects`, of the group `name`, are measured by: the character in all poses, read when first needed.
-    Their steps yield, of a whole of 1, the part done."""
+    """What LODs of a character are measured by: the character in all poses.
+
+    It is read when first needed. name: of the group; objects: the character's. Its steps yield, of a whole of 1, the part done.
+    """
 
     def __init__(self, name: str, objects: Sequence[bpy.types.Object]):
         self.name, self.objects, self.character = name, objects, None
 
     def read(self) -> Iterator[float]:
-        """Read the character, unless that is done. CrowdError if it has no face in any pose."""
+        """Read the character, unless that is done.
+
+        CrowdError if it has no face in any pose.
+        """
         if self.character is not None:
             return
         self.frames = poses(self.objects)
@@ -168,8 +187,10 @@ class Measure:
         self.character = _Acting(shapes)
 
     def level(self, objects: Sequence[bpy.types.Object], k: int) -> Iterator[float]:
-        """Measure LOD k, all `objects` together against all of the character's, in all poses; returns (deviation, bound, root mean
-        square, frame of the worst pose), metres. CrowdError if either has no face in any pose."""
+        """Measure LOD k: all `objects` together against all of the character's.
+
+        Returns (deviation, bound, root mean square, frame of the worst pose), metres. CrowdError if either has no face in any pose.
+        """
         yield from share(self.read(), 0.0, 0.2)
         shapes = yield from share(_shapes(objects, self.frames), 0.2, 0.4)
         found = _measured(self.character, _Acting(shapes), self.frames)
@@ -190,8 +211,10 @@ def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Ite
 
 
 def measure(group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]) -> Iterator[float]:
-    """`group`, whose character is `objects`, with the deviations of its LODs, whose meshes are `levels`, and their bounds, see Measure;
-    a generator that yields the progress, 0 to 1, and returns the group."""
+    """Measure the LODs of `group`; yields the progress, 0 to 1.
+
+    objects: the character's; levels: those of each LOD. Returns the group with deviations and bounds, see Measure.
+    """
     by, found = Measure(group.name, objects), []
     for k, level in enumerate(levels):
         found.append((yield from share(by.level(level, k), k / len(levels), (k + 1) / len(levels))))
@@ -200,8 +223,10 @@ def measure(group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[
 
 
 class _Acting:
-    """A character or a LOD in all poses. runs: of poses in which its faces are the same, of each run first that which is least unlike
-    the others. Quads are cut as in that."""
+    """A character or a LOD in all poses.
+
+    runs: of poses in which its faces are the same; first in each is the pose least unlike the others. Quads are cut as in that.
+    """
 
     def __init__(self, shapes: Sequence[Shape]):
         self.shapes, self.runs = shapes, []
@@ -227,8 +252,10 @@ class _Acting:
 
 
 def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tuple[float, float, float, float] | None:
-    """(deviation, bound, root mean square, frame of the worst pose) of a LOD in the poses at `frames`; None where there is none that
-    shows both."""
+    """(deviation, bound, root mean square, frame of the worst pose) of a LOD.
+
+    frames: of the poses. None where no pose shows both.
+    """
     found, bound = [], 0.0
     for run in character.runs:
         for poses in ([k for k in run if k in each] for each in other.runs):
@@ -253,8 +280,10 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
 def compare(
     objects: Sequence[bpy.types.Object], level: Sequence[bpy.types.Object], frame: float, diagonal: float, looks: Looks
 ) -> float:
-    """What the shaded pictures of a LOD, whose objects are `level`, and of the character `objects` say at `frame`, see Group.shaded.
-    diagonal: metres, of the character's bounding box; looks: of all objects."""
+    """What the shaded pictures of a LOD and its character say, see Group.shaded.
+
+    objects: the character's; level: the LOD's; diagonal: metres, of the character's bounding box; looks: of all objects.
+    """
     with Posed(objects, [level]) as posed:
         posed.shapes(frame)
         depsgraph = posed.stage.view_layers[0].depsgraph
@@ -263,12 +292,18 @@ def compare(
 
 
 def meshes_of(levels: bpy.types.Collection, g: int, name: str) -> list[list[bpy.types.Object]]:
-    """The mesh objects of each LOD of the group `name`, the g-th, in the collection that Make LOD Meshes has made."""
+    """The mesh objects of each LOD of the g-th group, `name`.
+
+    levels: the collection that Make LOD Meshes has made.
+    """
     return [[o for o in home_of(level, g, name).all_objects if o.type in SOLID] for level in levels.children]
 
 
 def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
-    """Measure the LOD meshes of `scene` as they are now, edited or not; yields the progress, 0 to 1."""
+    """Measure the LOD meshes of `scene` as they are now, edited or not.
+
+    Yields the progress, 0 to 1.
+    """
     settings = scene.crowd_lod
     characters = characters_of(scene)
     if settings.levels is None:

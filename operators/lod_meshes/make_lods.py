@@ -1,4 +1,4 @@
-"""LOD meshes: decimated copies of every character, in collections that the user can see and edit."""
+"""LOD meshes: decimated copies of every character, in collections to edit."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -19,8 +19,11 @@ from .candidates import CANDIDATE, TINTS, Ladder
 
 @dataclass(frozen=True)
 class Outcome:
-    """What make_levels did: names of the character groups whose LOD meshes it `made`, and of those that it `kept` as they
-    were; `edited`: groups made anew only because their LOD meshes had been edited or deleted."""
+    """What make_levels did, by names of character groups.
+
+    made: those whose LOD meshes it made; kept: those whose it kept as they were; edited: of those made, the ones made anew only
+    because their LOD meshes had been edited or deleted.
+    """
 
     made: tuple[str, ...]
     kept: tuple[str, ...]
@@ -37,14 +40,14 @@ class Outcome:
 
 
 def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
-    """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns the Outcome.
+    """Make the LOD collections of `scene`; yields the progress, 0 to 1.
 
     "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their natural order is the
     groups'. LOD 0 shares the characters' own meshes; the others are decimated from the character as modified, at rest,
     follow its armature, and are measured over its action. By tolerance candidates are made, as far as they may be used, and
     those kept that pay; a group with fewer than others repeats its last. Groups whose LODs were made from just what there is now,
     and were not edited since, are kept. Nothing of the user's is changed. If it fails or is closed early, the LODs that
-    were there stay.
+    were there stay. Returns the Outcome.
     """
     scene_data.check_own(scene)
     settings = scene.crowd_lod
@@ -89,8 +92,10 @@ def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collection | None) -> Iterator[float]:
-    """Read the characters and measure them; yields the progress and returns (a Ladder each, a Group each, what the camera sees
-    of each, by tolerance)."""
+    """Read and measure the characters; yields the progress.
+
+    Returns a Ladder each, a Group each, and by tolerance what the camera sees of each, else None each.
+    """
     settings = scene.crowd_lod
     ladders, reaches, ratios = [], {}, selection.ratios_of(settings)
     for g, (name, objects, origin) in enumerate(characters):
@@ -112,8 +117,11 @@ def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collectio
 
 
 def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Group], shots: list) -> Iterator[float]:
-    """Choose LODs by what is guessed of them, measure one that was chosen so, and choose again, until all that are chosen are
-    measured; yields the progress and returns the choice."""
+    """Choose LODs, some by what is guessed of them; yields the progress.
+
+    One that was chosen by a guess is measured, and all are chosen again, until all that are chosen are measured. Returns the
+    choice.
+    """
     chosen, missing, total = None, True, sum(len(ladder.ratios) for ladder in ladders)
     while missing:
         usual = [each for ladder in ladders for each in ladder.lost()]
@@ -127,8 +135,10 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
 
 
 def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.types.Collection | None) -> Iterator[float]:
-    """Find the candidates to `keep` of each ladder, or make them; yields the progress and returns (their collections by ladder, the
-    names of groups whose LODs were edited)."""
+    """Find the candidates to `keep` of each ladder, or make them.
+
+    Yields the progress. Returns their collections by ladder, and the names of groups whose LODs were edited.
+    """
     homes, edited, taken = [], [], set()
     for g, (ladder, kept) in enumerate(zip(ladders, keep, strict=True)):
         ladder.find(earlier, taken)
@@ -143,8 +153,11 @@ def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.typ
 
 
 def _linked(homes: list, feet: list, earlier: bpy.types.Collection | None, before: set) -> tuple[bpy.types.Collection, list]:
-    """(the collection of all LODs, those of each LOD) with the groups' collections `homes` in them, which stand at `feet`; the
-    `earlier` ones are removed. before: the data-blocks that there were."""
+    """Link the groups' collections into those of the LODs; remove the earlier ones.
+
+    homes: by group, then LOD; feet: where each group stands; before: the data-blocks that there were. Returns the collection of
+    all LODs, and those of each.
+    """
     top, levels = bpy.data.collections.new("Crowd LOD"), []
     for k in range(max(map(len, homes))):
         levels.append(bpy.data.collections.new(f"Crowd LOD {k}"))
@@ -163,7 +176,10 @@ def _linked(homes: list, feet: list, earlier: bpy.types.Collection | None, befor
 
 
 def _named(names: list[str], homes: list, before: set) -> None:
-    """Mark what was not there `before` as made by this add-on, and name all by group and LOD."""
+    """Mark what was not there `before` as this add-on's, and name it.
+
+    names: of the groups; homes: their collections, by group, then LOD.
+    """
     for block in bpy.data.user_map():
         if block not in before:
             block[OWNED] = True

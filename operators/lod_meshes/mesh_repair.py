@@ -1,4 +1,4 @@
-"""What is mended of a mesh before it is decimated: loose vertices, parts without area, borders that lie on each other."""
+"""What is mended of a mesh before it is decimated."""
 
 from contextlib import contextmanager
 
@@ -12,8 +12,11 @@ from .surface import has_area
 
 
 def mend(mesh: bpy.types.Mesh, split_sharp: bool) -> None:
-    """Remove vertices and edges without a face, and sew borders that lie on each other, as where an importer has split a
-    mesh along its UV seams: apart they would gape when decimated. split_sharp: whether they are to look split as before."""
+    """Remove loose vertices and edges, and sew borders that lie on each other.
+
+    Importers split meshes along UV seams: apart, such borders would gape when decimated. split_sharp: whether sewn borders are to
+    look split as before.
+    """
     points, triangles = mesh_data.read_triangles(mesh)[:2]
     target = _sewn(points, triangles)
     joined = np.flatnonzero(target != np.arange(len(points)))
@@ -29,7 +32,10 @@ def mend(mesh: bpy.types.Mesh, split_sharp: bool) -> None:
 
 
 def drop_flat_parts(mesh: bpy.types.Mesh) -> None:
-    """Remove loose parts of which nothing shows, for they have no area: a LOD would spend triangles on them, and deviate there."""
+    """Remove loose parts without area, of which nothing shows.
+
+    A LOD would spend triangles on them, and deviate there.
+    """
     points, triangles, _, faces = mesh_data.read_triangles(mesh)
     part = connected_components(len(points), triangles)[triangles[:, 0]]
     shown = np.isin(part, part[has_area(points[triangles].astype(np.float64))])
@@ -69,9 +75,11 @@ def _edited(mesh: bpy.types.Mesh):
 
 
 def _sewn(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """For each of the points (n,) the one that it is to be joined to. Only border edges are joined, of which just two lie
-    at the same place, run against each other, and have triangles that do not lie on each other, as those of a card's two
-    sides do."""
+    """The point that each of the points is to be joined to, (n,).
+
+    Only border edges are joined, of which just two lie at the same place, run against each other, and have triangles that do not
+    lie on each other, as those of a card's two sides do.
+    """
     count = len(points)
     half = np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2).reshape(-1, 2).astype(np.int64)
     low, high = half.min(axis=1), half.max(axis=1)

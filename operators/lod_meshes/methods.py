@@ -1,4 +1,4 @@
-"""The two ways to a LOD's mesh, fast and precise, and the choice between them by measured error."""
+"""The two methods of making a LOD's mesh, and the choice by measured error."""
 
 import time as clock
 from collections.abc import Iterator
@@ -30,8 +30,10 @@ MOST_PRECISE = 300_000  # triangles beyond which only the fast way is tried, of 
 
 @dataclass
 class Made:
-    """A LOD's mesh (its caller's to remove), with the weights as read_weights gives them. method: FAST, PRECISE or WHOLE;
-    why: sentences; milliseconds: that it took to make."""
+    """A LOD's mesh (its caller's to remove).
+
+    weights: as read_weights gives them; method: FAST, PRECISE or WHOLE; why: sentences; milliseconds: that it took to make.
+    """
 
     mesh: bpy.types.Mesh
     weights: tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -41,8 +43,10 @@ class Made:
 
 
 def make(source: Source, ratio: float, method: str, name: str) -> Iterator[None]:
-    """Make the mesh of about `ratio` of the source's triangles in the way asked for, AUTO, FAST or PRECISE; yields between
-    its steps and returns the Made."""
+    """Make the mesh of about `ratio` of the source's triangles.
+
+    method: AUTO, FAST or PRECISE. Yields between its steps and returns the Made.
+    """
     triangles = source.geometry[1]
     if max(4, round(ratio * len(triangles))) >= len(triangles):
         mesh = source.mesh.copy()
@@ -87,9 +91,12 @@ def make(source: Source, ratio: float, method: str, name: str) -> Iterator[None]
 
 @dataclass(frozen=True)
 class Errors:
-    """What is wrong with a LOD's mesh. near: symmetric Hausdorff distance as part of the source's diagonal, the largest at rest and in
-    the poses that tell most; off: largest part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF; area: of
-    its silhouette, as part of the source's; similar: structural similarity of its picture, where it was looked at."""
+    """What is wrong with a LOD's mesh.
+
+    near: symmetric Hausdorff distance, the largest at rest and in the poses that tell most, as part of the source's diagonal.
+    off: largest part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF.
+    area: of its silhouette, as part of the source's. similar: structural similarity of its picture, where it was looked at.
+    """
 
     near: float
     off: float
@@ -122,7 +129,10 @@ def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
 
 
 def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
-    """By quadric edge collapse, and what it loses carried over; yields between its steps and returns the Made."""
+    """By quadric edge collapse, and what it loses carried over.
+
+    Yields between its steps and returns the Made.
+    """
     start = clock.perf_counter()
     about = charts_of(source).seams, source.posed[0], source.share
     result = yield from decimating(*source.geometry[:2], ratio, source.item.name, *about)
@@ -155,14 +165,19 @@ def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
 
 
 def _without(precise: Made) -> str:
-    """Why the precise way, which has left nothing of a mesh of many small parts, is not taken; its mesh is removed."""
+    """Say why the precise way is not taken, which has left nothing; remove its mesh.
+
+    It leaves nothing of a mesh of many small parts.
+    """
     bpy.data.meshes.remove(precise.mesh)
     return "Fast, as the precise way leaves no face."
 
 
 def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
-    """Yields between its steps and returns the Errors of a LOD's mesh. In the poses its points move with the source's nearest ones: good
-    enough for a choice."""
+    """Measure the Errors of a LOD's mesh; yields between its steps.
+
+    In the poses its points move with the source's nearest ones: good enough for a choice.
+    """
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     made = Surface(points, triangles)
@@ -180,8 +195,10 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
 
 
 def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:
-    """The largest part, over the UV maps, of the mesh's `surface` whose UVs are off by more than UV_OFF from those of the
-    nearest point of the source; corners (m, 3): of its triangles."""
+    """The largest part, over the UV maps, of the surface whose UVs are off.
+
+    Off by more than UV_OFF from those of the nearest point of the source. surface: the mesh's; corners: (m, 3), of its triangles.
+    """
     if not mesh.uv_layers or not surface.area.any():
         return 0.0
     face, mine = scattered(surface.area, COMPARED)
