@@ -377,7 +377,7 @@ def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Iterator[float]:
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings, trajectory.world.area)
-    time = max(float(number), trajectory.first_frame + 2.0)
+    time = max(number, trajectory.first_frame + 2)
     policy = policy_of(settings)
     found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
     measured = [
