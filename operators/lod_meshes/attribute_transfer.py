@@ -1,6 +1,6 @@
 """What a decimated mesh takes from its source: weights, UVs, colours, normals, materials, by UV chart."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 
 import bpy
@@ -168,7 +168,7 @@ def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
     return chart[best], place[best]
 
 
-def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
+def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, bpy.types.Mesh]:
     """Make the decimated mesh with the source's materials and attributes; its weights are the object's to take. Yields
     between the steps and returns the mesh.
 

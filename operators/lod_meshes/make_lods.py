@@ -1,7 +1,7 @@
 """LOD meshes: decimated copies of every character, in collections that the user can see and edit."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import bpy
@@ -35,7 +35,7 @@ class Outcome:
         return " ".join(parts)
 
 
-def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
+def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:  # noqa: C901 - to be cut with the LOD meshes
     """Make the LOD collections of `scene`; yields the progress, 0 to 1, and returns the Outcome.
 
     "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their natural order is the
@@ -166,7 +166,7 @@ class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.make_levels"
     bl_label = "Make LOD Meshes"
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         outcome = yield from make_levels(context.scene)
         return outcome.sentence
 

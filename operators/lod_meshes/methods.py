@@ -1,7 +1,7 @@
 """The two ways to a LOD's mesh, fast and precise, and the choice between them by measured error."""
 
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import bpy
@@ -39,7 +39,7 @@ class Made:
     milliseconds: float
 
 
-def make(source: Source, ratio: float, way: str, name: str) -> Iterator[None]:
+def make(source: Source, ratio: float, way: str, name: str) -> Generator[None, None, Made]:
     """Make the mesh of about `ratio` of the source's triangles in the way asked for, AUTO, FAST or PRECISE; yields between
     its steps and returns the Made."""
     triangles = source.geometry[1]
@@ -120,7 +120,7 @@ def chosen(fast: Errors, precise: Errors) -> tuple[bool, str]:
     return better, "it is closer, by more than its UVs are farther off" if better else "its UVs are closer"
 
 
-def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
+def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, None, Made]:
     """By quadric edge collapse, and what it loses carried over; yields between its steps and returns the Made."""
     start = clock.perf_counter()
     about = charts_of(source).seams, source.posed[0], source.share
@@ -159,7 +159,7 @@ def _without(precise: Made) -> str:
     return "Fast, as the precise way leaves no face."
 
 
-def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
+def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors]:
     """Yields between its steps and returns the Errors of a LOD's mesh. In the poses its points move with the source's nearest ones: good
     enough for a choice."""
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)

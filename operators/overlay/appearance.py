@@ -44,7 +44,7 @@ def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | N
     return Cast(groups, characters if style.mode == "MESHES" else ())
 
 
-def colours_of(
+def colours_of(  # noqa: PLR0913 - to be cut with the overlay
     chosen: str, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, characters: tuple[Character, ...]
 ) -> agent_colors.Colours:
     """The agents' colours; `chosen` is of the setting overlay_colour."""
@@ -59,7 +59,7 @@ def colours_of(
     return agent_colors.by_level(frame)
 
 
-def drawing_of(
+def drawing_of(  # noqa: PLR0913 - to be cut with the overlay
     settings, frame: Frame, trajectory: Trajectory, eyes, policy, bias: Bias | None, style: Style, coloured, framed: bool = True
 ) -> Drawing:
     """The drawing of the frame as the settings have it; `framed` with the lines of the camera's frustum."""
