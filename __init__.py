@@ -3,13 +3,13 @@
 # No bpy up here: the tests of the core import this package without Blender.
 
 
-def register():
+def register() -> None:
     from .operators import registration
 
     registration.register()
 
 
-def unregister():
+def unregister() -> None:
     from .operators import registration
 
     registration.unregister()

@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from pathlib import Path
@@ -110,7 +111,7 @@ def marked(step: str) -> bool:
 
 
 @contextmanager
-def locked(path: Path):
+def locked(path: Path) -> Iterator[None]:
     """Wait until no other process holds this file; the system lets go of it when a process dies."""
     with path.open("w") as file:
         if os.name == "nt":

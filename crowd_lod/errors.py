@@ -11,7 +11,7 @@ class CrowdError(Exception):
     any length and hold anything: it is cut in the middle, and what cannot be printed is escaped.
     """
 
-    def __init__(self, message: str):
+    def __init__(self, message: str) -> None:
         if len(message) > BEGIN + END:
             message = f"{message[:BEGIN]} ... {message[-END:]}"
         super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message))
@@ -20,7 +20,7 @@ class CrowdError(Exception):
 FAULTS = (CrowdError, OSError, MemoryError)  # what ordinary faults of files and machines raise, anywhere
 
 
-def sentence(fault: BaseException) -> str:
+def sentence(fault: CrowdError | OSError | MemoryError) -> str:
     """What to tell the user of one of FAULTS."""
     if isinstance(fault, CrowdError):
         return str(fault)

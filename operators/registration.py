@@ -44,7 +44,7 @@ HANDLERS = {
 _commands = []
 
 
-def register():
+def register() -> None:
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
@@ -56,7 +56,7 @@ def register():
     _commands.append(bpy.utils.register_cli_command("crowd_lod", commands.from_blender))
 
 
-def unregister():
+def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     viewport_overlay.unregister()

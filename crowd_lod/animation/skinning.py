@@ -97,7 +97,8 @@ def stance(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float
 def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
     """The x and the y axis, (n, 3) float32 each, of the rotations of `stance`, in a fraction of its time."""
     cos, sin = np.cos(heading), np.sin(heading)
-    ahead, left = np.zeros((2, len(heading), 3), np.float32)
+    both: np.ndarray = np.zeros((2, len(heading), 3), np.float32)
+    ahead, left = both
     ahead[:, 0], ahead[:, 1], left[:, 0], left[:, 1] = cos, sin, -sin, cos
     if pitch.any() or roll.any():
         ahead *= np.cos(pitch)[:, None]

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
@@ -14,6 +15,7 @@ MOST_AGENTS = 10_000_000
 MOST_GROUPS = 255
 # Agents of a crowd that lies in memory as it stands: a smaller one fits in the processor's cache in any order.
 IN_PLACE = 40_000
+UNSET: Any = None  # a column that Crowd is to fill itself
 CLASSES = 16  # phases of their action that agents share, see animation/phase_classes.py
 
 
@@ -60,7 +62,7 @@ class Group:
         """Metres from the group's origin up to what stands on the ground."""
         return self.lowest if self.on_ground else 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if len(self.bounds) != len(self.deviations):
             object.__setattr__(self, "bounds", self.deviations)
 
@@ -98,12 +100,12 @@ class Crowd:
     state: np.ndarray
     group: np.ndarray
     phase_class: np.ndarray
-    wait: np.ndarray = None
-    key: np.ndarray = None
-    mirror: np.ndarray = None
-    pace: np.ndarray = None
+    wait: np.ndarray = UNSET
+    key: np.ndarray = UNSET
+    mirror: np.ndarray = UNSET
+    pace: np.ndarray = UNSET
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         n = len(self.x)
         if self.wait is None:
             object.__setattr__(self, "wait", np.full(n, np.inf))

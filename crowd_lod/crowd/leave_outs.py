@@ -51,7 +51,7 @@ ITEMS = (
     ONE_GROUP, IN_ORDER, FLAT, BLOCKS, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
-NOTHING = frozenset()
+NOTHING: frozenset[LeftOut] = frozenset()
 
 
 def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, relief: bool) -> frozenset[LeftOut]:

@@ -24,7 +24,7 @@ class Area:
     y_max: float
     z: float = 0.0
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         values = (self.x_min, self.y_min, self.x_max, self.y_max, self.z)
         if not np.isfinite(values).all() or not (self.x_min < self.x_max and self.y_min < self.y_max):
             raise CrowdError(f"The crowd's area {values} is not a rectangle: give it a finite centre and a size above 0.")
@@ -49,7 +49,7 @@ class LabelMap:
     labels: np.ndarray
     area: Area
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         bounds = (self.area.x_min, self.area.y_min, self.area.x_max, self.area.y_max)
         if min(self.cell) < 1e3 * np.spacing(np.abs(bounds).max()):
             rows, columns = self.labels.shape
@@ -103,7 +103,7 @@ class LabelMap:
         width, depth = self.cell
         return _index(x, self.area.x_min, width, columns), _index(y, self.area.y_min, depth, rows)
 
-    def into(self, x, y, column, row) -> tuple[np.ndarray, np.ndarray]:
+    def into(self, x: np.ndarray, y: np.ndarray, column: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The positions next to x, y (n,) that `cells` puts into the cells column, row (n,)."""
         rows, columns = self.labels.shape
         width, depth = self.cell
@@ -118,11 +118,11 @@ def _run(labels: np.ndarray) -> np.ndarray:
     return run
 
 
-def _index(value, low, size, count):
+def _index(value: np.ndarray, low: float, size: float, count: int) -> np.ndarray:
     return np.fmin(np.fmax((value - low) / size, 0), count - 1).astype(np.intp)  # of few, sooner than np.clip
 
 
-def _into(value, index, low, size, count):
+def _into(value: np.ndarray, index: np.ndarray, low: float, size: float, count: int) -> np.ndarray:
     value = np.clip(value, low + index * size, low + (index + 1) * size)
     for _ in range(4):  # a cell's own borders may round into its neighbours: by a few units in the last place at most
         off = index - _index(value, low, size, count)
@@ -143,7 +143,7 @@ class HeightMap:
     heights: np.ndarray
     area: Area
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         wrong = np.argwhere(~np.isfinite(self.heights))
         if len(wrong):
             row, column = wrong[0]
@@ -187,7 +187,9 @@ class HeightMap:
         pitch = np.arctan(ahead)
         return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
 
-    def _corners(self, x, y):
+    def _corners(
+        self, x: np.ndarray, y: np.ndarray
+    ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
         """Heights at the four middles about each position, its place between them, and whether it lies between any."""
         rows, columns = self.heights.shape
         width, depth = self.area.size

@@ -38,4 +38,4 @@ def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.
 def _spread(bits: int) -> np.ndarray:
     """(2 ** bits,) uint32: the numbers with a zero between each two of their bits."""
     number = np.arange(1 << bits, dtype=np.uint32)
-    return sum(((number >> np.uint32(b)) & np.uint32(1)) << np.uint32(2 * b) for b in range(bits))
+    return np.bitwise_or.reduce([((number >> np.uint32(b)) & np.uint32(1)) << np.uint32(2 * b) for b in range(bits)])

@@ -20,12 +20,13 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ..errors import CrowdError
 from . import random_streams
-from .json_reader import Reader
+from .json_reader import Colour, FieldPath, Reader
 
 EDGES = ("clamp", "wrap", "reflect", "stop")
 SHORTEST = 0.001  # seconds that a timer runs at least
@@ -118,7 +119,9 @@ class StateMachine:
         spread = np.subtract(most, least, where=least < most, out=np.zeros(len(least)))
         return least + spread * random_streams.uniform(key, random_streams.TIME)
 
-    def _drawn(self, certain, choices, place, key, stream):
+    def _drawn(
+        self, certain: np.ndarray, choices: np.ndarray, place: tuple[np.ndarray, ...], key: np.ndarray, stream: np.uint64
+    ) -> np.ndarray:
         if len(self.odds):
             choice = choices[place]
             random = np.flatnonzero(choice >= 0)
@@ -155,7 +158,8 @@ def parse(text: str, where: str) -> StateMachine:
         reader.fail(("edge",), f"is {edge!r}, it must be one of {', '.join(EDGES)}")
     label_tables = reader.table(root.get("labels"), ("labels",), filled=True)
     labels = tuple(label_tables)
-    label_colours, spawn = [], []
+    label_colours: list[Colour] = []
+    spawn: list[bool] = []
     for label, entry in label_tables.items():
         path = ("labels", label)
         entry = reader.table(entry, path, {"color", "spawn"})
@@ -198,44 +202,46 @@ def parse(text: str, where: str) -> StateMachine:
 class _Table:
     """The arrays of a state machine, filled state by state."""
 
-    def __init__(self, reader: Reader, states: tuple[str, ...], labels: tuple[str, ...]):
+    def __init__(self, reader: Reader, states: tuple[str, ...], labels: tuple[str, ...]) -> None:
         self.reader, self.states, self.labels = reader, states, labels
         shape = len(states), len(labels)
         self.next_state, self.velocity = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
         self.next_choice, self.then_choice = np.full(shape, -1, np.int32), np.full(shape[0], -1, np.int32)
         self.after, self.then = np.full((shape[0], 2), np.inf), np.arange(shape[0], dtype=np.uint8)
-        self.colours, self.start, self.animations = [], [], []
-        self.odds: dict[tuple, int] = {}  # cumulative weights -> their row
+        self.colours: list[Colour] = []
+        self.start: list[float] = []
+        self.animations: list[str] = []
+        self.odds: dict[tuple[float, ...], int] = {}  # cumulative weights -> their row
 
-    def read_state(self, s: int, state: str, entry) -> None:
+    def read_state(self, s: int, state: str, entry: object) -> None:
         reader, path = self.reader, ("states", state)
-        entry = reader.table(entry, path, {"color", "start", "animation", "after", "then", "on"})
-        self.colours.append(reader.colour(entry.get("color", "#808080"), (*path, "color")))
-        self.start.append(reader.number(entry.get("start", 0), (*path, "start"), least=0))
-        self.animations.append(reader.string(entry.get("animation", ""), (*path, "animation")))
+        given = reader.table(entry, path, {"color", "start", "animation", "after", "then", "on"})
+        self.colours.append(reader.colour(given.get("color", "#808080"), (*path, "color")))
+        self.start.append(reader.number(given.get("start", 0), (*path, "start"), least=0))
+        self.animations.append(reader.string(given.get("animation", ""), (*path, "animation")))
         for one, other in (("after", "then"), ("then", "after")):
-            if one in entry and other not in entry:
+            if one in given and other not in given:
                 reader.fail((*path, other), f"is missing beside {one}; a timer needs both")
-        if "after" in entry:
-            self.after[s] = self._seconds(entry["after"], (*path, "after"))
-            self.then[s], self.then_choice[s] = self._target(entry["then"], (*path, "then"))
-        path = (*path, "on")
-        rules = reader.table(entry.get("on"), path, filled=True)
-        read = {name: self._rule(rule, (*path, name), state) for name, rule in rules.items()}
+        if "after" in given:
+            self.after[s] = self._seconds(given["after"], (*path, "after"))
+            self.then[s], self.then_choice[s] = self._target(given["then"], (*path, "then"))
+        on = (*path, "on")
+        rules = reader.table(given.get("on"), on, filled=True)
+        read = {name: self._rule(rule, (*on, name), state) for name, rule in rules.items()}
         for label in rules:
             if label != "*" and label not in self.labels:
-                reader.fail((*path, label), f"names no label; the labels are {', '.join(self.labels)}")
+                reader.fail((*on, label), f"names no label; the labels are {', '.join(self.labels)}")
         for i, label in enumerate(self.labels):
             rule = read.get(label, read.get("*"))
             if rule is None:
-                reader.fail(path, f"says nothing of the label {label!r}; add it, or '*' for every other label")
+                reader.fail(on, f"says nothing of the label {label!r}; add it, or '*' for every other label")
             (self.next_state[s, i], self.next_choice[s, i]), self.velocity[s, i] = rule
 
-    def _rule(self, rule, path, state):
-        rule = self.reader.table(rule, path, {"next", "move", "speed", "heading"})
-        return self._target(rule.get("next", state), (*path, "next")), self._velocity(rule, path)
+    def _rule(self, rule: object, path: FieldPath, state: str) -> tuple[tuple[int, int], tuple[float, float]]:
+        given = self.reader.table(rule, path, {"next", "move", "speed", "heading"})
+        return self._target(given.get("next", state), (*path, "next")), self._velocity(given, path)
 
-    def _target(self, value, path) -> tuple[int, int]:
+    def _target(self, value: object, path: FieldPath) -> tuple[int, int]:
         """(state, choice): the state itself and -1, or any and the row of the odds."""
         reader, known = self.reader, f"the states are {', '.join(self.states)}"
         if isinstance(value, str):
@@ -255,9 +261,10 @@ class _Table:
         cumulative[np.flatnonzero(weights)[-1] :] = 1  # what rounding leaves must not fall to a state of weight 0
         return int(weights.argmax()), self.odds.setdefault(tuple(cumulative), len(self.odds))
 
-    def _seconds(self, value, path) -> tuple[float, float]:
+    def _seconds(self, value: object, path: FieldPath) -> tuple[float, float]:
         if not isinstance(value, list):
-            return (self.reader.number(value, path, least=SHORTEST),) * 2
+            seconds = self.reader.number(value, path, least=SHORTEST)
+            return seconds, seconds
         if len(value) != 2:
             self.reader.fail(path, f"is {value!r}, it must be seconds, or the least and the greatest of them, [5, 20]")
         least, most = (self.reader.number(each, (*path, i), least=SHORTEST) for i, each in enumerate(value))
@@ -265,7 +272,7 @@ class _Table:
             self.reader.fail(path, f"is {value!r}, the first must be the lesser")
         return least, most
 
-    def _velocity(self, rule: dict, path) -> tuple[float, float]:
+    def _velocity(self, rule: dict[str, Any], path: FieldPath) -> tuple[float, float]:
         reader = self.reader
         if "move" in rule and ("speed" in rule or "heading" in rule):
             reader.fail(path, "gives both move and speed or heading; give one")
@@ -273,13 +280,14 @@ class _Table:
             move = rule["move"]
             if not isinstance(move, list) or len(move) != 2:
                 reader.fail((*path, "move"), f"is {move!r}, it must be two numbers, metres per second along x and y")
-            return tuple(reader.number(value, (*path, "move", i)) for i, value in enumerate(move))
+            x, y = (reader.number(value, (*path, "move", i)) for i, value in enumerate(move))
+            return x, y
         speed = reader.number(rule.get("speed", 0), (*path, "speed"), least=0)
         if speed and "heading" not in rule:
             reader.fail((*path, "heading"), "is missing beside speed; give degrees, 0 = +x, counter-clockwise")
         heading = reader.number(rule.get("heading", 0), (*path, "heading"))
         if heading % 90 == 0:  # without rounding: who walks along a wall does not drift into it
-            cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[int(heading % 360 // 90)]
+            cos, sin = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))[int(heading % 360 // 90)]
         else:
             cos, sin = math.cos(math.radians(heading)), math.sin(math.radians(heading))
         return speed * cos, speed * sin

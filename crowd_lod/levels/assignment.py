@@ -41,7 +41,7 @@ class LevelPolicy:
     drop_lost: bool = False
     shading: bool = False
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.metric not in METRICS:
             raise CrowdError(f"The LOD metric is {self.metric!r}; use one of {', '.join(METRICS)}.")
         if self.margin is not None and not 0 <= self.margin < np.inf:
@@ -63,7 +63,7 @@ class LevelPolicy:
                 )
             self._check(own, f" of character group {number}")
 
-    def _check(self, thresholds: tuple[float, ...], whose: str):
+    def _check(self, thresholds: tuple[float, ...], whose: str) -> None:
         if self.tolerance is not None:
             return
         size = self.metric == "PIXELS"
@@ -96,6 +96,8 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
     table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(groups, steps)
     if policy.metric != "PIXELS" or not steps:
         return np.where(always, -np.inf, camera.far * table)
+    pixels: np.ndarray | float
+    nearest: np.ndarray | float
     if policy.tolerance is None:
         length, pixels, nearest = 2 * radius[:, None], table, 0.0
     elif deviation is None:
@@ -179,7 +181,7 @@ class Bias:
     values: np.ndarray
     area: Area
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not ((self.values >= 0) & (self.values <= 1)).all():
             raise CrowdError("The LOD bias map holds values outside 0 to 1: paint it between black and white.")
 

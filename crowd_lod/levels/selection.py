@@ -72,7 +72,7 @@ def choose(group: Group, tolerance: float, views: Sequence[View], metres: float 
         edges = np.concatenate([[-np.inf], begin, [np.inf]])
         used |= (edges[:-1] < edges[1:]) & (edges[:-1] <= view.farthest * BETWEEN) & (edges[1:] > view.nearest / BETWEEN)
         begins.append(edges)
-    for j in np.flatnonzero(~used[1:]) + 1:
+    for j in (np.flatnonzero(~used[1:]) + 1).tolist():
         dropped[kept[j]] = f"{group.triangles[kept[j]]:,} triangles {_unused(j, np.array(begins), views, metres)}"
     return [k for k, needed in zip(kept, used, strict=True) if needed or k == 0], dropped
 
@@ -115,7 +115,9 @@ class Shot:
 def counting(group: Group, tolerance: float, shot: Shot) -> Group:
     """The group with bounds that count its shading at the tolerance in pixels, where the shot asks for that."""
     policy = LevelPolicy((0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=shot.shading)
-    return replace(group, bounds=tuple(deviations((group,), policy)[0].tolist()))
+    table = deviations((group,), policy)
+    assert table is not None  # the policy has as many LODs as the group has bounds
+    return replace(group, bounds=tuple(table[0].tolist()))
 
 
 def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> np.ndarray:

@@ -56,14 +56,14 @@ def _png_chunks(data: mmap.mmap) -> Iterator[tuple[bytes, bytes]]:
 
 def _exr(data: mmap.mmap) -> bool:
     """Of one part in blocks of rows, as Blender writes it: its table of offsets is filled, and each block there."""
-    data, at = bytes(data), 8
-    while data[at]:  # an attribute: name, 0, type, 0, size, content
-        at = data.index(0, data.index(0, at) + 1) + 1
-        at += 4 + struct.unpack_from("<I", data, at)[0]
-    (first,) = struct.unpack_from("<Q", data, at + 1)
-    offsets = struct.unpack_from(f"<{(first - at - 1) // 8}Q", data, at + 1) if first > at else (0,)
-    ends = [offset + 8 + struct.unpack_from("<I", data, offset + 4)[0] for offset in offsets]
-    return min(offsets) > 0 and max(ends) == len(data)
+    file, at = bytes(data), 8
+    while file[at]:  # an attribute: name, 0, type, 0, size, content
+        at = file.index(0, file.index(0, at) + 1) + 1
+        at += 4 + struct.unpack_from("<I", file, at)[0]
+    (first,) = struct.unpack_from("<Q", file, at + 1)
+    offsets = struct.unpack_from(f"<{(first - at - 1) // 8}Q", file, at + 1) if first > at else (0,)
+    ends = [offset + 8 + struct.unpack_from("<I", file, offset + 4)[0] for offset in offsets]
+    return min(offsets) > 0 and max(ends) == len(file)
 
 
 def _blend(data: mmap.mmap) -> bool:

@@ -15,10 +15,12 @@ import os
 import platform
 import shutil
 import stat
+import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from functools import partial
+from io import FileIO
 from pathlib import Path
 
 from ..errors import CrowdError
@@ -227,11 +229,11 @@ def _machine() -> bytes:
     return platform.node().encode(errors="replace")
 
 
-def _hold(lock) -> bool:
+def _hold(lock: FileIO) -> bool:
     """Lock the open file until it is closed, if no other process has; whether this one now holds it."""
     lock.seek(0)
     try:
-        if os.name == "nt":
+        if sys.platform == "win32":
             import msvcrt
 
             msvcrt.locking(lock.fileno(), msvcrt.LK_NBLCK, 1)
@@ -248,7 +250,7 @@ def _hold(lock) -> bool:
 def _turn(place: Path) -> Iterator[None]:
     """Wait until no other process is in such a block for the folder, where the system can lock folders: Windows cannot."""
     with ExitStack() as stack:
-        if os.name != "nt":
+        if sys.platform != "win32":
             import fcntl
 
             opened = os.open(place, os.O_RDONLY)

@@ -11,7 +11,7 @@ import socket
 import threading
 import time as clock
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 
 STOPPED = 128 + signal.SIGINT  # the exit code
 PATIENCE = 0.7  # seconds that a command whose output is complete has to tell so itself
@@ -29,8 +29,8 @@ def heed() -> None:
         return
     reader, writer = socket.socketpair()
     writer.setblocking(False)
-    screen = None
-    with suppress(OSError):  # stderr may be closed
+    screen = -1
+    with suppress(OSError):  # stderr may be closed: then the last line has no place to go
         screen = os.dup(2)  # what Blender prints is kept from the screen by other files in its place
     threading.Thread(target=_watch, args=(reader, writer, screen), daemon=True).start()
     signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
@@ -60,7 +60,7 @@ def work() -> Iterator[None]:
         too_late("it had come to its end")
 
 
-def held():
+def held() -> AbstractContextManager[bool]:
     """A context inside which Ctrl-C does not end the process: it waits. Who is ended waits for it, and never comes in."""
     return _turn
 
@@ -71,11 +71,11 @@ def too_late(why: str) -> None:
         _late.append(why)
 
 
-def _ignore(*_) -> None:
+def _ignore(*_: object) -> None:
     """Python's own handler would raise KeyboardInterrupt wherever the main thread is, in Blender's callbacks too."""
 
 
-def _watch(reader: socket.socket, writer: socket.socket, screen: int | None) -> None:
+def _watch(reader: socket.socket, writer: socket.socket, screen: int) -> None:
     while reader.recv(1) != bytes([signal.SIGINT]):
         pass
     _turn.acquire()
@@ -90,7 +90,7 @@ def _watch(reader: socket.socket, writer: socket.socket, screen: int | None) -> 
             os.dup2(nowhere, 2)
         _clean()
         said = f"stopped too late: {_late[0]}" if _late else "stopped; nothing on disk was changed"
-        with suppress(OSError, TypeError):
+        with suppress(OSError):
             os.write(screen, f"{line}crowd-lod: {said}.\n".encode())
         _clean()  # Blender, still at work, may have made folders again
     finally:

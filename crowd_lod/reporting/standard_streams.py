@@ -3,7 +3,8 @@
 import contextlib
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import Any, TextIO, cast
 
 from ..errors import CrowdError
 
@@ -17,7 +18,7 @@ def ready() -> Iterator[None]:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
-    with contextlib.redirect_stderr(_Lossy(sys.stderr)):
+    with contextlib.redirect_stderr(cast(TextIO, _Lossy(sys.stderr))):
         if hasattr(sys.stdout, "reconfigure"):
             sys.stdout.reconfigure(errors="backslashreplace")
         yield
@@ -40,10 +41,10 @@ def put(text: str) -> None:
 class _Lossy:
     """The stream, if any, as one that never fails."""
 
-    def __init__(self, stream):
+    def __init__(self, stream: TextIO | None) -> None:
         self._stream = stream or open(os.devnull, "w")
 
-    def __getattr__(self, name: str):
+    def __getattr__(self, name: str) -> Any:
         return getattr(self._stream, name)
 
     def write(self, text: str) -> int:
@@ -53,13 +54,13 @@ class _Lossy:
     def flush(self) -> None:
         self._try(self._stream.flush)
 
-    def _try(self, act, *values) -> None:
+    def _try(self, act: Callable[..., object], *values: str) -> None:
         try:
             act(*values)
         except OSError:
             _to_nowhere(self._stream)
 
 
-def _to_nowhere(stream) -> None:
+def _to_nowhere(stream: TextIO) -> None:
     """Send what follows, and what the stream still holds and would try again at exit, to no file."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -42,15 +42,16 @@ class Verdict:
     depth_error: float = 0.0
 
     def __add__(self, other: "Verdict") -> "Verdict":
-        counts = (getattr(self, n) + getattr(other, n) for n in self.__dataclass_fields__ if n != "depth_error")
-        return Verdict(*counts, depth_error=max(self.depth_error, other.depth_error))
+        sums = {name: getattr(self, name) + getattr(other, name) for name in self.__dataclass_fields__}
+        return Verdict(**sums | {"depth_error": max(self.depth_error, other.depth_error)})
 
 
 def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
     """A crowd at the points (n, 3)."""
     still = np.zeros(len(points), np.float32)
     none = np.zeros(len(points), np.uint8)
-    return Crowd(*np.ascontiguousarray(points.T, np.float64), still, none, none if group is None else group, none)
+    x, y, z = np.ascontiguousarray(points.T, np.float64)
+    return Crowd(x, y, z, still, none, none if group is None else group, none)
 
 
 def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray) -> Verdict:
@@ -86,7 +87,8 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
     if lens.startswith("sheared"):
         matrix[:3, :3] = np.diag(random.uniform(0.5, 2, 3)) @ matrix[:3, :3]
     matrix[:3, 3] = random.normal(size=3) * 10.0 ** random.uniform(-1, 4)
-    pixels = tuple(int(n) for n in random.integers(10, 4000, size=2))
+    width, height = random.integers(10, 4000, size=2).tolist()
+    pixels = width, height
     fit = ("AUTO", "HORIZONTAL", "VERTICAL")[random.integers(3)]
     aspect, shifts = tuple(random.uniform(0.5, 2, 2)), tuple(random.uniform(-shift, shift, 2))
     shape = window(10.0 ** random.uniform(low, high), fit, pixels, aspect, shifts)

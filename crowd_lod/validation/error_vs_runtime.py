@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from decimal import Decimal, localcontext
 from fractions import Fraction as F
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 
@@ -26,6 +28,8 @@ OFFSETS = (0.0, 1e5)  # metres by which crowd and camera are moved together, to 
 LEVEL_OFFSETS = (*OFFSETS, 1e6, 1e7)
 SAMPLES = 100  # distances a view that are compared with exact arithmetic
 View = tuple[Crowd, tuple[Camera, ...]]
+Method = Callable[[Crowd, StateMachine, LabelMap, float], Crowd]  # of behaviour: a step of so many seconds
+Found = TypeVar("Found")
 
 
 def timed(run: Callable[[], object], repeats: int) -> dict[str, float]:
@@ -37,6 +41,11 @@ def timed(run: Callable[[], object], repeats: int) -> dict[str, float]:
         run()
         spent.append(1000 * (clock.perf_counter() - started))
     return {"ms": float(np.median(spent)), "ms_least": min(spent), "ms_most": max(spent)}
+
+
+def each(views: Sequence[View], method: Callable[[View], Found]) -> list[Found]:
+    """What the method finds in each of the views."""
+    return [method(view) for view in views]
 
 
 def some(crowd: Crowd, most: int) -> Crowd:
@@ -53,13 +62,16 @@ def behaviour(
     default takes one step a frame."""
     seconds = frames * frame
     counts = [max(1, frames * k // 8) for k in (1, 2, 4, 8, 16, 32, 64)]
-    by_frame = "exact walk, frame by frame", lambda *arguments: walk(*arguments[:3], seconds / frames)[0]
-    for name, method in (("step", step), ("listing", listing), by_frame):
-        tried = [frames] if method is by_frame[1] else counts
+    methods: tuple[tuple[str, Method, list[int]], ...] = (
+        ("step", step, counts),
+        ("listing", listing, counts),
+        ("exact walk, frame by frame", lambda *arguments: walk(*arguments)[0], [frames]),
+    )
+    for name, method, tried in methods:
         found = convergence(crowd, machine, world, seconds, tried, method)
         for k, count in enumerate(tried):
 
-            def run(method=method, count=count):
+            def run(method: Method = method, count: int = count) -> None:
                 moved = crowd
                 for _ in range(count):
                     moved = method(moved, machine, world, seconds / count)
@@ -140,18 +152,19 @@ def culling(
     fixed = MARGINS if margin is None or margin in MARGINS else (*MARGINS, margin)
     for offset in OFFSETS:
         there = [moved(view, offset) for view in views] if offset else views
-        truth = [exactly(view) for view in there]
-        methods = [("derived Delta", "float64", None, derived)]
+        truth = each(there, exactly)
+        methods: list[tuple[str, str, float | None, Callable[[View], np.ndarray]]] = [("derived Delta", "float64", None, derived)]
         if flat:
-            methods += [("six planes, no bound", way, None, lambda view, way=way: plain(view, centre, radius, way)) for way in WAYS]
+            about = partial(plain, centre=centre, radius=radius)
+            methods += [("six planes, no bound", way, None, partial(about, way=way)) for way in WAYS]
         if not offset:
-            methods += [("fixed Delta", "float64", d, lambda view, d=d: derived(view, d)) for d in fixed] if flat else []
+            methods += [("fixed Delta", "float64", d, partial(derived, delta=d)) for d in fixed] if flat else []
             methods += [("exact planes", "rational", None, exactly)]
         for name, precision, delta, method in methods:
-            masks = [method(view) for view in there]
+            masks = each(there, method)
             missed = sum(int((want & ~got).sum()) for want, got in zip(truth, masks, strict=True))
             surplus = sum(int((got & ~want).sum()) for want, got in zip(truth, masks, strict=True))
-            spent = timed(lambda method=method, there=there: [method(view) for view in there], repeats)
+            spent = timed(partial(each, there, method), repeats)
             spent = {key: ms / len(there) for key, ms in spent.items()}
             default = not offset and (name == "derived Delta" if margin is None else delta == margin)
             counts = {"missed": missed / len(there), "surplus": surplus / len(there)}
@@ -181,7 +194,7 @@ def exact_levels(crowd: Crowd, camera: Camera, centre: np.ndarray, steps: list[l
     size = sum(map(np.abs, v)) + np.abs(camera.origin).sum()
     ids = (distance[:, None] >= near).sum(axis=1).astype(np.uint8)
     bound = 1e-13 * (size[:, None] + np.abs(near))
-    for i in np.flatnonzero((np.abs(distance[:, None] - near) <= bound).any(axis=1)):
+    for i in np.flatnonzero((np.abs(distance[:, None] - near) <= bound).any(axis=1)).tolist():
         w = _vector(crowd, camera, centre, i)
         along = sum(p * F(float(q)) for p, q in zip(w, camera.Z, strict=True))
         square = sum(p * p for p in w)
@@ -218,7 +231,8 @@ def levels(
         for offset in LEVEL_OFFSETS:
             there = [moved((crowd, cameras[:1]), offset) for crowd, cameras in views]
             for way in WAYS:
-                found = [_levels(view, centre, radius, policy, way) for view in there]
+                method = partial(_levels, centre=centre, radius=radius, policy=policy, way=way)
+                found = each(there, method)
                 wrong, worst = 0, 0.0
                 for (crowd, (camera,)), (distance, ids) in zip(there, found, strict=True):
                     radial = policy.metric == "RADIAL" or camera.kind == "PANO"
@@ -227,7 +241,7 @@ def levels(
                     for i in range(0, len(crowd), max(1, len(crowd) // SAMPLES)):
                         off = F(float(distance[i])) - exact_distance(crowd, camera, centre, i, radial)
                         worst = max(worst, abs(float(off)))
-                spent = timed(lambda p=policy, w=way, t=there: [_levels(view, centre, radius, p, w) for view in t], repeats)
+                spent = timed(partial(each, there, method), repeats)
                 spent = {key: ms / len(there) for key, ms in spent.items()}
                 agents = sum(len(crowd) for crowd, _ in there)
                 default = int(policy.metric == metric and way == "float64" and not offset)

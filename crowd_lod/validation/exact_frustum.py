@@ -1,13 +1,17 @@
 """The culling's judge: sphere against frustum in exact rational arithmetic. It shares no formula with the culling."""
 
+from collections.abc import Callable, Sequence
 from fractions import Fraction as F
+from typing import TypeVar
 
 import numpy as np
 
 from ..culling.camera import Camera
 
+Number = TypeVar("Number", F, float)
 
-def sees(camera: Camera, centre, radius: float) -> bool:
+
+def sees(camera: Camera, centre: Sequence[float] | np.ndarray, radius: float) -> bool:
     """Whether the sphere (centre (3,) floats in world metres, radius) lies in or touches all six planes, or the clip
     range of a panoramic camera, exactly for the float64 numbers given. The camera is a pinhole."""
     v = [F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True)]
@@ -23,13 +27,13 @@ def sees(camera: Camera, centre, radius: float) -> bool:
     return True
 
 
-def _planes(camera: Camera, number) -> list[tuple[list, object]]:
+def _planes(camera: Camera, number: Callable[[float], Number]) -> list[tuple[list[Number], Number]]:
     """Six (normal, offset), not of unit length, in the arithmetic of `number`: inside is normal . v <= offset."""
     X, Y, Z = ([number(float(q)) for q in axis] for axis in (camera.X, camera.Y, camera.Z))
     w = camera.window
     found = [([-z for z in Z], -number(float(camera.near))), (Z, number(float(camera.far)))]
-    for axis, sign, edge in ((X, 1, w.right), (X, -1, w.left), (Y, 1, w.top), (Y, -1, w.bottom)):
-        edge = number(float(edge))
+    for axis, sign, side in ((X, 1, w.right), (X, -1, w.left), (Y, 1, w.top), (Y, -1, w.bottom)):
+        edge = number(float(side))
         if camera.kind == "ORTHO":
             found.append(([sign * q for q in axis], sign * edge))
         else:
@@ -46,13 +50,13 @@ def seen(camera: Camera, centres: np.ndarray, radius: np.ndarray) -> tuple[np.nd
     v = centres - camera.origin
     size, loose = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(), 256 * np.finfo(np.float64).eps
     no, maybe = np.zeros(len(v), bool), np.zeros(len(v), bool)
+    tests: list[tuple[np.ndarray, float, float]] = []  # outside by, the scale and the offset that round
     with np.errstate(over="ignore", under="ignore"):
         if camera.kind == "PANO":
             range_ = np.linalg.norm(v, axis=1)
-            tests = [(camera.near - range_ - radius, 1.0, camera.near), (range_ - camera.far - radius, 1.0, camera.far)]
+            tests += [(camera.near - range_ - radius, 1.0, camera.near), (range_ - camera.far - radius, 1.0, camera.far)]
         else:
             axes = np.abs([camera.X, camera.Y, camera.Z]).sum()
-            tests = []
             for normal, offset in _planes(camera, float):
                 w = camera.window
                 scale = axes * (1 + max(map(abs, (w.left, w.right, w.bottom, w.top))) * (camera.kind != "ORTHO"))
@@ -67,7 +71,7 @@ def seen(camera: Camera, centres: np.ndarray, radius: np.ndarray) -> tuple[np.nd
     return mask, doubtful
 
 
-def depth_error(camera: Camera, centre, distance: float) -> float:
+def depth_error(camera: Camera, centre: Sequence[float] | np.ndarray, distance: float) -> float:
     """|distance - v.Z| in metres, exactly but for the last rounding, of a sphere with its centre at `centre` (3,)."""
     v = (F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True))
     return float(abs(F(float(distance)) - sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True))))
@@ -77,12 +81,12 @@ def gap(camera: Camera, centres: np.ndarray) -> np.ndarray:
     """Distances (n,) float64 in metres from centres (n, 3) to the frustum's body, 0 inside: to the nearest of its six
     faces and twelve edges. A sphere may touch all six planes and still miss the body at an edge or corner."""
     w, frame = camera.window, np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
-    ends = []
+    points = []
     for depth in (camera.near, camera.far):
         at = 1.0 if camera.kind == "ORTHO" else depth
         rim = ((w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top))
-        ends += [frame @ (at * x, at * y, depth) for x, y in rim]
-    ends, v = np.array(ends), centres - camera.origin
+        points += [frame @ (at * x, at * y, depth) for x, y in rim]
+    ends, v = np.array(points), centres - camera.origin
     faces = [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
     edges = {tuple(sorted((f[i], f[(i + 1) % 4]))) for f in faces for i in range(4)}
     least, inside, middle = np.full(len(v), np.inf), np.ones(len(v), bool), ends.mean(axis=0)
@@ -128,8 +132,8 @@ def scatter(camera: Camera, radius: np.ndarray, random: np.random.Generator, on_
     v = np.stack([right, up, depth], axis=1) @ frame.T
     walls = _planes(camera, float)
     pick = np.where(random.random(count) < on_planes, random.integers(len(walls), size=count), -1)
-    for k, (normal, offset) in enumerate(walls):
-        normal, mine = np.array(normal), pick == k
+    for k, (wall, offset) in enumerate(walls):
+        normal, mine = np.array(wall), pick == k
         length = np.linalg.norm(normal)
         step = radius[mine] - (v[mine] @ normal - offset) / length
         v[mine] += (step * (1 + random.normal(size=mine.sum()) * 1e-16))[:, None] * (normal / length)

@@ -1,10 +1,11 @@
 """Extreme cases, each with a name: what the culling and the LODs must survive."""
 
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from ..culling.camera import Camera, referential, window
 from ..culling.radar import lost, radar, refuse_lost
@@ -13,16 +14,18 @@ from ..levels.assignment import LevelPolicy, assign, limits
 from .culling_audit import Verdict, check, standing
 from .exact_frustum import scatter
 
+Spheres = tuple[Camera, np.ndarray, np.ndarray, np.ndarray]  # the camera, points (n, 3), radius (G,), group (n,)
+Maker = Callable[[np.random.Generator], Spheres]
 # The largest case is judged in parts.
 PART = 1_000_000
 
 
 @dataclass(frozen=True)
 class Case:
-    """camera, points (n, 3), radius (G,), group (n,) of one extreme; made when asked for, as some are large."""
+    """One extreme; made when asked for, as some are large."""
 
     name: str
-    make: Callable[[np.random.Generator], tuple[Camera, np.ndarray, np.ndarray, np.ndarray]]
+    make: Maker
 
 
 @dataclass(frozen=True)
@@ -54,8 +57,8 @@ def camera_of(
     return Camera(kind, *referential(matrix), window(size, "AUTO", (1920, 1080)), near, far, (1920, 1080))
 
 
-def _spread(camera: Camera, radii=(0.4, 1.0, 2.5), count: int = 4000):
-    def make(random):
+def _spread(camera: Camera, radii: Sequence[float] = (0.4, 1.0, 2.5), count: int = 4000) -> Maker:
+    def make(random: np.random.Generator) -> Spheres:
         radius = np.array(radii, np.float64)
         group = random.integers(len(radius), size=count, dtype=np.uint8)
         return camera, scatter(camera, radius[group], random), radius, group
@@ -63,16 +66,16 @@ def _spread(camera: Camera, radii=(0.4, 1.0, 2.5), count: int = 4000):
     return make
 
 
-def _at(camera: Camera, points, radius: float = 1.0):
-    def make(_random):
+def _at(camera: Camera, points: npt.ArrayLike, radius: float = 1.0) -> Maker:
+    def make(_random: np.random.Generator) -> Spheres:
         where = np.asarray(points, np.float64).reshape(-1, 3)
         return camera, where, np.array([radius]), np.zeros(len(where), np.uint8)
 
     return make
 
 
-def _plain(count: int):
-    def make(random):
+def _plain(count: int) -> Maker:
+    def make(random: np.random.Generator) -> Spheres:
         points = np.zeros((count, 3))
         points[:, 0], points[:, 1] = random.uniform(-500, 500, count), random.uniform(-500, 500, count)
         return camera_of(far=300.0), points, np.array([1.0]), np.zeros(count, np.uint8)
@@ -145,7 +148,7 @@ def _lost(seed: int) -> Row:
 def table_text(rows: list[Row]) -> str:
     """The table as lines of text. Surplus: kept for nothing, but for those that graze a plane, within its roundings."""
     head = ("case", "agents", "visible", "kept", "missed", "surplus", "grazing", "depth error", "ms")
-    lines = [head]
+    lines: list[tuple[str, ...]] = [head]
     for row in rows:
         v = row.verdict
         counts = (f"{n:,}" for n in (v.pairs, v.visible, v.kept, v.missed, v.surplus - v.grazing, v.grazing))

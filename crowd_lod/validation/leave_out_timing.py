@@ -4,6 +4,7 @@ import threading
 import time as clock
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -33,8 +34,8 @@ def savings(
     trajectory: Trajectory,
     camera: Camera | Sequence[Camera],
     policy: LevelPolicy,
-    time: float,
-    *more,
+    time: int,
+    *more: Any,
     repeats: int = 9,
 ) -> Savings:
     """Measures the plan of the frame at `time`, two frames after the first or later; arguments as for frame.plan."""

@@ -3,10 +3,11 @@
 import os
 import platform
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -26,7 +27,7 @@ MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
 VIEWS = 5  # frames of the scene, at even distances
 
 
-def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Iterator[float]:
+def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[float, None, dict[str, Any]]:
     """Write tables and plots of error against run time of `scene` into the folder, all or none; yields the progress and
     returns a dict: machine, tables by name, files, and `without`, why there are no plots, or ""."""
     with outputs.staged(folder) as stage:
@@ -113,7 +114,7 @@ def _processor() -> str:
         return platform.processor()
 
 
-def cases(most: int, seed: int, out: Path | None = None) -> Iterator[float]:
+def cases(most: int, seed: int, out: Path | None = None) -> Generator[float, None, list[extreme_cases.Row]]:
     """The extreme cases, each judged, and written to `out` as a Markdown file, if given; yields the progress and returns
     a list of extremes.Row."""
     with nullcontext() if out is None else outputs.staged_file(out) as part:
@@ -137,7 +138,7 @@ def _cases_text(name: str, rows: list[extreme_cases.Row]) -> str:
     return f"# Extreme cases\n\n{told}\n\n```\n{extreme_cases.table_text(rows)}\n```\n"
 
 
-def lenses(pairs: int, seed: int) -> Iterator[float]:
+def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]]:
     """About `pairs` random pairs of camera and agent over all lenses; yields the progress and returns rows of dicts."""
     rows = []
     for lens in culling_audit.LENSES:

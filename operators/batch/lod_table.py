@@ -1,8 +1,9 @@
 """What the user is told of every character's LODs: a table with predicted and measured silhouette errors, a picture."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -24,7 +25,7 @@ AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
 
 def tables(
     scene: bpy.types.Scene, groups: Sequence[Group], camera: Camera, begins: np.ndarray, folder: Path, progress=(0.0, 1.0)
-) -> Iterator[float]:
+) -> Generator[float, None, list[dict[str, Any]]]:
     """A dict for each of `groups`, whose LODs begin at `begins` (G, n - 1) metres from `camera`, see levels.limits; yields
     the progress, within `progress`. A LOD that a group repeats, for want of coarser ones, is told of once. Pictures
     levels_NAME.png of the first MOST_SHOWN go into the folder."""

@@ -5,9 +5,10 @@ import hashlib
 import json
 import platform
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -69,7 +70,7 @@ class Preview:
     colour: str = "LOD"
 
 
-def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Iterator[float]:
+def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Generator[float, None, dict[str, Any]]:
     """Write the preview of `scene` into the wanted folder; yields the progress, 0 to 1, and returns the plan's dict.
 
     All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
@@ -294,9 +295,9 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
     return tables.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
 
 
-def _plan(
+def _plan(  # noqa: PLR0913 - the parts of what the file tells
     stage, scene, wanted: Preview, size: tuple[int, int], command: list[str], rows: list[dict], characters: list[dict], notes
-) -> Iterator[float]:
+) -> Generator[float, None, dict[str, Any]]:
     """A generator that returns the dict of all that is needed to repeat the run, and of what came of it."""
     settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
     machine = machine_of(settings)
@@ -368,7 +369,7 @@ def _plan(
     }
 
 
-def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Iterator[float]:
+def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Generator[float, None, list[dict[str, Any]]]:
     """A generator that returns a dict each for what the scene did not need: why, and the milliseconds that this saves in the last
     frame, where they are measured."""
     number, stage.render.engine = wanted.frames[-1], ENGINES[wanted.engine]
@@ -376,7 +377,7 @@ def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Iterator[float]:
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
     bias = bias_of(settings, trajectory.world.area)
-    time = max(float(number), trajectory.first_frame + 2.0)
+    time = max(number, trajectory.first_frame + 2)
     policy = policy_of(settings)
     found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
     measured = [
@@ -394,7 +395,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
     bl_label = "Preview"
     bl_options = {"REGISTER"}
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
         if settings.folder.startswith("//") and not bpy.data.filepath:
             raise CrowdError(

@@ -1,9 +1,10 @@
 """What culling and LOD change in the picture: the same frames rendered with and without them, and compared."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -54,7 +55,7 @@ class Verify:
     bounces: int = 0
 
 
-def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Iterator[float]:
+def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Generator[float, None, dict[str, Any]]:
     """Write the proof for `scene` into the wanted folder; yields the progress, 0 to 1, and returns the dict of verify.json.
 
     The scene itself is stepped and rendered, for no copy has all that its frames show; afterwards it is as it was. The folder
@@ -189,7 +190,9 @@ def _film(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types
             outline.camera = still
 
 
-def _frame(scene, at: frame_stepping.At, top, outline, number: int, wanted: Verify, folder: Path, done: int):
+def _frame(  # noqa: PLR0913 - the run's scenes and where it stands
+    scene, at: frame_stepping.At, top, outline, number: int, wanted: Verify, folder: Path, done: int
+) -> Generator[float, None, tuple[dict[str, Any], list[np.ndarray]]]:
     """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
     trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
     film, around, shutter = lights.read_moment(scene, time, at)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from typing import Any
 
 import bpy
 
@@ -9,7 +10,7 @@ from .console import quiet
 
 
 @contextmanager
-def scratch():
+def scratch() -> Iterator[None]:
     """Everything that is made inside, of whatever kind, is gone afterwards, also after an error."""
     before = set(bpy.data.user_map())
     try:
@@ -19,7 +20,7 @@ def scratch():
 
 
 @contextmanager
-def all_or_nothing():
+def all_or_nothing() -> Iterator[None]:
     """Everything that is made inside, of whatever kind, is gone again if it ends with an error, or is closed early."""
     before = {block.session_uid for block in bpy.data.user_map()}
     try:
@@ -46,5 +47,5 @@ def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
                         setattr(owner, name, value)
 
 
-def _plain(value):
+def _plain(value) -> Any:
     return tuple(value) if hasattr(value, "__len__") and not isinstance(value, str | set | bpy.types.bpy_struct) else value

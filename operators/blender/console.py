@@ -4,6 +4,7 @@ import ctypes
 import os
 import sys
 import tempfile
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 
 # What Mesa's software OpenGL says of itself at every start; it draws well all the same.
@@ -19,7 +20,7 @@ def flush() -> None:
 
 
 @contextmanager
-def quiet():
+def quiet() -> Iterator[None]:
     """Blender's own lines of progress, which it writes past Python and through it, go nowhere: stdout is the command's.
     What it writes to stderr comes out afterwards, but for NOISE."""
     flush()

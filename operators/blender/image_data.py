@@ -1,6 +1,7 @@
 """Images: bpy <-> NumPy."""
 
 import time as clock
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -100,7 +101,7 @@ def save_png(path: Path, pixels: np.ndarray) -> None:
 
 
 @contextmanager
-def writing(path: Path):
+def writing(path: Path) -> Iterator[None]:
     """In this block Blender writes the file `path`; CrowdError if it leaves nothing or a part, with or without saying so."""
     try:
         with quiet():

@@ -9,17 +9,18 @@ from concurrent.futures import Future
 import bpy
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import Made
 
 PAUSE = 0.01  # seconds between two looks at what there is to do
 PATIENCE = 20.0  # seconds; the main thread may itself wait for the render to end, when it is stopped
 _waiting: queue.SimpleQueue[tuple[Future, Callable]] = queue.SimpleQueue()
 
 
-def on_main_thread(work: Callable):
+def on_main_thread(work: Callable[[], Made]) -> Made:
     """What `work()` returns or raises, done in the main thread; CrowdError if that finds no time for it."""
     if threading.current_thread() is threading.main_thread():
         return work()
-    task = Future()
+    task: Future[Made] = Future()
     _waiting.put((task, work))
     try:
         return task.result(PATIENCE)
@@ -40,11 +41,11 @@ def _work() -> float:
     return PAUSE
 
 
-def register():
+def register() -> None:
     if not bpy.app.background:  # there all renders run in the main thread
         bpy.app.timers.register(_work, persistent=True)
 
 
-def unregister():
+def unregister() -> None:
     if bpy.app.timers.is_registered(_work):
         bpy.app.timers.unregister(_work)

@@ -23,7 +23,7 @@ class Reporting:
 
     bl_options = {"REGISTER", "UNDO"}
 
-    def execute(self, context):
+    def execute(self, context) -> set[str]:
         try:
             message = self.run(context)
         except FAULTS as fault:
@@ -38,10 +38,10 @@ class Stepwise(Reporting):
     and returns the message. In a window it runs a step at each timer tick, with a progress bar, and Esc ends it: the
     generator's own clean-up must leave the scene as it was. Without a window it runs in one go."""
 
-    def run(self, context):
+    def run(self, context) -> str:
         return finished(self.steps(context))
 
-    def invoke(self, context, event):
+    def invoke(self, context, event) -> set[str]:
         self._steps, self._started = self.steps(context), clock.monotonic()
         self._timer = context.window_manager.event_timer_add(0.01, window=context.window)
         context.window_manager.progress_begin(0, 100)
@@ -49,7 +49,7 @@ class Stepwise(Reporting):
         context.workspace.status_text_set(f"{self.bl_label}: Esc to cancel")
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, context, event) -> set[str]:
         if event.type == "ESC":
             self._end(context)
             self.report({"WARNING"}, f"{self.bl_label} was cancelled; nothing was changed.")
@@ -78,11 +78,11 @@ class Stepwise(Reporting):
         context.workspace.status_text_set(f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel")
         return {"RUNNING_MODAL"}
 
-    def cancel(self, context):
+    def cancel(self, context) -> None:
         """Blender's window is closed amid the work: afterwards there is no scene left to clean up."""
         self._end(context)
 
-    def _end(self, context):
+    def _end(self, context) -> None:
         self._steps.close()
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()

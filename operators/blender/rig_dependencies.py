@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
+from typing import Any
 
 import bpy
 import numpy as np
@@ -197,7 +198,7 @@ def stance(*items: bpy.types.Object) -> list:
 def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
     """The custom properties of the object: names, and values as text."""
 
-    def plain(value):
+    def plain(value) -> Any:
         told = getattr(value, "to_dict", None) or getattr(value, "to_list", None)
         return told() if told else value
 

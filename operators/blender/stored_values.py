@@ -1,6 +1,7 @@
 """What a file holds of ours, read back: a script, a hand or another version may have put anything there."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import bpy
 from idprop.types import IDPropertyArray, IDPropertyGroup
@@ -11,7 +12,9 @@ NUMBERS = {"INT": "a whole number", "FLOAT": "a number"}
 INF = float("inf")
 
 
-def read(block: bpy.types.ID | IDPropertyGroup, key: str, kind: type, remedy: str, counts: Sequence[int] = (), bounds=(-INF, INF)):
+def read(
+    block: bpy.types.ID | IDPropertyGroup, key: str, kind: type, remedy: str, counts: Sequence[int] = (), bounds=(-INF, INF)
+) -> Any:
     """The custom property `key` of `block`: a value of the `kind` (str, int, float, bool), or a list of as many as one of
     `counts` says; numbers within `bounds`. CrowdError, which ends with the `remedy`, if it is missing or anything else."""
     value = block.get(key)

@@ -1,6 +1,6 @@
 """The build without its handler: all frames' points in the file, and node groups that show those of the scene's frame."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 
 import bpy
 import numpy as np
@@ -16,14 +16,14 @@ from ..crowd import lights
 from ..crowd.scene_crowd import frame_of, policy_of, trajectory_of
 from .frame_update import Held, columns_of, held_by, members, opening
 from .hidden_characters import HIDDEN, shows_characters
-from .phase_characters import make_cast, read_library
+from .phase_characters import Cast, make_cast, read_library
 from .render_setup import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 
 LONGEST = 1.0  # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
 
 
-def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Iterator[float]:
+def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, Cast]:
     """Build `scene` and put its points of `frames`, increasing frames of the timeline, into the build, which then shows
     nobody at other frames, and needs no Crowd LOD to be rendered. Yields the progress; closed early, it leaves the scene
     as it was.
@@ -104,7 +104,9 @@ def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) 
     return kept
 
 
-def _rows(scene: bpy.types.Scene, library: Library, frames: Sequence[int]) -> Iterator[float]:
+def _rows(
+    scene: bpy.types.Scene, library: Library, frames: Sequence[int]
+) -> Generator[float, None, dict[str, list[dict[str, np.ndarray]]]]:
     """The points of each bucket, by its name, frame by frame, that show characters of the `library`. Yields the progress."""
     render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
     rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}

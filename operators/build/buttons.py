@@ -1,11 +1,11 @@
 """The buttons of the render set-up: Build, Bake, Remove."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 
 import bpy
 
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.progress import share, standing
+from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..crowd import lights
@@ -17,7 +17,7 @@ from .hidden_characters import hide_characters, told_of_characters
 from .render_setup import build, remove_build, told_of_cast
 
 
-def prepared(scene: bpy.types.Scene, work: Callable[[], Iterator[float]]) -> Iterator[float]:
+def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]]) -> Generator[float, None, Made]:
     """`work()`, a build or a bake of `scene`, with all that comes before where it is not done yet: the groups' measures
     and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
     settings, layer = scene.crowd_lod, scene.view_layers[0]
@@ -53,7 +53,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.build"
     bl_label = "Build"
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         scene = context.scene
         if not len(scene.crowd_lod.groups):
             trajectory_of(scene)  # says to populate first
@@ -69,7 +69,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.bake"
     bl_label = "Bake"
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         cast = yield from prepared(scene, lambda: bake(scene, frames))
@@ -88,7 +88,7 @@ class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
         cls.poll_message_set("The scene has no build.")
         return context.scene.crowd_lod.build is not None
 
-    def run(self, context):
+    def run(self, context) -> str:
         remove_build(context.scene.crowd_lod)
         return "The build is removed."
 

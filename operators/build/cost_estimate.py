@@ -1,6 +1,6 @@
 """What builds of a scene would cost: at full detail, with LODs by ratio, and by tolerance."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -108,7 +108,7 @@ def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
     return found
 
 
-def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False) -> Iterator[float]:
+def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
     """Plan up to MOST_FRAMES of the `frames` (those that the scene renders, if none) with each choice of LODs, and find what
     their builds cost the scene's engine; yields the progress and returns the Estimate. known: of a bake of these frames; else of
     builds that may show any frame, and, of the scene's own choice, of a bake, too, which holds less."""
@@ -194,7 +194,7 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.estimate"
     bl_label = "Estimate Cost"
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         found = yield from estimate(context.scene)
         context.scene.crowd_lod.estimate = found.table
         return found.sentence

@@ -1,7 +1,7 @@
 """What the build's agents instance: of each LOD of each character group a copy for each phase class, moved by a rig that all LODs
 share; or, where no rig can show the group, the LOD's meshes in even poses of its action."""
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Container, Generator, Sequence
 from dataclasses import dataclass, field, replace
 
 import bpy
@@ -55,9 +55,14 @@ class _Actors:
     actors: dict[bpy.types.Object, bpy.types.Object]
 
 
-def read_library(scene: bpy.types.Scene) -> Iterator[float]:
-    """Find out which groups of `scene` rigs can show; yields the progress and returns ((G,) intp, see Library; of each group its
-    Model, or None; sentences on what does not show as it is; of the data-blocks made for it, what they are to be called). Closed early, it leaves nothing behind."""
+# Of each group, see Library, and its model, if rigs can show it; sentences on what does not show as it is; the new data-blocks and
+# what they are to be called.
+LibraryRead = tuple[np.ndarray, list[rigs.Model | None], list[str], dict[bpy.types.ID, str]]
+
+
+def read_library(scene: bpy.types.Scene) -> Generator[float, None, LibraryRead]:
+    """Find out which groups of `scene` rigs can show; yields the progress and returns what it found.
+    Closed early, it leaves nothing behind."""
     characters, levels = characters_of(scene), scene.crowd_lod.levels.children
     count, measured = policy_of(scene.crowd_lod).count, groups_of(scene.crowd_lod)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
@@ -86,7 +91,9 @@ def read_library(scene: bpy.types.Scene) -> Iterator[float]:
     return posed, models, notes, made
 
 
-def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple | None = None) -> Iterator[float]:
+def make_cast(
+    scene: bpy.types.Scene, wanted: Wanted | None = None, read: LibraryRead | None = None
+) -> Generator[float, None, Cast]:
     """Make the characters that agents of `scene` may show, those `wanted` or all of LODs that the policy has; yields the progress, 0 to 1, and returns the
     Cast. read: what read_library found, which then belongs to it. Closed early, it leaves nothing behind."""
     if read is None:
@@ -130,7 +137,7 @@ def make_cast(scene: bpy.types.Scene, wanted: Wanted | None = None, read: tuple 
     return cast
 
 
-def _rig(
+def _rig(  # noqa: PLR0913 - the character's place in the cast
     cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], model: rigs.Model, trajectory: Trajectory
 ) -> None:
     """Put the `number`-th character, the group's `own`-th, which a rig moves, into the collections of LODs of `cast`."""

@@ -1,6 +1,6 @@
 """The render set-up: a point object a bucket, whose instances, by geometry nodes, show the characters of their phase classes."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -116,7 +116,7 @@ def made_from(scene: bpy.types.Scene) -> str:
     return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
 
 
-def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Iterator[float]:
+def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[float, None, Cast]:
     """Put one point object a bucket, and the characters that they show, or those `wanted`, into a collection of the scene; yields
     the progress.
 
@@ -247,7 +247,7 @@ def dress_all(scene: bpy.types.Scene) -> None:
         points.update_tag()
 
 
-def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
+def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:  # noqa: C901 - to be cut with the build
     """Put the characters into the build, in place of those that it has."""
     library = _library_of(top)
     if library is None:

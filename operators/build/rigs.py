@@ -5,7 +5,7 @@ constraints, IK and drivers make of these in the world is baked into one action 
 its own, whose time runs round the action for ever (docs/notes/shared_rigs.md).
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
 
 import bpy
@@ -64,7 +64,7 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
     return ""
 
 
-def record(actors: dict, times: np.ndarray) -> Iterator[float]:
+def record(actors: dict, times: np.ndarray) -> Generator[float, None, tuple[dict[str, Bones], dict[bpy.types.Object, np.ndarray]]]:
     """Evaluate at `times`, frames of the action, what moves objects, whose `actors` stand for them; yields the progress and returns
     (of each armature, by its name, its Bones; of each object its matrices (len(times), 4, 4))."""
     armatures, stage = armatures_of(list(actors)), bpy.data.scenes.new("Crowd LOD record")
@@ -276,7 +276,7 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
 
 def modelled(
     name: str, homes: Sequence[bpy.types.Collection], actors: dict, stage: bpy.types.Scene, diagonal: float, made: dict
-) -> Iterator[float]:
+) -> Generator[float, None, tuple[Model | None, str]]:
     """Make the model of the character `name`, whose LODs are in `homes`, with as many keys as bring what its rigs show within NEAR
     of its `diagonal`, metres, if they do. Yields the progress; returns (the Model, a sentence on how far off that is, if it is
     farther) or (None, why no rigs can show it)."""

@@ -1,7 +1,7 @@
 """Far LODs of a build with images scaled to what they can show: copies of their materials, which share them."""
 
 import hashlib
-from collections.abc import Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator
 
 import bpy
 import numpy as np
@@ -50,7 +50,9 @@ def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Ima
     return {node.image for material in materials if material for node, _ in _textures(material.node_tree)}
 
 
-def scale_textures(scene: bpy.types.Scene, shown: dict[bpy.types.Object, bpy.types.Object], names: dict) -> Iterator[float]:
+def scale_textures(
+    scene: bpy.types.Scene, shown: dict[bpy.types.Object, bpy.types.Object], names: dict
+) -> Generator[float, None, tuple[float, float, list[str]]]:
     """Give the build's objects, each of which `shown` says what LOD's object it stands for, materials with images no larger than each
     LOD can show from where it begins. Yields 1.0; returns (bytes before, bytes after, sentences on what was left).
 
@@ -205,7 +207,9 @@ def _dress(copy, item, levels: list[Levels], wanted: dict, made: dict, names: di
             copy.material_slots[k].material = material
 
 
-def _material(material: bpy.types.Material | None, levels: Levels, wanted: dict, made: dict, names: dict):
+def _material(
+    material: bpy.types.Material | None, levels: Levels, wanted: dict, made: dict, names: dict
+) -> bpy.types.Material | None:
     """The copy of the material with its images at these `levels`."""
     if not levels:
         return material

@@ -6,6 +6,7 @@ import os
 import sys
 import threading
 import time as clock
+from collections.abc import Generator
 from pathlib import Path
 
 import bpy
@@ -15,7 +16,7 @@ from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.errors import FAULTS, CrowdError, sentence
 from ...crowd_lod.format import printable
 from ...crowd_lod.planning.frame_range import parse_frames
-from ...crowd_lod.progress import share
+from ...crowd_lod.progress import Made, share
 from ...crowd_lod.reporting import files, interrupt, standard_streams
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
@@ -27,6 +28,7 @@ from ..build import bake, render_setup
 from ..build.buttons import prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
+from ..build.phase_characters import Cast
 from .arguments import parser
 
 
@@ -220,7 +222,7 @@ def _build(args, command: list[str]) -> dict:
         render_setup.check_layers(scene, args.view_layer or ())
         predicted = []
 
-        def work():
+        def work() -> Generator[float, None, Cast]:
             predicted.append((yield from share(estimate(scene, frames or (), args.bake), 0.0, 0.3)))
             if not args.quiet:
                 print(predicted[0].sentence, file=sys.stderr)
@@ -284,7 +286,7 @@ def _save(part: Path, path: Path, compress: bool = False) -> None:
         raise CrowdError(f"The file {printable(path)} cannot be written: {_first_line(error)}.") from None
 
 
-def _finish(steps, what: str, quiet: bool):
+def _finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:
     """Run the generator of progress to its end with a bar on stderr; what it returns."""
     with contextlib.ExitStack() as stack:
         stack.callback(steps.close)

@@ -1,7 +1,7 @@
 """How far a character reaches in renders: its vertices, the hair's thickness, and what materials displace it by."""
 
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 
 import bpy
 import numpy as np
@@ -25,7 +25,7 @@ def frames_of(first: float, last: float) -> np.ndarray:
     return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
 
 
-def posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Iterator[float]:
+def posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Generator[float, None, list[np.ndarray]]:
     """Yields the progress, with nothing of its own in the file then, and returns how far all objects reach in renders, (n, 4)
     as `extent` has it, at each of the `frames`."""
     poses = []

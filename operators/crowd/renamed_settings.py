@@ -1,13 +1,14 @@
 """Settings with a better name than the one that files store them under: each is read and written by both."""
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from bpy.props import EnumProperty
 
 STORED = {"center": "centre", "color": "colour", "overlay_color": "overlay_colour", "method": "way"}  # by what files call each
 
 
-def renamed(kind: Callable, own: str, /, items: Sequence[tuple] = (), old: Sequence[str] = (), **looks):
+def renamed(kind: Callable, own: str, /, items: Sequence[tuple] = (), old: Sequence[str] = (), **looks) -> Any:
     """The property `own`, one of STORED, of this `kind` of bpy.props, which reads and writes the stored one.
 
     items: of an EnumProperty. old: how the stored one calls these, in the same order, where it calls them otherwise.

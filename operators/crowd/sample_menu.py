@@ -14,7 +14,7 @@ class CROWDLOD_OT_sample(Reporting, bpy.types.Operator):
 
     name: bpy.props.EnumProperty(name="Sample", items=[(n, n.capitalize(), "") for n in sample_scenes.NAMES])
 
-    def run(self, context):
+    def run(self, context) -> str:
         scene = bpy.data.scenes.new(self.name.capitalize())
         sample_scenes.make(self.name, scene)
         context.window.scene = scene

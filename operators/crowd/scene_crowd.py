@@ -1,7 +1,7 @@
 """From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -83,7 +83,9 @@ def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
     return finished(measuring_groups(scene))
 
 
-def measuring_groups(scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float]] = {}) -> Iterator[float]:
+def measuring_groups(
+    scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float]] = {}
+) -> Generator[float, None, tuple[Group, ...]]:
     """Measure every character group's bounding sphere, stride and period; what is known of its LOD meshes is kept, and of groups in
     `reaches` (lowest, centre, radius). Yields the progress, 0 to 1, and returns the groups."""
     settings = scene.crowd_lod
@@ -349,7 +351,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     return _trajectories[digest]
 
 
-def frame_of(
+def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     scene: bpy.types.Scene,
     depsgraph: bpy.types.Depsgraph,
     time: float | None = None,
@@ -401,7 +403,7 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.populate"
     bl_label = "Populate"
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
         check_maps(settings)
         groups = yield from measuring_groups(context.scene)

@@ -14,7 +14,7 @@ class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
 
     name: bpy.props.EnumProperty(name="Preset", items=[(n, n.capitalize(), "") for n in preset_names()])
 
-    def run(self, context):
+    def run(self, context) -> str:
         machine = load_preset(self.name)
         text = bpy.data.texts.new(f"{self.name}.json")
         text.from_string(machine.text)
@@ -25,7 +25,7 @@ class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
 class CROWDLOD_MT_machine_presets(bpy.types.Menu):
     bl_label = "Presets"
 
-    def draw(self, context):
+    def draw(self, context) -> None:
         for name in preset_names():
             self.layout.operator("crowd_lod.machine_preset", text=name.capitalize()).name = name
 

@@ -1,6 +1,6 @@
 """What a LOD takes from its source, by UV chart: weights, UVs, colors, normals."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 
 import bpy
@@ -157,7 +157,7 @@ def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
     return chart[best], place[best]
 
 
-def dress(name: str, result: LodMesh, source: Source) -> Iterator[None]:
+def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, bpy.types.Mesh]:
     """Make the decimated mesh with the source's materials and attributes.
 
     Points take those of the source's vertex that they stand for, faces those of the source's face nearest to their

@@ -1,6 +1,6 @@
 """The candidates for the LODs of one character: made from it, measured, and known again while nothing that they depend on changes."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 
@@ -195,7 +195,9 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
     return sources.digest(source.mesh, stance(item), looks, active, source.groups)
 
 
-def _level_object(source, home: bpy.types.Collection, level: int, ratio: float, method: str, progress: float):
+def _level_object(
+    source, home: bpy.types.Collection, level: int, ratio: float, method: str, progress: float
+) -> Generator[float, None, tuple[int, int]]:
     """Put the LOD `level` of the source into `home`; yields `progress` and returns (vertices, triangles) of its mesh."""
     item, name = source.item, f"{source.item.name} LOD {level}"
     if source.mesh is None or (level == 0 and ratio == 1 and item.type == "MESH"):

@@ -1,6 +1,6 @@
 """How far each LOD lies from its character, over the poses of its action."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import replace
 
 import bpy
@@ -186,7 +186,7 @@ class Measure:
         self.diagonal = max(float(np.linalg.norm(np.ptp(points, axis=0))) for points in shown)
         self.character = _Acting(shapes)
 
-    def level(self, objects: Sequence[bpy.types.Object], k: int) -> Iterator[float]:
+    def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, tuple[float, float, float, float]]:
         """Measure LOD k: all `objects` together against all of the character's.
 
         Returns (deviation, bound, root mean square, frame of the worst pose), metres. CrowdError if either has no face in any pose.
@@ -200,7 +200,7 @@ class Measure:
         return found
 
 
-def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Iterator[float]:
+def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Generator[float, None, list[Shape]]:
     """Yields the part done and returns what the objects are at each of the frames."""
     found = []
     with Posed(objects, ()) as posed:
@@ -210,7 +210,9 @@ def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Ite
     return found
 
 
-def measure(group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]) -> Iterator[float]:
+def measure(
+    group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]
+) -> Generator[float, None, Group]:
     """Measure the LODs of `group`; yields the progress, 0 to 1.
 
     objects: the character's; levels: those of each LOD. Returns the group with deviations and bounds, see Measure.
@@ -330,7 +332,7 @@ class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.measure_levels"
     bl_label = "Measure LOD Meshes"
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         yield from measure_levels(context.scene)
         return f"The LODs of {len(context.scene.crowd_lod.groups)} character groups are measured."
 

@@ -1,7 +1,7 @@
 """LOD meshes: decimated copies of every character, in collections to edit."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import bpy
@@ -39,7 +39,7 @@ class Outcome:
         return " ".join(parts)
 
 
-def make_levels(scene: bpy.types.Scene) -> Iterator[float]:
+def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     """Make the LOD collections of `scene`; yields the progress, 0 to 1.
 
     "Crowd LOD" holds a collection a LOD, which holds one a character group, named so that their natural order is the
@@ -214,7 +214,7 @@ class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.make_levels"
     bl_label = "Make LOD Meshes"
 
-    def steps(self, context):
+    def steps(self, context) -> Generator[float, None, str]:
         outcome = yield from make_levels(context.scene)
         return outcome.sentence
 

@@ -1,5 +1,6 @@
 """What is mended of a mesh before it is decimated."""
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import bmesh
@@ -63,7 +64,7 @@ def _delete_loose(body: bmesh.types.BMesh) -> None:
 
 
 @contextmanager
-def _edited(mesh: bpy.types.Mesh):
+def _edited(mesh: bpy.types.Mesh) -> Iterator[bmesh.types.BMesh]:
     """The mesh to be edited, and then put back."""
     body = bmesh.new()
     try:

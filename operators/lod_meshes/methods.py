@@ -1,7 +1,7 @@
 """The two methods of making a LOD's mesh, and the choice by measured error."""
 
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 import bpy
@@ -42,7 +42,7 @@ class Made:
     milliseconds: float
 
 
-def make(source: Source, ratio: float, method: str, name: str) -> Iterator[None]:
+def make(source: Source, ratio: float, method: str, name: str) -> Generator[None, None, Made]:
     """Make the mesh of about `ratio` of the source's triangles.
 
     method: AUTO, FAST or PRECISE. Yields between its steps and returns the Made.
@@ -128,7 +128,7 @@ def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
     return better, "it is closer, by more than its UVs are farther off" if better else "its UVs are closer"
 
 
-def _fast(source: Source, ratio: float, name: str, why: str) -> Iterator[None]:
+def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, None, Made]:
     """By quadric edge collapse, and what it loses carried over.
 
     Yields between its steps and returns the Made.
@@ -173,7 +173,7 @@ def _without(precise: Made) -> str:
     return "Fast, as the precise way leaves no face."
 
 
-def errors(source: Source, mesh: bpy.types.Mesh) -> Iterator[None]:
+def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors]:
     """Measure the Errors of a LOD's mesh; yields between its steps.
 
     In the poses its points move with the source's nearest ones: good enough for a choice.

@@ -1,6 +1,6 @@
 """The LODs of a scene by tolerance: the candidates, and where the shot has its agents."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -34,7 +34,7 @@ def ratios_of(settings) -> list[float]:
     return ratios
 
 
-def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[float]:
+def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Generator[float, None, list[Shot]]:
     """Of each group the Shot of up to MOST_FRAMES of the frames; yields the part done.
 
     A group that none shows may be anywhere within the camera's clip range.

@@ -1,6 +1,7 @@
 """What LOD meshes are made from: the objects of a character, as modified, at rest."""
 
 import hashlib
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -80,7 +81,7 @@ class Source:
 
 
 @contextmanager
-def staged(item: bpy.types.Object):
+def staged(item: bpy.types.Object) -> Iterator[bpy.types.Depsgraph]:
     """A depsgraph in which `item` is evaluated, alone with what it depends on, at frame 1."""
     stage = bpy.data.scenes.new("Crowd LOD source")
     try:
@@ -92,7 +93,7 @@ def staged(item: bpy.types.Object):
 
 
 @contextmanager
-def _at_rest(item: bpy.types.Object):
+def _at_rest(item: bpy.types.Object) -> Iterator[None]:
     """The armatures that `item` follows are at rest: what else shapes it, such as a shrinkwrap on a body, is then, too."""
     rigs = [armature for armature in movers_of([item]) if armature.type == "ARMATURE"] if armatures_of([item]) else []
     before = {rig.data: rig.data.pose_position for rig in rigs}
@@ -137,7 +138,7 @@ def read_source(item: bpy.types.Object) -> Source:
         bpy.data.batch_remove(made)
 
 
-def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
+def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C901 - to be cut with the LOD meshes
     """The source of `item` from its copy `twin`, whose data is its own."""
     notes = _notes(item)
     values = {name: twin.data.shape_keys.key_blocks[name].value for name in _moving_keys(item)}

@@ -30,14 +30,14 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
         cls.poll_message_set("Switch the overlay on first.")
         return viewport_overlay.latest(context.scene) is not None
 
-    def invoke(self, context, event):
+    def invoke(self, context, event) -> set[str]:
         self._before = context.scene.crowd_lod.agent
         context.window_manager.modal_handler_add(self)
         context.window.cursor_modal_set("EYEDROPPER")
         context.workspace.status_text_set("Point at an agent; click keeps it, Esc ends")
         return {"RUNNING_MODAL"}
 
-    def modal(self, context, event):
+    def modal(self, context, event) -> set[str]:
         settings, shown = context.scene.crowd_lod, viewport_overlay.shown_of(context.scene)
         if event.type in ("ESC", "RIGHTMOUSE") or shown is None or shown.frame is None:
             settings.agent = self._before
@@ -62,7 +62,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
             settings.agent = agent
         return {"RUNNING_MODAL"}
 
-    def cancel(self, context):
+    def cancel(self, context) -> None:
         if context.window is not None:  # it may have been closed
             context.window.cursor_modal_restore()
             context.workspace.status_text_set(None)

@@ -4,7 +4,7 @@ import hashlib
 import time as clock
 import traceback
 import zlib
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from functools import partial
 
@@ -29,7 +29,7 @@ class Casting:
     painted: int
     looked: float
     characters: tuple[Character, ...] = ()
-    baking: Iterator[float] | None = None
+    baking: Generator[float, None, Character] | None = None
     progress: float = 0.0
     ready: bool = False
     told: tuple[str, ...] = ()

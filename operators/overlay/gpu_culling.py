@@ -11,6 +11,7 @@ textures, runs of agents are summed in passes, and the order is read back.
 import statistics
 import sys
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy, assign
 from ...crowd_lod.planning.frame import Frame, plan
 from .shader_programs import TEXELS, source
+
+if TYPE_CHECKING:
+    from gpu.types import GPUShader, GPUTexture
 
 RUN = 64  # agents that a thread takes
 PART = 256  # counts that a thread sums
@@ -44,7 +48,7 @@ PASSES = {
 
 
 @cache
-def program(name: str, levels: int, radial: bool):
+def program(name: str, levels: int, radial: bool) -> "GPUShader":
     """The compute shader of a pass, for so many LODs, by the distance along the view or from the camera."""
     from gpu import shader
     from gpu.types import GPUShaderCreateInfo
@@ -136,7 +140,7 @@ def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) 
     return view.ravel(), spheres.reshape(-1, 4)
 
 
-def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, middle: float = 0.0):
+def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, middle: float = 0.0) -> "GPUTexture":
     """A texture of `count` texels, TEXELS to a row, with `values` (count,) or (count, k), less `middle`, in float32."""
     from gpu.types import Buffer, GPUTexture
 
@@ -169,7 +173,9 @@ def _read(texture, count: int) -> np.ndarray:
     return np.asarray(memoryview(texture.read())).ravel()[:count].view(np.int32)
 
 
-def _settled(places, ends, centre, radius, crowd, order, camera, policy, begin) -> tuple[np.ndarray, np.ndarray]:
+def _settled(  # noqa: PLR0913 - to be cut with the overlay
+    places, ends, centre, radius, crowd, order, camera, policy, begin
+) -> tuple[np.ndarray, np.ndarray]:
     """The buckets once the places of the last, the open ones, are put where they belong. ends: (n + 2,), from 0."""
     places, open_, offsets = places[: ends[-2]], places[ends[-2] :], ends[:-1]
     if not len(open_):

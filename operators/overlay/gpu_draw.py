@@ -1,7 +1,8 @@
 """Draws what overlay/draw_data.py says, on the GPU: into the viewport, or into any framebuffer with any view."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from ..blender.color_space import encoded
 from . import shader_programs
 from .draw_data import Drawing
 from .skinned_characters import Character
+
+if TYPE_CHECKING:
+    from gpu.types import Buffer, GPUBatch, GPUTexture
 
 POINT_PIXELS = 4.0, 14.0  # least and greatest width of a visible agent's point
 LINE_PIXELS = 1.5
@@ -77,7 +81,7 @@ class Batches:
         self.points = self._make("points", before, _point_batch, what.positions, what.colours, what.sizes)
         self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colours)
 
-    def _make(self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray):
+    def _make(self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray) -> Any:
         """What `make` makes of the arrays, or made of the same ones before."""
         known, made = before._made.get(name, ((), None)) if before is not None else ((), None)
         if len(known) != len(arrays) or not all(map(np.array_equal, known, arrays)):
@@ -165,7 +169,7 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
     gpu.state.face_culling_set("NONE")
 
 
-def view_buffer(matrix: np.ndarray, view: np.ndarray):
+def view_buffer(matrix: np.ndarray, view: np.ndarray) -> "Buffer":
     """What changes with the viewer, as the shaders' CrowdView."""
     from gpu.types import Buffer
 
@@ -177,7 +181,7 @@ def view_buffer(matrix: np.ndarray, view: np.ndarray):
 
 
 @contextmanager
-def _gpu_state():
+def _gpu_state() -> Iterator[None]:
     """Depth-tested, blended, points as large as the shader says; afterwards as it was."""
     import gpu
 
@@ -195,7 +199,7 @@ def _gpu_state():
         gpu.state.depth_test_set(depth_test)
 
 
-def _texture(texels: np.ndarray):
+def _texture(texels: np.ndarray) -> "GPUTexture":
     """A texture of texels (height, width, 4) float32."""
     from gpu.types import Buffer, GPUTexture
 
@@ -204,18 +208,18 @@ def _texture(texels: np.ndarray):
     return GPUTexture((width, height), format="RGBA32F", data=Buffer("FLOAT", values.size, values))
 
 
-def _palette_texture(palette: np.ndarray):
+def _palette_texture(palette: np.ndarray) -> "GPUTexture":
     """A row of colours (p, 4) float32."""
     return _texture(palette[None])
 
 
-def _point_batch(positions: np.ndarray, colours: np.ndarray, sizes: np.ndarray):
+def _point_batch(positions: np.ndarray, colours: np.ndarray, sizes: np.ndarray) -> "GPUBatch | None":
     """The points of a Drawing, or None without any."""
     columns = {"position": positions, "colour": colours, "size": sizes}
     return _batch(columns, None, "POINTS") if len(positions) else None
 
 
-def _line_batch(lines: np.ndarray, colours: np.ndarray):
+def _line_batch(lines: np.ndarray, colours: np.ndarray) -> "GPUBatch | None":
     """The lines of a Drawing, or None without any."""
     from gpu_extras.batch import batch_for_shader
 
@@ -223,7 +227,7 @@ def _line_batch(lines: np.ndarray, colours: np.ndarray):
     return batch_for_shader(shader_programs.lines(), "LINES", columns) if len(lines) else None
 
 
-def _agent_texture(agents: np.ndarray, turn: np.ndarray):
+def _agent_texture(agents: np.ndarray, turn: np.ndarray) -> "GPUTexture":
     """Three texels an instance, one after the other, programs.TEXELS to a row: what every vertex would work out anew.
     agents: (m, 8) float32, turn: () radians, of a Drawing."""
     m, (heading, phase, look, pitch, roll) = len(agents), agents.T[3:]
@@ -235,12 +239,12 @@ def _agent_texture(agents: np.ndarray, turn: np.ndarray):
     return _texture(texels.reshape(rows, shader_programs.TEXELS, 4))
 
 
-def _joint_texture(frames: np.ndarray):
+def _joint_texture(frames: np.ndarray) -> "GPUTexture":
     """A row a frame, three texels a joint. frames: (F, J, 3, 4) float32."""
     return _texture(frames.reshape(len(frames), -1, 4))
 
 
-def _skinned_frames(mesh: SkinnedMesh, frames: int, joints):
+def _skinned_frames(mesh: SkinnedMesh, frames: int, joints) -> "GPUTexture | None":
     """A row a frame, a texel a vertex: its place and its normal, skinned on the GPU with the texture `joints`. None for a
     mesh that is too large, and is skinned at each drawing of an instance."""
     import gpu
@@ -260,7 +264,7 @@ def _skinned_frames(mesh: SkinnedMesh, frames: int, joints):
     return texture
 
 
-def _images(pictures: np.ndarray):
+def _images(pictures: np.ndarray) -> "GPUTexture":
     """A texture of `pictures` (n, size, size, 4) uint8."""
     from gpu.types import Buffer, GPUTexture
 
@@ -274,7 +278,7 @@ def _images(pictures: np.ndarray):
     return texture
 
 
-def _mesh_batch(mesh: SkinnedMesh, joints: bool):
+def _mesh_batch(mesh: SkinnedMesh, joints: bool) -> "GPUBatch | None":
     """The batch of a LOD mesh, with what its `joints` move where they do so at each instance; None without triangles."""
     columns = {"uv": mesh.uvs, "base_colour": mesh.colours, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
     return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
@@ -285,7 +289,7 @@ def _jointed(mesh: SkinnedMesh) -> dict[str, np.ndarray]:
     return {"position": mesh.points, "normal": mesh.normals, "joints": mesh.joints, "weights": mesh.weights}
 
 
-def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS"):
+def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS") -> "GPUBatch":
     """A batch with a vertex attribute a column, (n,) or (n, k), float32 or uint16."""
     from gpu.types import GPUBatch, GPUIndexBuf, GPUVertBuf, GPUVertFormat
 

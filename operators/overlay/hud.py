@@ -1,7 +1,7 @@
 """What the overlay writes over the viewport: figures as lines of text, and a ring round the agent they tell of."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -136,7 +136,7 @@ def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:
 
 
 @contextmanager
-def blended():
+def blended() -> Iterator[None]:
     """Colours mix with what is there by their alpha; afterwards as it was."""
     import gpu
 

@@ -1,9 +1,14 @@
 """The crowd from above in a corner of the viewport (chapter figure 1.5): agents as points, frustum and LOD ranges as lines."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from ...crowd_lod.crowd.maps import Area
 from .gpu_draw import Batches, paint
+
+if TYPE_CHECKING:
+    from gpu.types import GPUTexture
 
 SIZE = 360, 270  # nominal pixels
 SMALLEST = 0.3  # of SIZE, below which there is none
@@ -40,7 +45,7 @@ def nbytes(texture) -> int:
     return 4 * texture.width * texture.height if texture else 0
 
 
-def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float):
+def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float) -> "GPUTexture":
     """The picture of SIZE, a texture. It is sRGB, so that what is painted linear and what Blender's own shaders encode
     are the same colours as in the viewport."""
     from gpu.types import GPUFrameBuffer, GPUTexture

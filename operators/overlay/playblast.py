@@ -41,7 +41,7 @@ class Canvas:
         self._solid.free()
         self._overlay = self._textures = None
 
-    def picture(
+    def picture(  # noqa: PLR0913 - to be cut with the overlay
         self, scene, layer, viewport: tuple, view: np.ndarray, projection: np.ndarray, batches: Batches | None, caption: str = ""
     ) -> np.ndarray:
         """(height, width, 4) uint8, sRGB, bottom row first: the scene's view layer as the viewport, (space, region), shows it;

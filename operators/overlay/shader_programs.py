@@ -2,6 +2,10 @@
 
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from gpu.types import GPUShader, GPUShaderCreateInfo
 
 SHADERS = Path(__file__).parents[2] / "shaders"
 TEXELS = 4096  # in a row of the texture of instances
@@ -13,7 +17,7 @@ def source(*names: str) -> str:
     return "\n".join((SHADERS / name).read_text(encoding="utf-8") for name in names)
 
 
-def mesh_interface(kind: str, materials: bool = False):
+def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
     """What all programs that draw instances of meshes take in; see `Batches` for what it is.
 
     kind: RIGID for boxes; JOINTS for meshes that are skinned from joint frames; FRAMES for those that are already, at each
@@ -38,7 +42,7 @@ def mesh_interface(kind: str, materials: bool = False):
     return info
 
 
-def _vertex_interface(kind: str):
+def _vertex_interface(kind: str) -> "GPUShaderCreateInfo":
     from gpu.types import GPUShaderCreateInfo
 
     info = GPUShaderCreateInfo()
@@ -54,7 +58,7 @@ def _vertex_interface(kind: str):
     return info
 
 
-def _compiled(info, name: str, *shared: str):
+def _compiled(info, name: str, *shared: str) -> "GPUShader":
     """The program of the shader files of that name, the vertex shader's after the `shared` ones."""
     from gpu import shader
 
@@ -64,7 +68,7 @@ def _compiled(info, name: str, *shared: str):
 
 
 @cache
-def meshes(kind: str, materials: bool, fading: bool):
+def meshes(kind: str, materials: bool, fading: bool) -> "GPUShader":
     """Draws instances: of LOD meshes, in their materials' colours or those of the palette, or of rigid boxes."""
     from gpu.types import GPUStageInterfaceInfo
 
@@ -83,7 +87,7 @@ def meshes(kind: str, materials: bool, fading: bool):
 
 
 @cache
-def skin():
+def skin() -> "GPUShader":
     """Skins a mesh at all frames of an action, into a texture."""
     from gpu.types import GPUStageInterfaceInfo
 
@@ -97,7 +101,7 @@ def skin():
 
 
 @cache
-def points():
+def points() -> "GPUShader":
     """Draws round points."""
     from gpu.types import GPUShaderCreateInfo, GPUStageInterfaceInfo
 
@@ -117,7 +121,7 @@ def points():
 
 
 @cache
-def depth():
+def depth() -> "GPUShader":
     """Writes depths, and no colour."""
     from gpu.types import GPUShaderCreateInfo
 
@@ -130,7 +134,7 @@ def depth():
 
 
 @cache
-def lines():
+def lines() -> "GPUShader":
     """Draws lines of a width in pixels; Blender's own."""
     from gpu import shader
 

@@ -1,7 +1,7 @@
 """Bakes a character group's LOD meshes and its action into arrays: joint frames, skinning weights, looks."""
 
 import time as clock
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -57,7 +57,7 @@ def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
     return finished(baking(name, lambda: homes))
 
 
-def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Iterator[float]:
+def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Generator[float, None, Character]:
     """Bake the character group `name`, whose LOD k is the collection find()[k], with the place of its instance_offset as
     origin, over its whole action. Nothing of the user's is changed, and nothing is left in the file when it yields its
     progress, 0 to 1: Blender may go on in between. Returns the Character."""
@@ -96,12 +96,14 @@ def _go_to(stage: bpy.types.Scene, time: float) -> None:
     stage.frame_set(int(time // 1), subframe=float(time % 1))
 
 
-def _character(name: str, stage, levels: list[list["_Part"]], read: list[tuple], times, recorder, looks: Looks) -> Character:
+def _character(  # noqa: PLR0913 - to be cut with the overlay
+    name: str, stage, levels: list[list["_Part"]], read: list[tuple], times, recorder, looks: Looks
+) -> Character:
     """The character of what was recorded and read of the parts of its levels."""
     joints = _Joints(recorder)
     meshes, sources = [], []
     for level in levels:
-        pieces = [_piece(part, joints, *read[part.number]) for part in level]
+        pieces = [_piece(part, joints, read[part.number]) for part in level]
         sources.append([source for source, _ in pieces])
         meshes.append(merge([mesh for _, mesh in pieces]))
     frames = joints.frames()
@@ -228,9 +230,10 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         evaluated.to_mesh_clear()
 
 
-def _piece(part: _Part, joints: _Joints, points, weights, vertices, normals, uvs, look, triangles, solid) -> tuple:
+def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, SkinnedMesh]:
     """(the mesh a vertex, the mesh a corner) of the part, with its joints' numbers. The first has points, joints and
     weights alone."""
+    points, weights, vertices, normals, uvs, look, triangles, solid = read
     columns, kept = strongest(weights)
     free = kept[:, 0] == 0  # such vertices go with the object
     kept[free, 0] = 1

@@ -24,7 +24,7 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
         cls.poll_message_set("Switch the overlay on first.")
         return viewport_overlay.latest(context.scene) is not None
 
-    def run(self, context):
+    def run(self, context) -> str:
         shown, space = viewport_overlay.shown_of(context.scene), context.space_data
         if shown.batches is None:
             raise CrowdError(f"The viewport shows no crowd: {shown.problem}")

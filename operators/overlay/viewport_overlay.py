@@ -4,6 +4,7 @@ import sys
 import time as clock
 import traceback
 from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -23,6 +24,9 @@ from .appearance import cast_of, colours_of, drawing_of, style_of
 from .draw_data import Style, drawing
 from .gpu_draw import Batches, Cast, paint
 from .viewport_camera import viewpoint
+
+if TYPE_CHECKING:
+    from gpu.types import GPUTexture
 
 
 @dataclass
@@ -61,7 +65,7 @@ _faster = scene_cache.kept(gpu_culling.Faster())
 _failure: str | None = None
 
 
-def register():
+def register() -> None:
     global _failure
     _failure = None
     if not bpy.app.background:  # nothing is drawn there
@@ -69,7 +73,7 @@ def register():
             _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (part,), "WINDOW", when))
 
 
-def unregister():
+def unregister() -> None:
     _let_go()
     for timer in (_redraw_sidebars, _read_shutters, _stop, character_cache.bake_some):
         if bpy.app.timers.is_registered(timer):
@@ -166,7 +170,7 @@ def _draw_figures(context) -> None:
         inset.show(above, box, taken, ui_scale)
 
 
-def _picture_from_above(shown: Shown, ui_scale: float):
+def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
     """The texture of the frame from above, painted once."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
         what = drawing(shown.frame, Style("POINTS"), shown.coloured)
@@ -308,13 +312,13 @@ def _read_shutters() -> float | None:
     return None
 
 
-def _redraw_sidebars_soon():
+def _redraw_sidebars_soon() -> None:
     # from within a drawing Blender would forget the request
     if not bpy.app.timers.is_registered(_redraw_sidebars):
         bpy.app.timers.register(_redraw_sidebars)
 
 
-def _redraw_sidebars():
+def _redraw_sidebars() -> None:
     for window in bpy.context.window_manager.windows:
         for area in window.screen.areas:
             if area.type == "VIEW_3D":

@@ -39,7 +39,7 @@ class _Step(_Sidebar):
 
     bl_parent_id = "CROWDLOD_PT_main"
 
-    def draw(self, context):
+    def draw(self, context) -> None:
         self.layout.use_property_split = True
         self.layout.use_property_decorate = False
         self.body(context, self.layout, context.scene.crowd_lod)
@@ -48,7 +48,7 @@ class _Step(_Sidebar):
 class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
     bl_label = "Crowd LOD"
 
-    def draw(self, context):
+    def draw(self, context) -> None:
         layout = self.layout
         problem = viewport_overlay.problem(context.scene)
         shown = viewport_overlay.shown_of(context.scene)
@@ -64,7 +64,7 @@ class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
             _say(context, layout, "Choose the characters and press Populate, or make a sample scene.", "INFO")
 
 
-def _figures(layout, frame):
+def _figures(layout, frame) -> None:
     agents, visible = len(frame.crowd), len(frame.buckets.order)
     rows = [
         ("Frame", f"{frame.time:g}", "BLANK1"),
@@ -92,7 +92,7 @@ def _figures(layout, frame):
 class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
     bl_label = "Crowd"
 
-    def body(self, context, layout, settings):
+    def body(self, context, layout, settings) -> None:
         layout.label(text="Sample scenes")
         row = layout.row()
         for name in ("chapter", "plaza"):
@@ -115,7 +115,7 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
 class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
     bl_label = "Behavior"
 
-    def body(self, context, layout, settings):
+    def body(self, context, layout, settings) -> None:
         layout.label(text="Label map")
         layout.template_ID(settings, "map_image", open="image.open")
         layout.label(text="Height map")
@@ -139,7 +139,7 @@ class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
 class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
     bl_label = "Camera"
 
-    def body(self, context, layout, settings):
+    def body(self, context, layout, settings) -> None:
         layout.prop(context.scene, "camera", text="Active Camera")
         camera = context.scene.camera
         if camera is None or camera.type != "CAMERA":
@@ -163,7 +163,7 @@ class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
 class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
     bl_label = "Levels of Detail"
 
-    def body(self, context, layout, settings):
+    def body(self, context, layout, settings) -> None:
         problem = missing_library()
         if problem:
             _say(context, layout, problem, "ERROR")
@@ -199,7 +199,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
             for line in lines[:MOST_ROWS]:
                 _say(context, layout, line, "DOT")
 
-    def ratios(self, context, layout, settings):
+    def ratios(self, context, layout, settings) -> None:
         """What each LOD keeps and where it begins, to be set."""
         camera = context.scene.camera
         far = camera.data.clip_end if camera is not None and camera.type == "CAMERA" else None
@@ -229,7 +229,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
 class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
     bl_label = "Preview"
 
-    def body(self, context, layout, settings):
+    def body(self, context, layout, settings) -> None:
         layout.prop(settings, "overlay")
         column = layout.column()
         column.active = settings.overlay
@@ -262,7 +262,7 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
 class CROWDLOD_PT_build(_Step, bpy.types.Panel):
     bl_label = "Build"
 
-    def body(self, context, layout, settings):
+    def body(self, context, layout, settings) -> None:
         layout.operator("crowd_lod.estimate", icon="MEMORY")
         if settings.estimate:
             head, *rows = (line.split("\t") for line in settings.estimate.splitlines())
@@ -295,7 +295,7 @@ def _distance(context, units: float | None) -> str:
     return _length(context, units) if abs(units) < float("inf") else "never" if units > 0 else "always"
 
 
-def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]):
+def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     box = layout.box().column(align=True)
     _cells(box, head)
     for row in rows[:MOST_ROWS]:
@@ -304,7 +304,7 @@ def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]):
         box.label(text=f"and {len(rows) - MOST_ROWS} more")
 
 
-def _cells(layout, texts: tuple[str, ...], icon: str = "NONE", columns: int = 0):
+def _cells(layout, texts: tuple[str, ...], icon: str = "NONE", columns: int = 0) -> bpy.types.UILayout:
     """A row of equal columns with these texts in the first of them."""
     cells = layout.grid_flow(row_major=True, columns=columns or len(texts), even_columns=True, align=True)
     for index, text in enumerate(texts):
@@ -312,7 +312,7 @@ def _cells(layout, texts: tuple[str, ...], icon: str = "NONE", columns: int = 0)
     return cells
 
 
-def _say(context, layout, sentence: str, icon: str):
+def _say(context, layout, sentence: str, icon: str) -> None:
     """A sentence, broken into lines that fit the sidebar."""
     letters = int(context.region.width / context.preferences.system.ui_scale / 7.2) - 5
     column = layout.column(align=True)
