@@ -1,6 +1,8 @@
-"""The method: populate > behaviour > culling > levels > sorting, in NumPy, without Blender.
+"""The method of the chapter in NumPy, without Blender.
 
-Stages and equation numbers are those of Hernandez and Rudomin, "A Rendering Pipeline for Real-time Crowds".
+Stages: populate > behaviour > culling > levels > sorting.
+Stage names and equation numbers are those of Hernandez and Rudomin, "A Rendering Pipeline for
+Real-time Crowds".
 """
 
 __version__ = "0.1.0"

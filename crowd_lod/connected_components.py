@@ -1,12 +1,13 @@
-"""Connected components: which vertices edges and faces join."""
+"""Connected components of vertices that edges or faces join."""
 
 import numpy as np
 
 
 def connected_components(count: int, joined: np.ndarray) -> np.ndarray:
-    """The component of each of `count` vertices, named by its least vertex.
+    """Return (count,) intp: the least vertex of each vertex's component.
 
-    joined: (m, k) vertices, those of a row joined: edges (m, 2), triangles (m, 3). Returns (count,) intp.
+    joined: (m, k) vertices, for example edges (m, 2) or triangles (m, 3). Each row joins its
+        vertices.
     """
     label, before = np.arange(count), None
     while before is None or (label != before).any():

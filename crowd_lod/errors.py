@@ -1,4 +1,4 @@
-"""The one error family: its message is ready for the user."""
+"""The errors that users see, with messages that are ready to show."""
 
 BEGIN, END = 400, 200  # characters that are kept of a message that is longer than both
 
@@ -6,9 +6,11 @@ BEGIN, END = 400, 200  # characters that are kept of a message that is longer th
 class CrowdError(Exception):
     """Input that Crowd LOD cannot work with.
 
-    The message is one sentence that names what is wrong, where it came from and what to do. Operators report it
-    and cancel, commands print it and exit with 1; whoever raises it has changed nothing. Values and names in it may be of
-    any length and hold anything: it is cut in the middle, and what cannot be printed is escaped.
+    The message is one sentence. It names what is wrong, where it came from and what to do.
+    Operators report it and cancel; commands print it and exit with 1. Code that raises it has
+    changed nothing.
+    Values and names in the message may have any length and content. A message longer than BEGIN +
+    END characters is cut in the middle; characters that cannot be printed are escaped.
     """
 
     def __init__(self, message: str) -> None:
@@ -17,11 +19,12 @@ class CrowdError(Exception):
         super().__init__("".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in message))
 
 
-FAULTS = (CrowdError, OSError, MemoryError)  # what ordinary faults of files and machines raise, anywhere
+# what ordinary faults of files and machines raise, anywhere
+FAULTS = (CrowdError, OSError, MemoryError)
 
 
 def sentence(fault: CrowdError | OSError | MemoryError) -> str:
-    """What to tell the user of one of FAULTS."""
+    """Return the message for the user about `fault`, one of FAULTS."""
     if isinstance(fault, CrowdError):
         return str(fault)
     if isinstance(fault, MemoryError):

@@ -1,4 +1,7 @@
-"""Work in steps: generators that yield their progress, from 0 to 1, between the steps, and return what they made."""
+"""Work in steps: generators that yield their progress, from 0 to 1.
+
+Between two yields they do a step of the work. They return the result.
+"""
 
 import threading
 from collections.abc import Callable, Generator
@@ -12,11 +15,11 @@ Made = TypeVar("Made")  # what the work returns
 
 
 class Ended(BaseException):
-    """Nobody waits any longer for the work that this thread does."""
+    """Raised in a worker thread when nobody waits for its result any longer."""
 
 
 def finished(steps: Generator[Any, None, Made]) -> Made:
-    """What the generator returns, all its steps done at once."""
+    """Run all steps of the generator at once and return its result."""
     while True:
         try:
             next(steps)
@@ -25,13 +28,20 @@ def finished(steps: Generator[Any, None, Made]) -> Made:
 
 
 def share(steps: Generator[float, None, Made], begin: float, end: float) -> Generator[float, None, Made]:
-    """The generator's progress as the part from `begin` to `end` of the whole; returns what it returns. Closed early, it closes the
-    generator at once: before its caller tidies up, and not when Python frees it."""
+    """Yield the generator's progress as the part from `begin` to `end` of the whole.
+
+    Returns the generator's result. If this one is closed early, it closes the generator at once:
+    before the caller cleans up, not when Python frees it.
+    """
     return (yield from _told(steps, lambda progress: begin + (end - begin) * progress))
 
 
 def standing(steps: Generator[Any, None, Made], progress: float) -> Generator[float, None, Made]:
-    """Yields `progress` at each of the generator's steps, whatever it yields; returns what it returns. Closed early, as share."""
+    """Yield `progress` at each of the generator's steps.
+
+    The values that the generator yields are ignored. Returns its result. Closes it early as `share`
+    does.
+    """
     return (yield from _told(steps, lambda _: progress))
 
 
@@ -46,8 +56,12 @@ def _told(steps: Generator[Any, None, Made], tell: Callable[[Any], float]) -> Ge
 
 
 def aside(work: Callable[[], Made], progress: Callable[[], float] = lambda: 0.0) -> Generator[float, None, Made]:
-    """Do `work`, of NumPy alone, in another thread: for long work that is no generator. Yields what `progress` says while it
-    lasts, and returns what it returns. Closed early, the work ends at its next `breath`."""
+    """Run `work` in another thread, yield its progress, and return its result.
+
+    It is for long work in NumPy alone that is no generator.
+    progress: called for each value to yield, every LOOK seconds.
+    If the generator is closed early, the work ends at its next `breath`.
+    """
     task: Future[Made] = Future()
     ended = threading.Event()
 
@@ -70,7 +84,10 @@ def aside(work: Callable[[], Made], progress: Callable[[], float] = lambda: 0.0)
 
 
 def breath() -> None:
-    """A place where work may be ended that `aside` does."""
+    """Raise Ended if this thread runs work of `aside` that nobody waits for.
+
+    Work calls it at each place where it may be ended.
+    """
     ended = getattr(_own, "ended", None)
     if ended is not None and ended.is_set():
         raise Ended

@@ -1,4 +1,4 @@
-"""register() and unregister(): all that Crowd LOD leaves on Blender while it is enabled."""
+"""Register everything that Crowd LOD adds to Blender, and unregister it."""
 
 import bpy
 

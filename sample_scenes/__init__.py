@@ -1,6 +1,7 @@
 """Sample scenes, made by scripts: deterministic, and small.
 
-"chapter" is the scene of the chapter's figure 1.5, "plaza" a town square with walls and a camera in flight.
+"chapter" is the scene of the chapter's figure 1.5. "plaza" is a town square with walls and a flying
+camera.
 """
 
 # No bpy up here: the plaza's plan, NumPy alone, is tested without Blender.
@@ -10,8 +11,12 @@ NAMES = ("chapter", "plaza")
 
 
 def make(name: str, scene) -> None:
-    """Fill `scene` (bpy.types.Scene), new and empty, with the sample scene `name`: objects, characters, camera, world,
-    timeline and the crowd's settings. Nothing else in the file changes."""
+    """Fill the new, empty `scene` with the sample scene `name`.
+
+    It gets objects, characters, camera, world, timeline and the crowd's settings. Nothing else in
+    the file changes.
+    CrowdError if there is no sample scene of this name.
+    """
     if name not in NAMES:
         raise CrowdError(f"There is no sample scene {name!r}; there are {', '.join(NAMES)}.")
     from . import chapter, plaza

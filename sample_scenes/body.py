@@ -1,8 +1,8 @@
-"""The sample characters' bodies: closed quad meshes with UVs, materials and skinning weights, in NumPy alone.
+"""Bodies of the sample characters: closed quad meshes, in NumPy alone.
 
-A coarse cage of rings (torso and head of 8 points, arms and legs of 6) is smoothed by two steps of
-Catmull-Clark subdivision. Everything is in the character's own space: metres, facing +x, left is +y, up is
-+z, the soles on z = 0.
+They have UVs, materials and skinning weights. A coarse cage of rings (torso and head of 8 points,
+arms and legs of 6) is smoothed by two steps of Catmull-Clark subdivision.
+Character space: metres, facing +x, left is +y, up is +z, the soles on z = 0.
 """
 
 from dataclasses import dataclass, field
@@ -18,13 +18,19 @@ SUBDIVISIONS = 2  # of the cage
 
 @dataclass(frozen=True)
 class Build:
-    """One character's measures, metres; half-widths where a width is meant.
+    """The measures of one character, in metres; widths are half-widths.
 
-    hip, neck: heights of the hip joints and of the collar. shoulder, pelvis, waist, depth: the torso's
-    half-widths, and its half-depth. limb, head: thickness and size against an adult's. sleeve, trousers: how
-    much of the arm and the leg is covered, fractions. skin, clothes: linear RGB. period: frames in one walk
-    cycle. hair: its lower edge at the back, a fraction from the collar to the top. hem: the height of the
-    skirt's or coat's lower edge, 0 for none. brim: the hat's, 0 for hair. pack: the rucksack's depth.
+    hip, neck: heights of the hip joints and of the collar.
+    shoulder, pelvis, waist: half-widths of the torso.
+    depth: half-depth of the torso.
+    limb, head: thickness of the limbs and size of the head, relative to an adult's.
+    sleeve, trousers: fractions of the arm and of the leg that are covered.
+    skin, clothes: linear RGB.
+    period: frames in one walk cycle.
+    hair: its lower edge at the back, a fraction from the collar to the top.
+    hem: height of the lower edge of the skirt or coat; 0 for none.
+    brim: width of the hat's brim; 0 for hair.
+    pack: depth of the rucksack.
     """
 
     name: str
@@ -52,9 +58,12 @@ class Build:
 class Body:
     """A character's mesh: closed, every face a quad, normals outward.
 
-    vertices: (V, 3) float64. quads: (F, 4) int. uvs: (F, 4, 2), one for each corner, in [0, 1]. materials:
-    (F,) SKIN or CLOTHES. weights: (V, J), rows add up to 1 with at most 4 that are not 0; columns follow
-    `joints`. joints: bone name > (parent or None, head, tail), parents first.
+    vertices: (V, 3) float64.
+    quads: (F, 4) int.
+    uvs: (F, 4, 2), one for each corner, in [0, 1].
+    materials: (F,), SKIN or CLOTHES.
+    weights: (V, J), rows sum to 1, with at most 4 entries that are not 0; columns follow `joints`.
+    joints: bone name > (parent or None, head, tail), parents first.
     """
 
     vertices: np.ndarray
@@ -67,7 +76,10 @@ class Body:
 
 @dataclass
 class Cage:
-    """The coarse mesh in the making: points with their weights, and faces with UVs and a material."""
+    """The coarse mesh under construction: weighted points, and faces.
+
+    Each face has UVs and a material.
+    """
 
     bones: list[str]
     points: list = field(default_factory=list)
@@ -77,7 +89,10 @@ class Cage:
     materials: list = field(default_factory=list)
 
     def add(self, points, weights) -> list[int]:
-        """Indices of new points; `weights` is {bone: weight}, for all of them or one for each."""
+        """Add points and return their indices.
+
+        weights: {bone: weight}, for all of them or one for each.
+        """
         first = len(self.points)
         for i, point in enumerate(points):
             row = np.zeros(len(self.bones))
@@ -94,11 +109,12 @@ class Cage:
         self.materials.append(material)
 
     def tube(self, rings, materials, column, *, flip=False, skip=(), cap=True) -> list[list[int]]:
-        """Join rings of indices; returns each row's faces. `materials`: one for each row, and one for the
-        cap.
+        """Join rings of indices by faces, and return each row's faces.
 
-        `column`: the UV island's left and right. skip: (row, segment) pairs that stay open. Rings run
-        counter-clockwise seen against the tube's direction, unless flip.
+        materials: one for each row, and one for the cap.
+        column: left and right of the UV island.
+        skip: (row, segment) pairs that stay open.
+        Rings run counter-clockwise seen against the tube's direction, unless `flip`.
         """
         n = len(rings[0])
         centre = [np.array([self.points[i] for i in ring]) for ring in rings]
@@ -124,8 +140,10 @@ class Cage:
         return rows
 
     def extrude(self, faces, offset, scale, material: int) -> None:
-        """Move a patch of faces out by `offset` and scale it about its middle, a factor or one an axis, with
-        walls around it."""
+        """Move a patch of faces out by `offset` and scale it, with walls around it.
+
+        scale: about the patch's middle, one factor or one per axis.
+        """
         edges = {}
         for face in faces:
             corners, uvs = self.faces[face], self.uvs[face]
@@ -157,15 +175,20 @@ class Cage:
 
 
 def ring(n: int, centre, u, v) -> np.ndarray:
-    """(n, 3) points of the ellipse centre + u cos t + v sin t, moved out so that the SMOOTHED ring has that
-    size."""
+    """Return (n, 3) points of the ellipse centre + u cos t + v sin t, enlarged.
+
+    They are moved out so that the SMOOTHED ring has that size.
+    """
     t = np.arange(n)[:, None] * 2 * np.pi / n
     grow = 6 / (4 + 2 * np.cos(2 * np.pi / n))
     return np.asarray(centre) + grow * (np.asarray(u) * np.cos(t) + np.asarray(v) * np.sin(t))
 
 
 def skeleton(build: Build) -> dict:
-    """Bone name > (parent, head, tail) at rest: legs straight down, arms 35 degrees out."""
+    """Return bone name > (parent, head, tail) at rest.
+
+    Legs straight down, arms 35 degrees out.
+    """
     k, torso = build.height / 1.75, build.neck - build.hip
 
     def up(f):
@@ -188,7 +211,8 @@ def skeleton(build: Build) -> dict:
         leg = np.array([0, 0.55 * build.pelvis, 0])
         hip, ankle = leg + [0, 0, build.hip], leg + [0, 0, 0.075 * k]
         knee = leg + [0.008 * k, 0, 0.5 * build.hip + 0.035 * k]
-        ball, toe = leg + [0.118 * k, 0, 0], leg + [0.19 * k, 0, 0]  # the foot rolls over the ground here
+        # the foot rolls over the ground here
+        ball, toe = leg + [0.118 * k, 0, 0], leg + [0.19 * k, 0, 0]
         chain = [
             ("upper_arm", "chest", shoulder, elbow),
             ("forearm", "upper_arm", elbow, wrist),
@@ -205,7 +229,10 @@ def skeleton(build: Build) -> dict:
 
 
 def make_body(build: Build, finer: int = 0) -> Body:
-    """The character's mesh and joints; the same build gives the same numbers, bit for bit. finer: further steps of subdivision."""
+    """Return the mesh and joints of a character, the same for a build bit for bit.
+
+    finer: additional steps of subdivision.
+    """
     joints = skeleton(build)
     cage = Cage(list(joints))
     rings = torso(cage, build)
@@ -226,7 +253,8 @@ def make_body(build: Build, finer: int = 0) -> Body:
     vertices[:, 2] = np.maximum(vertices[:, 2], 0)  # flat soles
     joints = {name: (parent, head * scale, tail * scale) for name, (parent, head, tail) in joints.items()}
     weights = points[:, 3:]
-    # A sharp bend at the ball, so that the toes' sole stays put while the heel rises; a wide one above.
+    # A sharp bend at the ball, so that the toes' sole stays put while the heel rises; a wide one
+    # above.
     for tag in SIDES.values():
         foot, toe = (list(joints).index(bone + tag) for bone in ("foot", "toe"))
         ball = joints["toe" + tag][1][0]
@@ -241,8 +269,10 @@ def make_body(build: Build, finer: int = 0) -> Body:
 
 
 def torso(cage: Cage, build: Build) -> list[list[int]]:
-    """Rings from the crotch to the collar, point 0 in front, 2 on the left; the last two border the arm
-    holes."""
+    """Add the torso and return its rings, from the crotch to the collar.
+
+    Point 0 of a ring is in front, point 2 on the left. The last two rings border the arm holes.
+    """
     length, k = build.neck - build.hip, build.height / 1.75
     ribs = 0.5 * (build.waist + 0.94 * build.shoulder)
     rows = [  # height above the hips as a fraction, middle's x, half-depth, half-width, weights
@@ -281,7 +311,10 @@ def torso(cage: Cage, build: Build) -> list[list[int]]:
 
 
 def head(cage: Cage, build: Build, collar: list[int]) -> None:
-    """The neck and the head on the torso's last ring; the hair, or the hat, has the clothes' material."""
+    """Add the neck and the head on the torso's last ring.
+
+    The hair, or the hat, has the material of the clothes.
+    """
     length, k = build.height - build.neck, build.head
     skull, neck = {"head": 1}, {"neck": 0.7, "chest": 0.3}
     rows = [  # front's and back's heights as fractions, and x, half-width, chin, weights, material
@@ -320,8 +353,10 @@ def head(cage: Cage, build: Build, collar: list[int]) -> None:
 
 
 def leg(cage: Cage, build: Build, hips: list[int], crotch: int, joints: dict, side: int) -> None:
-    """One leg and its shoe under half of the torso's first ring, closed by the crotch. Point 0 is outside, 1
-    and 2 are in front, later on top."""
+    """Add one leg and its shoe under half of the torso's first ring.
+
+    The crotch closes it. Point 0 is outside; 1 and 2 are in front, further down on top.
+    """
     tag, k, r = SIDES[side], build.height / 1.75, build.limb * build.height / 1.75
     thigh, shin, foot, toe = (bone + tag for bone in ("thigh", "shin", "foot", "toe"))
     (_, hip, knee), ankle = joints[thigh], joints[shin][2]
@@ -353,7 +388,10 @@ def leg(cage: Cage, build: Build, hips: list[int], crotch: int, joints: dict, si
 
 
 def arm(cage: Cage, build: Build, armpits: list[int], shoulders: list[int], joints: dict, side: int) -> None:
-    """One arm from the hole between the torso's last two rings. Point 0 is on top, 1 and 2 are in front."""
+    """Add one arm at the hole between the torso's last two rings.
+
+    Point 0 is on top, 1 and 2 are in front.
+    """
     tag, r = SIDES[side], build.limb * build.height / 1.75
     upper, fore, hand = (bone + tag for bone in ("upper_arm", "forearm", "hand"))
     (_, shoulder, elbow), (_, wrist, fingertip) = joints[upper], joints[hand]
@@ -377,16 +415,19 @@ def arm(cage: Cage, build: Build, armpits: list[int], shoulders: list[int], join
         rings.append(cage.add(ring(6, shoulder + along * distance, top * thick, (wide, 0, 0)), weights))
     covered = [distance <= build.sleeve * reach + 1e-6 for distance, *_ in rows]
     faces = cage.tube(rings, [CLOTHES if c else SKIN for c in covered] + [SKIN], ARMS[side], flip=side < 0)
-    cage.extrude([faces[5][1]], along * 0.02 * h + np.array([0.025 * h, 0, 0]), 0.5, SKIN)  # the thumb
+    # the thumb
+    cage.extrude([faces[5][1]], along * 0.02 * h + np.array([0.025 * h, 0, 0]), 0.5, SKIN)
 
 
 def subdivide(points, corners, uvs, materials, sizes):
-    """One step of Catmull and Clark's subdivision of a closed mesh; n-gons give quads
-    (doi:10.1016/0010-4485(78)90110-0).
+    """Return the mesh after one step of Catmull-Clark subdivision; n-gons give quads.
 
-    points: (V, C), any attributes, smoothed alike. corners: (L,) vertex of each face corner, face after face.
-    uvs: (L, 2), subdivided linearly. materials, sizes: (F,). Returns the same five, with the original
-    vertices first.
+    Source: Catmull and Clark, doi:10.1016/0010-4485(78)90110-0. The mesh must be closed.
+    points: (V, C), any attributes, all smoothed alike.
+    corners: (L,), the vertex of each face corner, face after face.
+    uvs: (L, 2), subdivided linearly.
+    materials, sizes: (F,).
+    Returns the same five, the original vertices first.
     """
     starts = np.cumsum(sizes) - sizes
     face = np.repeat(np.arange(len(sizes)), sizes)

@@ -1,4 +1,7 @@
-"""The scene of the chapter's figure 1.5: 4,096 agents on a plane walk right to the edge, turn, and walk left."""
+"""The scene of the chapter's figure 1.5: 4,096 agents on a plane.
+
+They walk right to the edge, turn, and walk left.
+"""
 
 import bpy
 import numpy as np
@@ -44,7 +47,10 @@ def make(scene: bpy.types.Scene) -> None:
 
 
 def build_ground(scenery: bpy.types.Collection) -> None:
-    """The plane in tiles of 4 m, and the two edges' strips in the colours of their labels."""
+    """Add the plane in tiles of 4 m, and the strips of the two edges.
+
+    The strips have the colors of their labels.
+    """
     tones = [material("Ground light", (0.66, 0.66, 0.63)), material("Ground dark", (0.58, 0.58, 0.56))]
     left, right = material("Left edge", (0.70, 0.05, 0.05)), material("Right edge", (0.05, 0.05, 0.70))
     around = material("Around", (0.42, 0.44, 0.42))

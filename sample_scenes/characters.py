@@ -33,13 +33,15 @@ BUILDS = (
 def make_characters(
     collection: bpy.types.Collection, speed: float = 1.25, builds: Sequence[Build] = BUILDS, finer: int = 0
 ) -> list[bpy.types.Collection]:
-    """Add the characters of the `builds` to `collection`: a child collection each, with an armature and its mesh, which each step
-    of `finer` gives four times the faces.
+    """Add rigged, walking characters to `collection`: a child collection for each.
 
-    They stand at the origin on z = 0 and face +x, and walk on the spot: for ever, by an action with one key a
-    frame from frame 1, made for 24 frames a second. In its own space a character's standing foot goes along
-    -x at `speed`, metres a second. The property "stride" of each collection is the metres walked in one
-    cycle. Selection, modes and the current frame stay as they are.
+    A child collection holds an armature and its mesh. Its property "stride" is the metres walked in
+    one cycle.
+    The characters stand at the origin on z = 0, face +x, and walk on the spot. Their action repeats
+    for ever, with one key per frame from frame 1, for 24 frames per second. In a character's own
+    space the standing foot moves along -x at `speed`, metres per second.
+    Selection, modes and the current frame stay as they are.
+    finer: additional steps of subdivision, each with four times the faces.
     """
     groups = []
     for build in builds:
@@ -60,8 +62,11 @@ def make_characters(
 
 
 def make_armature(name: str, body: Body) -> bpy.types.Object:
-    """The rest skeleton. Bones can only be made in edit mode: it is entered in a scene of its own, so that
-    the user's scene, selection and mode are left alone."""
+    """Return the armature of the rest skeleton.
+
+    Bones can only be made in edit mode. It is entered in a temporary scene, so that the user's
+    scene, selection and mode do not change.
+    """
     armature = bpy.data.objects.new(f"{name} rig", bpy.data.armatures.new(f"{name} rig"))
     workshop = bpy.data.scenes.new("Workshop")
     try:
@@ -84,7 +89,7 @@ def make_armature(name: str, body: Body) -> bpy.types.Object:
 
 
 def make_mesh(build: Build, body: Body) -> bpy.types.Object:
-    """The mesh object with its UV map, materials and vertex groups."""
+    """Return the mesh object with its UV map, materials and vertex groups."""
     mesh = bpy.data.meshes.new(build.name)
     mesh.vertices.add(len(body.vertices))
     mesh.vertices.foreach_set("co", body.vertices.astype(np.float32).ravel())
@@ -119,7 +124,7 @@ def make_material(name: str, colour: tuple, roughness: float) -> bpy.types.Mater
 
 
 def make_action(name: str, armature: bpy.types.Object, cycle: Cycle) -> None:
-    """Key the cycle's poses, one a frame from frame 1, as an action that repeats for ever."""
+    """Key the cycle's poses, one per frame from frame 1, as an action that repeats."""
     action = bpy.data.actions.new(f"walk {name}")
     armature.animation_data_create().action = action
     bones = armature.data.bones
@@ -135,7 +140,10 @@ def make_action(name: str, armature: bpy.types.Object, cycle: Cycle) -> None:
 
 
 def quaternions(matrices: np.ndarray) -> np.ndarray:
-    """(n, 4) of (n, 3, 3), without the jumps of sign that would spin a bone between two keys."""
+    """Return (n, 4) quaternions of matrices (n, 3, 3), without jumps of sign.
+
+    A jump would spin a bone between two keys.
+    """
     values = np.array([Matrix(matrix).to_quaternion() for matrix in matrices])
     flips = np.where((values[1:] * values[:-1]).sum(1) < 0, -1, 1)
     values[1:] *= np.cumprod(flips)[:, None]
@@ -143,7 +151,10 @@ def quaternions(matrices: np.ndarray) -> np.ndarray:
 
 
 def key(action: bpy.types.Action, armature: bpy.types.Object, path: str, values: np.ndarray) -> None:
-    """One F-curve for each column of `values`, (frames, columns), linear between frames."""
+    """Add one F-curve for each column of `values`, linear between frames.
+
+    values: (frames, columns).
+    """
     for index, column in enumerate(values.T):
         curve = action.fcurve_ensure_for_datablock(armature, path, index=index)
         points = curve.keyframe_points

@@ -1,4 +1,7 @@
-"""The plaza: 10,000 agents among walls, around a fountain. Its camera flies: it sees nearly all, then nearly none."""
+"""The plaza: 10,000 agents among walls, around a fountain.
+
+Its camera flies: it sees nearly all agents first, nearly none at the end.
+"""
 
 from math import atan2, hypot, pi
 
@@ -54,7 +57,7 @@ def make(scene: bpy.types.Scene) -> None:
 
 
 def fly(scene: bpy.types.Scene) -> bpy.types.Object:
-    """The camera on its flight."""
+    """Add the camera with its flight."""
     made = camera(scene, "Flight", near=0.2, far=FAR)
     frames, places, targets, lenses = zip(*FLIGHT, strict=True)
     places = np.array(places, float)
@@ -70,7 +73,7 @@ def fly(scene: bpy.types.Scene) -> bpy.types.Object:
 
 
 def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection) -> None:
-    """The houses about the plaza, the town hall's tower, and blocks of the town behind them."""
+    """Add the houses around the plaza, the town hall's tower, and the town behind."""
     stucco = [
         material(f"Stucco {i}", colour)
         for i, colour in enumerate(
@@ -105,7 +108,10 @@ def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection)
 
 
 def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collection) -> None:
-    """Columns, trees in planters, benches, café tables under parasols, bollards at the entrances."""
+    """Add columns, trees in planters, benches, café tables with parasols, bollards.
+
+    The bollards stand at the entrances.
+    """
     stone, wood = material("Stone", (0.80, 0.76, 0.68)), material("Wood", (0.24, 0.12, 0.05))
     iron, bark = material("Iron", (0.04, 0.04, 0.05)), material("Bark", (0.14, 0.09, 0.05))
     leaves = [material("Leaves 0", (0.14, 0.34, 0.07)), material("Leaves 1", (0.22, 0.42, 0.10))]
@@ -135,7 +141,7 @@ def build_furniture(obstacles: bpy.types.Collection, scenery: bpy.types.Collecti
 
 
 def build_fountain(obstacles: bpy.types.Collection) -> None:
-    """Basin, water, and a column with two bowls."""
+    """Add the fountain: basin, water, and a column with two bowls."""
     stone, water = material("Fountain stone", (0.84, 0.80, 0.73)), material("Water", (0.06, 0.32, 0.60), 0.1)
     rim = site.FOUNTAIN
     basin = ((rim, 0), (rim, 0.7), (rim - 0.5, 0.7), (rim - 0.5, 0.45))
@@ -149,7 +155,7 @@ def build_fountain(obstacles: bpy.types.Collection) -> None:
 
 
 def build_ground(scenery: bpy.types.Collection) -> None:
-    """Paving in two tones, tinted where people wait, and asphalt all around."""
+    """Add paving in two tones, tinted where people wait, and asphalt around it."""
     tones = [material("Paving light", (0.76, 0.70, 0.61)), material("Paving dark", (0.68, 0.62, 0.54))]
     waiting, asphalt = material("Waiting area", (0.80, 0.56, 0.32)), material("Asphalt", (0.36, 0.36, 0.38))
     half, pitch = int(site.SIZE / 2), 4

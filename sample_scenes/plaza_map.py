@@ -1,7 +1,8 @@
-"""The plaza's plan, and its label map. World metres about the plaza's centre, +y is north; NumPy alone.
+"""The plan of the plaza, and its label map, in NumPy alone.
 
-Every corner lies on the map's grid, so that walls and labels agree exactly; the fountain's and the columns' cells are
-those whose middle lies within.
+World metres from the plaza's center; +y is north. Every corner lies on the map's grid, so that
+walls and labels agree exactly. Cells of the fountain and of the columns are those whose middle lies
+within.
 """
 
 import numpy as np
@@ -11,7 +12,8 @@ from ..crowd_lod.crowd.state_machine import StateMachine
 
 SIZE = 144.0
 CELL = 0.5
-# Rectangles (x0, y0, x1, y1), and the height that each is built to. The gaps between the houses are the entrances.
+# Rectangles (x0, y0, x1, y1), and the height that each is built to. The gaps between the houses are
+# the entrances.
 HOUSES = (
     (-72, 60, -48, 72, 15), (-48, 60, -26, 72, 12), (-26, 60, -8, 72, 17), (4, 52, 34, 72, 20), (34, 60, 52, 72, 14),
     (52, 60, 72, 72, 17), (-72, -72, -46, -60, 13), (-46, -72, -20, -60, 16), (-20, -72, 8, -60, 12),
@@ -19,7 +21,8 @@ HOUSES = (
     (-72, 6, -60, 34, 14), (-72, 34, -60, 60, 17), (60, -60, 72, -42, 14), (60, -32, 72, -4, 17), (60, -4, 72, 26, 13),
     (60, 26, 72, 60, 15),
 )  # fmt: skip
-ENTRANCES = ((-8, 72, 4, 72), (8, -72, 18, -72), (-72, -6, -72, 6), (72, -42, 72, -32))  # their outer ends
+# their outer ends
+ENTRANCES = ((-8, 72, 4, 72), (8, -72, 18, -72), (-72, -6, -72, 6), (72, -42, 72, -32))
 TOWER = (14, 56, 22, 64, 38)  # on the town hall
 COLUMNS = tuple((-53.0, y) for y in range(-52, 60, 8) if abs(y) > 6)
 COLUMN_RADIUS = 0.75
@@ -34,9 +37,11 @@ TURNS = ("east", "north-east", "north", "north-west", "west", "south-west", "sou
 
 
 def plan(machine: StateMachine) -> LabelMap:
-    """The label map, 0.5 m a cell, in the labels of `machine`, the preset "plaza".
+    """Return the label map, 0.5 m per cell.
 
-    Cells within 1 m of an obstacle, or of the map's border, say the way out: "turn east" is at a wall's east side.
+    machine: the preset "plaza", whose labels are used.
+    Cells within 1 m of an obstacle, or of the map's border, bear the direction away from it: "turn
+    east" is at a wall's east side.
     """
     half = SIZE / 2
     middles = np.arange(-half, half, CELL) + CELL / 2
@@ -65,8 +70,11 @@ def plan(machine: StateMachine) -> LabelMap:
 
 
 def _way_out(blocked: np.ndarray, reach: int = 2) -> tuple[np.ndarray, np.ndarray]:
-    """For each cell whether a blocked one lies within `reach` cells, and the direction away from those, in eighths of a
-    turn from +x. blocked: (rows, columns) bool; beyond the border all is blocked."""
+    """Return whether blocked cells are near each cell, and the way away from them.
+
+    Near is within `reach` cells. Directions are in eighths of a turn from +x.
+    blocked: (rows, columns) bool; all cells beyond the border count as blocked.
+    """
     rows, columns = blocked.shape
     wide = reach + 1  # the direction is smoother if it looks a little further
     padded = np.pad(blocked, wide, constant_values=True)

@@ -1,11 +1,15 @@
-"""What the sample scenes are made of: shapes, materials, light, and a camera on keyframes. World metres, z up."""
+"""Parts of the sample scenes: shapes, materials, light, animated camera.
+
+World metres, z up.
+"""
 
 from math import cos, pi, radians, sin
 
 import bpy
 from mathutils import Vector
 
-# A shape is (points, faces): corners in world metres, and for each face the indices of its corners, normals outward.
+# A shape is (points, faces): corners in world metres, and for each face the indices of its corners,
+# normals outward.
 Shape = tuple[list[tuple[float, float, float]], list[tuple[int, ...]]]
 
 SUN = Vector((-0.45, -0.55, 0.70)).normalized()  # towards it
@@ -13,7 +17,7 @@ SKY = (0.42, 0.60, 0.85)
 
 
 def box(x0, y0, x1, y1, z0, z1, inset=0.0) -> Shape:
-    """A box; `inset` metres smaller on each side at its top, as a hipped roof is."""
+    """Return a box; its top is `inset` metres smaller on each side, as a hipped roof."""
     low = [(x0, y0, z0), (x1, y0, z0), (x1, y1, z0), (x0, y1, z0)]
     high = [(x0 + inset, y0 + inset, z1), (x1 - inset, y0 + inset, z1)]
     high += [(x1 - inset, y1 - inset, z1), (x0 + inset, y1 - inset, z1)]
@@ -22,12 +26,15 @@ def box(x0, y0, x1, y1, z0, z1, inset=0.0) -> Shape:
 
 
 def tile(x0, y0, x1, y1, z=0.0) -> Shape:
-    """A level rectangle at the height z, facing up."""
+    """Return a level rectangle at the height z, facing up."""
     return [(x0, y0, z), (x1, y0, z), (x1, y1, z), (x0, y1, z)], [(0, 1, 2, 3)]
 
 
 def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Shape:
-    """The solid of revolution about the vertical through (x, y) of the profile (radius, z), from its bottom up."""
+    """Return the solid of revolution of a profile about the vertical through (x, y).
+
+    profile: (radius, z) points, from the bottom up.
+    """
     points, faces = [], []
     turns = [(cos(2 * pi * i / sides), sin(2 * pi * i / sides)) for i in range(sides)]
     for radius, z in profile:
@@ -40,7 +47,10 @@ def lathe(x, y, profile: list[tuple[float, float]], sides=12) -> Shape:
 
 
 def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
-    """Panes on the four sides of the box, `out` metres before the wall, one every `spacing` metres and `storey`."""
+    """Return panes on the four sides of the box, `out` metres in front of the walls.
+
+    One every `spacing` metres along a wall and every `storey` metres up.
+    """
     points, faces = [], []
     corners = [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]
     for (ax, ay), (bx, by) in zip(corners, corners[1:] + corners[:1], strict=True):
@@ -59,7 +69,10 @@ def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
 
 
 def material(name: str, colour: tuple[float, float, float], roughness=0.8) -> bpy.types.Material:
-    """A new material of one linear RGB colour, the same in the viewport and in a render."""
+    """Return a new material of one linear RGB color.
+
+    It looks the same in the viewport and in a render.
+    """
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     made.diffuse_color = (*colour, 1.0)
@@ -71,7 +84,10 @@ def material(name: str, colour: tuple[float, float, float], roughness=0.8) -> bp
 
 
 def add(collection: bpy.types.Collection, name: str, parts: list[tuple[Shape, bpy.types.Material]]) -> bpy.types.Object:
-    """One new object in `collection` whose mesh is all the `parts`, each in its material."""
+    """Return a new object in `collection` with one mesh of all `parts`.
+
+    Each part has its own material.
+    """
     points, faces, slots = [], [], []
     materials = list(dict.fromkeys(look for _, look in parts))
     for (corners, polygons), look in parts:
@@ -91,7 +107,10 @@ def add(collection: bpy.types.Collection, name: str, parts: list[tuple[Shape, bp
 
 
 def child(scene: bpy.types.Scene, name: str, hidden=False) -> bpy.types.Collection:
-    """A new collection of the scene; `hidden` leaves it out of the scene's view layers."""
+    """Return a new collection of the scene.
+
+    hidden: exclude it from the scene's view layers.
+    """
     made = bpy.data.collections.new(name)
     scene.collection.children.link(made)
     for layer in scene.view_layers:
@@ -101,9 +120,12 @@ def child(scene: bpy.types.Scene, name: str, hidden=False) -> bpy.types.Collecti
 
 
 def film(scene: bpy.types.Scene) -> None:
-    """Five seconds at 24 frames a second, 960 x 540 pixels, a clear day: sun with shadows, blue sky.
+    """Set the scene's frames, pixels and light for a clear day.
 
-    Workbench draws no shadows: those of thousands of characters take it many times the rest of the picture."""
+    Five seconds at 24 frames per second, 960 x 540 pixels. The light is a sun with shadows and a
+    blue sky. Workbench draws no shadows: those of thousands of characters take many times as long
+    as the rest of the picture.
+    """
     scene.frame_start, scene.frame_end = 1, 120
     render = scene.render
     render.fps, render.fps_base = 24, 1.0
@@ -127,7 +149,10 @@ def film(scene: bpy.types.Scene) -> None:
 
 
 def camera(scene: bpy.types.Scene, name: str, near: float, far: float, lens=35.0) -> bpy.types.Object:
-    """A new camera that sees from `near` to `far` metres; `lens`: focal length in millimetres."""
+    """Return a new camera that sees from `near` to `far` metres.
+
+    lens: focal length in millimetres.
+    """
     data = bpy.data.cameras.new(name)
     data.clip_start, data.clip_end, data.lens = near, far, lens
     made = bpy.data.objects.new(name, data)
@@ -136,13 +161,16 @@ def camera(scene: bpy.types.Scene, name: str, near: float, far: float, lens=35.0
 
 
 def aim(item: bpy.types.Object, location, target) -> None:
-    """Stand the camera `item` at `location` and look at `target`, upright."""
+    """Place the camera `item` at `location` so that it looks at `target`, upright."""
     item.location = location
     item.rotation_euler = (Vector(target) - Vector(location)).to_track_quat("-Z", "Y").to_euler()
 
 
 def animate(block: bpy.types.ID, frames: list[float], curves: dict[tuple[str, int], list[float]]) -> None:
-    """Keyframes for `block`: at each of `frames` the value that `curves` has for (data path, index), smooth between."""
+    """Add keyframes to `block`, smooth between.
+
+    curves: for each (data path, index) its values at `frames`.
+    """
     action = bpy.data.actions.new(block.name)
     slot = action.slots.new(block.id_type, block.name)
     bag = action.layers.new("Layer").strips.new(type="KEYFRAME").channelbag(slot, ensure=True)

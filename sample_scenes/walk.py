@@ -1,8 +1,9 @@
-"""The sample characters' walk: a pose for every frame of one cycle, solved so that the feet never slide.
+"""The walk of the sample characters: a pose for every frame of one cycle.
 
-NumPy alone, in the character's own space: metres, walking along +x on the spot, so that the ground and the
-foot on it move along -x. A limb's turn is a 3x3 matrix from rest to pose in that space, not relative to the
-parent bone.
+The poses are solved so that the feet never slide. NumPy alone.
+Character space: metres, walking along +x on the spot, so that the ground and the foot on it move
+along -x. A limb's turn is a 3x3 matrix from rest to pose in that space, not relative to the parent
+bone.
 """
 
 from dataclasses import dataclass
@@ -20,7 +21,8 @@ REACH = 0.996  # of the leg's length at most: the knee never quite straightens
 class Cycle:
     """Poses at whole frames 0 to period, the last equal to the first.
 
-    turns: bone name > (period + 1, 3, 3). shift: (period + 1, 3) the hips' way from their rest place, metres.
+    turns: bone name > (period + 1, 3, 3).
+    shift: (period + 1, 3) metres, the hips' offset from their rest place.
     stride: metres walked in one cycle.
     """
 
@@ -30,7 +32,10 @@ class Cycle:
 
 
 def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
-    """The walk of a skeleton (body.Body's joints), over `period` frames and `stride` metres."""
+    """Return the walk of a skeleton over `period` frames and `stride` metres.
+
+    joints: those of a body.Body.
+    """
     phase = np.arange(period + 1) % period / period  # 0: the left heel strikes
     k = joints["head"][2][2] / 1.75
     swing, lean = np.cos(2 * np.pi * phase), np.sin(2 * np.pi * (phase - 0.05))
@@ -66,9 +71,9 @@ def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
 
 
 def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):
-    """Where the ankle is, (n, 3), and how the foot and the toes are pitched, (n,) radians, toes down
-    positive.
+    """Return the ankle's places (n, 3), and the pitches of foot and toes (n,).
 
+    Pitches are in radians, toes down positive.
     phase: (n,) in [0, 1), 0 when this foot's heel strikes.
     """
     _, ankle, ball = joints["foot" + tag]
@@ -87,14 +92,15 @@ def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):
         x, z = point - ankle
         return np.stack([x * np.cos(angle) + z * np.sin(angle), z * np.cos(angle) - x * np.sin(angle)], -1)
 
-    # The foot's place is the ground's under its rest place: it moves at a constant speed while the foot
-    # stands, and the foot rolls about its heel or its ball, which stay put on that ground.
+    # The foot's place is the ground's under its rest place: it moves at a constant speed while the
+    # foot stands, and the foot rolls about its heel or its ball, which stay put on that ground.
     place = stride * (STRIKE - np.minimum(phase, STANCE))
     rolled = np.where(phase < FLAT, (turned(heel) - heel)[:, 0], (turned(ball) - ball)[:, 0])
     start = stride * (STRIKE - STANCE) - (turned(ball, np.radians(LEAVE_PITCH)) - ball)[0]
     end = stride * STRIKE - (turned(heel, np.radians(STRIKE_PITCH)) - heel)[0]
     t = np.clip((phase - STANCE) / (1 - STANCE), 0, 1)
-    slope = -0.55 * stride * (1 - STANCE)  # still going back as it leaves, and a little as it comes down
+    # still going back as it leaves, and a little as it comes down
+    slope = -0.55 * stride * (1 - STANCE)
     flight = hermite(t, start, end, slope, 0.5 * slope)
     x = np.where(phase > STANCE, flight, place - rolled)
 
@@ -106,7 +112,7 @@ def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):
 
 
 def hip_joint(joints: dict, tag: str, hips: np.ndarray, shift: np.ndarray) -> np.ndarray:
-    """The hip joint's place, (n, 3)."""
+    """Return the place of the hip joint, (n, 3)."""
     root = joints["hips"][1]
     return root + shift + hips @ (joints["thigh" + tag][1] - root)
 
@@ -117,14 +123,17 @@ def leg_lengths(joints: dict, tag: str) -> tuple[float, float]:
 
 
 def overreach(joints, tag, hips, shift, ankle) -> float:
-    """How far the hips have to come down for this leg to reach its foot in every frame."""
+    """Return how far the hips must come down so that the leg always reaches."""
     way = hip_joint(joints, tag, hips, shift) - ankle
     limit = REACH * sum(leg_lengths(joints, tag))
     return float((way[:, 2] - np.sqrt(limit**2 - way[:, 0] ** 2 - way[:, 1] ** 2)).max())
 
 
 def bend_leg(joints, tag, hip, ankle) -> tuple[np.ndarray, np.ndarray]:
-    """The thigh's and the shin's turns that bring the ankle there, the knee in front: the law of cosines."""
+    """Return the turns of thigh and shin that bring the ankle to its place.
+
+    The knee is in front. Solved by the law of cosines.
+    """
     thigh, shin = leg_lengths(joints, tag)
     way = ankle - hip
     distance = np.linalg.norm(way, axis=1)
@@ -144,7 +153,7 @@ def bend_leg(joints, tag, hip, ankle) -> tuple[np.ndarray, np.ndarray]:
 
 
 def frame(axis, side) -> np.ndarray:
-    """Columns: the axis, the side made square to it, and the third. (..., 3, 3)."""
+    """Return (..., 3, 3) with columns axis, perpendicular side, and the third."""
     axis = unit(axis)
     side = unit(side - axis * (side * axis).sum(-1, keepdims=True))
     return np.stack([axis, side, np.cross(axis, side)], -1)
@@ -155,7 +164,7 @@ def unit(v):
 
 
 def hermite(t, a, b, slope_a, slope_b):
-    """From a to b with these slopes at the ends, for t from 0 to 1."""
+    """Return values from a to b with these slopes at the ends, for t from 0 to 1."""
     return (
         (2 * t**3 - 3 * t**2 + 1) * a + (t**3 - 2 * t**2 + t) * slope_a
         + (3 * t**2 - 2 * t**3) * b + (t**3 - t**2) * slope_b
@@ -163,7 +172,7 @@ def hermite(t, a, b, slope_a, slope_b):
 
 
 def ease(phase, times, values):
-    """Smooth steps from value to value, level at each."""
+    """Return smooth steps from value to value, level at each."""
     i = np.clip(np.searchsorted(times, phase, side="right") - 1, 0, len(times) - 2)
     times, values = np.asarray(times), np.asarray(values, float)
     t = np.clip((phase - times[i]) / (times[i + 1] - times[i]), 0, 1)
@@ -171,22 +180,22 @@ def ease(phase, times, values):
 
 
 def pitch(angle):
-    """About +y: forwards and down is positive."""
+    """Return turns about +y: forward and down is positive."""
     return rotation(angle, 2, 0)
 
 
 def roll(angle):
-    """About +x: the left side up is positive."""
+    """Return turns about +x: the left side up is positive."""
     return rotation(angle, 1, 2)
 
 
 def yaw(angle):
-    """About +z: to the left is positive."""
+    """Return turns about +z: to the left is positive."""
     return rotation(angle, 0, 1)
 
 
 def rotation(angle, i: int, j: int) -> np.ndarray:
-    """(n, 3, 3) turns of axis i towards axis j by (n,) radians."""
+    """Return (n, 3, 3) turns of axis i toward axis j by (n,) radians."""
     matrix = np.zeros((len(angle), 3, 3))
     matrix[:, range(3), range(3)] = 1
     matrix[:, i, i] = matrix[:, j, j] = np.cos(angle)

@@ -1,5 +1,7 @@
-"""How agents move on the spot: the phase classes that they share, and linear blend skinning.
+"""Animation of agents on the spot: phase classes and linear blend skinning.
 
-In: groups' actions and strides, the state machine's paces; joint matrices (frames, joints, 3, 4). Out: phases (n,) float32 in
-[0, 1); points (n, 3) in the character's space, metres. It lies below behaviour, for an agent's class is part of its state.
+In: the groups' actions and strides, the state machine's paces; joint matrices (frames, joints, 3,
+    4).
+Out: phases (n,) float32 in [0, 1); points (n, 3) in the character's space, metres.
+This package lies below behaviour, because an agent's phase class is part of its state.
 """

@@ -1,13 +1,17 @@
-"""Phase classes: agents share a few phases of their action, so that a renderer poses a few characters and not each agent.
+"""Phase classes: agents share a few phases of their action.
 
-Which phase of its walk an agent is in is arbitrary; only its advance must be right. So a phase is chosen from CLASSES of them,
-and from then on it is a straight line in time: class / CLASSES + rate x seconds. A class is part of an agent's state. It changes
-only where the agent's pace does, when another state or label gives it another speed: to the class of the new pace whose phase is
-nearest, at most half a class away.
+A renderer then poses a few characters instead of every agent.
 
-CLASSES is 16: half a class is then a frame of a walk (a cycle takes 24 to 32), the most that an agent jumps where it sets off or
-stops. Classes are drawn at random, so that two neighbours of one group are in step as often as by chance, once in 16; classes by
-place would mix within seconds, for agents walk through each other.
+The phase of a walk is arbitrary; only its advance must be right. So an agent's phase is one of
+CLASSES (crowd/agents.py) at first, and then linear in time: class / CLASSES + rate x seconds. The
+class is part of the agent's state. It changes only when another state or label gives the agent
+another pace: the agent then takes the class whose phase at the new pace is nearest, at most half a
+class away.
+
+CLASSES is 16. An agent that sets off or stops then jumps by half a class at most, which is one
+frame of a walk (a cycle takes 24 to 32). Classes are drawn at random, so two neighbors of one group
+are in step only by chance, once in 16. Classes by place would mix within seconds, because agents
+walk through each other.
 """
 
 from collections.abc import Sequence
@@ -22,8 +26,12 @@ from ..crowd.state_machine import Paces
 
 @dataclass(frozen=True)
 class Gaits:
-    """How the groups play their actions. classes: phases that agents share; rates: (G, P) float64, cycles per second that each
-    group plays at each pace of `paces`."""
+    """The rates at which the groups play their actions.
+
+    classes: the number of phases that agents share.
+    paces: the P paces of the state machine.
+    rates: (G, P) float64, cycles per second of each group at each pace.
+    """
 
     classes: int
     paces: Paces
@@ -31,7 +39,7 @@ class Gaits:
 
     @cached_property
     def distinct(self) -> tuple[np.ndarray, ...]:
-        """Of each group its rates, rising, those that are alike once."""
+        """For each group, its different rates in increasing order."""
         return tuple(np.unique(rates.round(9)) for rates in self.rates)
 
     @cached_property
@@ -40,15 +48,23 @@ class Gaits:
         return np.array([np.searchsorted(own, rates.round(9)) for own, rates in zip(self.distinct, self.rates, strict=True)])
 
     def phase(self, crowd: Crowd, seconds: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """(m,) float32 in [0, 1): the place of `agents` (m,) in their action's cycle, `seconds` after frame 0."""
+        """Return the phases (m,) float32 in [0, 1) of `agents` in their action's cycle.
+
+        seconds: time after frame 0.
+        agents: (m,) indices, or a slice.
+        """
         rate = self.rates[crowd.group[agents], crowd.pace[agents]]
         phase = ((crowd.phase_class[agents] / self.classes + rate * seconds) % 1.0).astype(np.float32)
         phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
         return phase
 
     def joined(self, before: Crowd, after: Crowd, seconds: float) -> Crowd:
-        """The crowd `after`, `seconds` after frame 0, whose agents walked at the paces of `before` until then: those of
-        another pace are in the class that is nearest to the phase that they had."""
+        """Return the crowd `after` with phases that continue those of `before`.
+
+        before: the crowd whose paces held until now.
+        after: the crowd at `seconds` after frame 0. Agents whose pace has changed get the class
+            with the phase nearest to the one they had.
+        """
         if after.pace is before.pace:
             return after
         (who,) = np.nonzero(after.pace != before.pace)
@@ -60,33 +76,50 @@ class Gaits:
 
 
 def gaits_of(groups: Sequence[Group], paces: Paces, classes: int) -> Gaits:
-    """The gaits of `groups` at the `paces` of a state machine."""
+    """Return the gaits of `groups` at the `paces` of a state machine.
+
+    classes: the number of phases that agents share.
+    """
     per_metre, per_second = cycles_of(groups).T[:, :, None]
     return Gaits(classes, paces, per_metre * paces.speeds + per_second)
 
 
 def cycles_of(groups: Sequence[Group]) -> np.ndarray:
-    """(G, 2) float64: how many cycles of the action each group plays per metre walked, and per second."""
+    """Return (G, 2) float64: cycles of each group's action per metre and per second.
+
+    A group with a stride plays by the metres walked, any other by time; the other number is 0. Both
+    are 0 for a group with neither stride nor period.
+    """
     return np.array([(1 / g.stride, 0.0) if g.stride > 0 else (0.0, 1 / g.period if g.period > 0 else 0.0) for g in groups])
 
 
 @dataclass(frozen=True)
 class Library:
-    """The characters that agents of a LOD may show, counted from 0 through all groups. posed: (G,) intp, of a group that has
-    poses, at how many even phases; 0 of one that has rigs: those have one for each of the group's rates and each class.
-    times: (G,) intp, how often a group's poses follow one another: more than once in builds from before there were rigs, which
-    had poses for several paces; the first are shown."""
+    """The characters that agents of a LOD may show.
+
+    They are numbered from 0 through all groups.
+
+    posed: (G,) intp, the number of even phases at which a group is posed. 0 for a group with rigs:
+        it has one rig for each of its different rates and each class.
+    times: (G,) intp, how many sets of poses a group has, one after the other. More than 1 only in
+        builds from before there were rigs, which had poses for several paces; the first set is
+        shown.
+    """
 
     posed: np.ndarray
     times: np.ndarray | int = 1
 
     def first(self, gaits: Gaits) -> np.ndarray:
-        """(G + 1,) intp: where each group's begin, and where all end."""
+        """Return (G + 1,) intp: the index of each group's first character, and the total."""
         rigs = [gaits.classes * len(rates) for rates in gaits.distinct]
         return np.append(0, np.cumsum(np.where(self.posed > 0, self.posed * self.times, rigs)))
 
     def shown(self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray) -> np.ndarray:
-        """(m,) int32: which of them each of `agents` (m,) shows, `seconds` after frame 0."""
+        """Return (m,) int32: the index of the character that each agent shows.
+
+        seconds: time after frame 0.
+        agents: (m,) indices.
+        """
         group = crowd.group[agents]
         number = gaits.which[group, crowd.pace[agents]] * gaits.classes + crowd.phase_class[agents]
         if self.posed.any():

@@ -1,8 +1,9 @@
-"""Skeletal animation of instances: joint frames as an array, interpolation, linear blend skinning (chapter section 1.5).
+"""Skeletal animation of instances by linear blend skinning (chapter section 1.5).
 
-An action is baked to `frames`, (F, J, 3, 4) float32: for each of F even steps over the action, the last one included,
-and each of J joints the affine matrix that takes points of the mesh's own space to the posed character, whose origin
-stands on the ground. The shaders do the same as the functions here, on the same arrays.
+An action is baked to `frames`, (F, J, 3, 4) float32, at F even steps over the action, the last one
+included. For each of the J joints a frame holds the affine matrix from the mesh's own space to the
+posed character, whose origin stands on the ground.
+The shaders do the same as the functions here, on the same arrays.
 """
 
 from dataclasses import dataclass
@@ -16,12 +17,16 @@ INFLUENCES = 4  # joints that a vertex follows at most
 
 @dataclass(frozen=True)
 class SkinnedMesh:
-    """A LOD of a whole character, all its objects in one.
+    """A LOD of a whole character, all its objects in one mesh.
 
-    points, normals: (v, 3) float32, in the space that its joints take to the character's. joints: (v, INFLUENCES) uint16;
-    weights: (v, INFLUENCES) float32, strongest first, each row sums to 1. uvs: (v, 2) float32. colours: (v, 3) float32,
-    linear base colour. layers: (v,) float32, the image that takes the colour's place, -1 for none. triangles: (t, 3) uint32.
-    closed: whether its back faces are never seen from outside.
+    points, normals: (v, 3) float32, in the space that the joint matrices take to the character's.
+    joints: (v, INFLUENCES) uint16.
+    weights: (v, INFLUENCES) float32, strongest first; each row sums to 1.
+    uvs: (v, 2) float32.
+    colours: (v, 3) float32, linear base color.
+    layers: (v,) float32, the image that replaces the color, -1 for none.
+    triangles: (t, 3) uint32.
+    closed: whether back faces are never seen from outside.
     """
 
     points: np.ndarray
@@ -36,7 +41,7 @@ class SkinnedMesh:
 
 
 def merge(meshes: list[SkinnedMesh]) -> SkinnedMesh:
-    """One mesh of several that share their joints."""
+    """Return one mesh made of several that share their joints."""
     first = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
     names = ("points", "normals", "joints", "weights", "uvs", "colours", "layers")
     columns = {name: np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in names}
@@ -45,8 +50,13 @@ def merge(meshes: list[SkinnedMesh]) -> SkinnedMesh:
 
 
 def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
-    """Whether each connected part of the surface has no border and its faces outwards: then what lies behind a back face
-    seen from outside lies behind a front face too. points: (n, 3); triangles: (t, 3) indices, counter-clockwise."""
+    """Return whether the back faces of a surface are never seen from outside.
+
+    That holds if each connected part has no border and faces outward: seen from outside, a point
+    behind a back face is then behind a front face, too. It holds without triangles.
+    points: (n, 3).
+    triangles: (t, 3) indices, counter-clockwise.
+    """
     if not len(triangles):
         return True
     n = np.int64(len(points))
@@ -60,8 +70,12 @@ def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
 
 
 def strongest(weights: np.ndarray, influences: int = INFLUENCES) -> tuple[np.ndarray, np.ndarray]:
-    """(columns (v, influences) uint16, weights (v, influences) float32) of the strongest weights, not increasing and
-    summing to 1, of `weights` (v, k), none below 0. A row without weights gets zeros."""
+    """Return the strongest weights of each vertex, and their columns.
+
+    weights: (v, k), none below 0.
+    Returns (columns (v, influences) uint16, weights (v, influences) float32). Weights are in
+    decreasing order and sum to 1. A row without weights gets zeros.
+    """
     v, k = weights.shape
     padded = np.zeros((v, max(k, influences)), np.float32)
     padded[:, :k] = weights
@@ -73,8 +87,12 @@ def strongest(weights: np.ndarray, influences: int = INFLUENCES) -> tuple[np.nda
 
 
 def pose(frames: np.ndarray, phase: np.ndarray) -> np.ndarray:
-    """Joint matrices (n, J, 3, 4) float32 of agents at `phase` (n,) float32 in [0, 1): the two frames about each phase,
-    mixed linearly as matrices."""
+    """Return the joint matrices (n, J, 3, 4) float32 of agents at `phase`.
+
+    The two frames about a phase are mixed linearly, as matrices.
+    frames: (F, J, 3, 4) float32, the baked action.
+    phase: (n,) float32 in [0, 1).
+    """
     at = phase * np.float32(len(frames) - 1)
     first = np.clip(at.astype(np.intp), 0, max(len(frames) - 2, 0))
     second = np.minimum(first + 1, len(frames) - 1)
@@ -83,19 +101,29 @@ def pose(frames: np.ndarray, phase: np.ndarray) -> np.ndarray:
 
 
 def skin(mesh: SkinnedMesh, joints: np.ndarray) -> np.ndarray:
-    """Points (n, v, 3) float32 of the mesh in the character's space, for joint matrices (n, J, 3, 4) from `pose`."""
+    """Return the points (n, v, 3) float32 of the mesh in the character's space.
+
+    joints: (n, J, 3, 4), joint matrices from `pose`.
+    """
     blended = np.einsum("vi,nvijk->nvjk", mesh.weights, joints[:, mesh.joints])
     return np.einsum("nvjk,vk->nvj", blended[..., :3], mesh.points) + blended[..., 3]
 
 
 def stance(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> np.ndarray:
-    """Rotations (n, 3, 3) float64 from the character's space to the world: Rz(heading) Ry(-pitch) Rx(roll) Rz(turn), as
-    the node group of the build turns its instances. All angles in radians, (n,) but for `turn`."""
+    """Return rotations (n, 3, 3) float64 from the character's space to the world.
+
+    Rz(heading) Ry(-pitch) Rx(roll) Rz(turn), as the build's node group turns its instances.
+    heading, pitch, roll: (n,) radians.
+    turn: radians, the same for all.
+    """
     return _about(2, heading) @ _about(1, -pitch) @ _about(0, roll) @ _about(2, np.array([turn]))
 
 
 def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> tuple[np.ndarray, np.ndarray]:
-    """The x and the y axis, (n, 3) float32 each, of the rotations of `stance`, in a fraction of its time."""
+    """Return the x axes and the y axes of the rotations of `stance`.
+
+    Each is (n, 3) float32. Takes a fraction of the time of `stance`, with the same arguments.
+    """
     cos, sin = np.cos(heading), np.sin(heading)
     both: np.ndarray = np.zeros((2, len(heading), 3), np.float32)
     ahead, left = both
@@ -110,7 +138,7 @@ def axes(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) 
 
 
 def _about(axis: int, angle: np.ndarray) -> np.ndarray:
-    """Rotations (n, 3, 3) float64 about a coordinate axis."""
+    """Return rotations (n, 3, 3) float64 about a coordinate axis."""
     cos, sin = np.cos(angle, dtype=np.float64), np.sin(angle, dtype=np.float64)
     turned = np.zeros((len(angle), 3, 3))
     i, j = (axis + 1) % 3, (axis + 2) % 3

@@ -1,4 +1,4 @@
-"""Agents at the borders of the map's cells, and at the map's own: where a step is cut (behaviour.advance)."""
+"""Cut steps at the borders of map cells and of the map (for behaviour/step.py)."""
 
 import numpy as np
 
@@ -13,11 +13,15 @@ MANY_PIECES = 8
 
 
 def _borders(x, y, column, row, velocity, world: LabelMap, past=0):
-    """Of the cells column, row (c,), the borders ahead of agents at x, y with `velocity` (2, c); `past` (2, c): those behind so
-    many more cells.
+    """Return the cell borders that agents in the cells column, row (c,) walk toward.
 
-    Each (2, c), x and y: place; cell, the last before the border; way, -1, 0 or 1; the cell beyond; whether that is off the
-    map; the border.
+    x, y: (c,) world metres.
+    velocity: (2, c) m/s.
+    past: (2, c), cells beyond the agent's own that it may pass before the border, along x and y.
+
+    Returns six arrays (2, c), each along x and y: the position; the last cell before the border;
+    the direction -1, 0 or 1; the cell behind the border; whether that cell is off the map; the
+    border's coordinate.
     """
     place, cell = np.array((x, y)), np.array((column, row))
     size = np.array(world.cell)[:, None]
@@ -30,15 +34,23 @@ def _borders(x, y, column, row, velocity, world: LabelMap, past=0):
 
 
 def on_border(x, y, column, row, velocity, world: LabelMap, edge: str) -> np.ndarray:
-    """Whether agents stand on the border ahead, (c,); arguments as in `_borders`."""
+    """Return whether agents stand on the border that they walk toward, (c,) bool.
+
+    Arguments as in `_borders`. With the edge policy "clamp" the map's own border does not count.
+    """
     place, _, way, _, out, border = _borders(x, y, column, row, velocity, world)
     touches = np.abs(border - place) <= 4 * np.spacing(np.abs(border) + np.abs(place))
     return (touches & (way != 0) & ~(out & (edge == "clamp"))).any(axis=0)
 
 
 def past(column, row, velocity, span, world: LabelMap) -> np.ndarray:
-    """(2, c) intp: how many cells beyond their own, along x and y, agents that walk on for `span` (c,) may pass before they come
-    to another label; arguments as in `_borders`. 0 for those who hardly get as far as that."""
+    """Return how many cells agents may pass before they reach another label.
+
+    Arguments as in `_borders`; span: (c,) seconds that the agents walk on.
+
+    Returns (2, c) intp, cells beyond the agent's own along x and y; 0 for agents that walk no more
+    than FAR cells in `span`.
+    """
     vx, vy = velocity
     at, way = row * world.labels.shape[1] + column, (vx > 0, vy > 0)
     found = np.zeros((2, len(at)), np.intp)
@@ -54,11 +66,13 @@ def past(column, row, velocity, span, world: LabelMap) -> np.ndarray:
 
 
 def to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str, past):
-    """Agents that leave their cell within `span`, taken to its border, or through cells of their label to one `past` others, as
-    far as they come; arguments as in `_borders`.
+    """Move agents that leave their cell within `span` to the border of that cell.
 
-    Gives the seconds taken, x, y, column, row of the cell entered, the bits of `mirror` that the map's edge flips, and how many
-    borders were crossed before the last, each (c,).
+    Arguments as in `_borders`, and past: (2, c), from `past`. An agent with `past` walks on through
+    cells of its own label, to the border behind them or as far as `span` lets it.
+
+    Returns, each (c,): the seconds taken; x; y; column and row of the cell entered; the bits of
+    `mirror` that the map's edge flips; the number of borders crossed before the last one.
     """
     place, cell, way, beyond, out, border = _borders(x, y, column, row, velocity, world, past)
     own = np.array((column, row))
@@ -73,7 +87,8 @@ def to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str, pas
     ends = past.any(axis=0) & (time.min(axis=0) > span)  # among cells of its label
     if past.any():
         at = (place - np.array([[world.area.x_min], [world.area.y_min]])) / np.array(world.cell)[:, None]
-        # who is on a border has crossed it only if that is the one in x, and the way ends at one in y
+        # who is on a border has crossed it only if that is the one in x, and the way ends at one in
+        # y
         at = np.where((way > 0) == ((axis == 1) & ~ends), np.floor(at), np.ceil(at) - 1).astype(np.intp)
         last, cell = cell, np.clip(at, np.minimum(own, cell), np.maximum(own, cell))
         cell[axis, one] = np.where(ends, cell, last)[axis, one]
@@ -91,18 +106,26 @@ def to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str, pas
 
 
 def same_beside(column, row, to_column, to_row, world: LabelMap) -> np.ndarray:
-    """(c,) bool: whether the cells to_column, to_row (c,) lie at a side of column, row (c,), and bear the same label."""
+    """Return whether two cells share a side and have the same label, (c,) bool.
+
+    column, row: (c,), the first cells.
+    to_column, to_row: (c,), the second cells.
+    """
     beside = np.abs(to_column - column) + np.abs(to_row - row) == 1
     return beside & (world.labels[row, column] == world.labels[to_row, to_column])
 
 
 def outside(x: np.ndarray, y: np.ndarray, area: Area) -> np.ndarray:
-    """Whether places x, y (n,) lie outside the area, (n,) bool."""
+    """Return whether the positions x, y (n,) lie outside the area, (n,) bool."""
     return (x < area.x_min) | (x > area.x_max) | (y < area.y_min) | (y > area.y_max)
 
 
 def leaves_map(x: np.ndarray, y: np.ndarray, velocity: np.ndarray, area: Area) -> np.ndarray:
-    """Whether agents at x, y (m,) on the area's border, or beyond it, would move outwards at `velocity` (2, m)."""
+    """Return whether agents would move off the map, (m,) bool.
+
+    x, y: (m,) world metres, on the area's border or beyond it; agents inside give False.
+    velocity: (2, m) m/s.
+    """
     vx, vy = velocity
     return (
         ((x <= area.x_min) & (vx < 0)) | ((x >= area.x_max) & (vx > 0))
@@ -111,11 +134,19 @@ def leaves_map(x: np.ndarray, y: np.ndarray, velocity: np.ndarray, area: Area) -
 
 
 def rounds(now: np.ndarray, met: np.ndarray, agents: np.ndarray, idle: np.ndarray, patience: int) -> np.ndarray:
-    """Border crossings (c,) int32 that need not be done one by one: whole rounds of agents that are where they were.
+    """Return how many pieces agents can skip in whole rounds, (c,) int32.
 
-    now: (7, c), all that the way of `agents` (c,) depends on, and the seconds left, which some roundings use up; met: (7, n),
-    the same of all agents at the first crossing of those in a row, `idle` (c,) of them so far, that made no progress. Of
-    `patience` at least one is left to be done.
+    An agent that is back in an earlier state without progress repeats the same pieces; whole
+    repetitions of them need not be computed.
+
+    now: (6, c), all that the way of `agents` depends on (x, y, state, column, row), and last the
+        seconds left, which rounding may reduce in a round.
+    met: (6, n), the same for all agents at the first of their pieces in a row without progress.
+        Updated here.
+    agents: (c,) indices into met.
+    idle: (c,) pieces in a row without progress so far.
+    patience: pieces without progress after which an agent stands. At least one of them is left to
+        be computed.
     """
     first, later = idle == 1, np.flatnonzero(idle > 1)
     met[:, agents[first]] = now[:, first]
@@ -130,24 +161,39 @@ def rounds(now: np.ndarray, met: np.ndarray, agents: np.ndarray, idle: np.ndarra
 
 
 class Rounds:
-    """Agents in one step who are where they were go on in whole rounds; who takes ever more pieces to get nowhere stands.
+    """Finds agents that repeat the same pieces within a step, to skip whole rounds.
 
-    What they are compared with is the last of their pieces whose number is a power of two (Brent 1980), so that rounds of any
-    number of pieces are found; as far as rounding lets them come back. most: pieces that a step has for an agent, and about as
-    many more for each cell that it walks.
+    An agent that takes ever more pieces without getting anywhere stands until the step ends.
+
+    An agent's state is compared with its state after the last piece whose number is a power of two
+    (Brent 1980). This finds rounds of any number of pieces, as far as rounding lets agents return
+    to the same place.
+
+    most: pieces that an agent may take in a step, plus about as many for each cell that it walks.
+    area: the map's area; its largest coordinate gives the rounding per border, metres.
     """
 
     def __init__(self, most: int, area: Area):
         self.most, self.since = most, 0
-        self.rounding = 4 * np.spacing(np.abs((area.x_min, area.y_min, area.x_max, area.y_max)).max())  # metres a border
+        # metres a border
+        self.rounding = 4 * np.spacing(np.abs((area.x_min, area.y_min, area.x_max, area.y_max)).max())
 
     def piece(self, pieces: int, now: np.ndarray | None, rest: np.ndarray, gone: np.ndarray) -> tuple:
-        """After so many `pieces`, of which none is left out from MANY_PIECES on: (times, seconds, round, caught, stands): how often
-        agents go their round within `rest`, (k,), the seconds that one takes, (k,), and what is `gone` in it, (2, k); who gets
-        nowhere, (k,) bool, and of these who stands.
+        """Return what repeats after so many `pieces`.
 
-        now: (6, k), all that their way depends on, x and y first, None where it depends on chance or timers; rest: (k,), the seconds left;
-        gone: (2, k), the cells that they walked, and their reads of the table in the last piece.
+        Call it for each piece from MANY_PIECES on.
+
+        now: (6, k), all that the agents' way depends on, x and y first; None if it depends on
+            chance or timers.
+        rest: (k,) seconds left.
+        gone: (2, k), the cells walked and the table reads in the last piece.
+
+        Returns (times, seconds, round, caught, stands):
+        times: (k,), how many whole rounds fit into `rest`.
+        seconds: (k,), the duration of one round.
+        round: (2, k), `gone` summed over one round.
+        caught: (k,) bool, agents that get nowhere.
+        stands: (k,) bool, those of them that stand from now on.
         """
         count, marks = pieces - self.since, not pieces & (pieces - 1)
         times, took = np.zeros((2, len(rest)))
@@ -165,6 +211,6 @@ class Rounds:
         return times, took, whole, caught, stands
 
     def keep(self, goes: np.ndarray) -> None:
-        """Forget the agents who do not go on, goes (k,) bool."""
+        """Drop the agents that do not go on; goes: (k,) bool."""
         self.had, self.gone = self.had[goes], self.gone[:, goes]
         self.met = None if self.met is None else self.met[:, goes]

@@ -1,4 +1,4 @@
-"""How many cells of the map a state machine moves in one step, and that these are not too many."""
+"""The Courant number: how many map cells a state machine moves in one step."""
 
 import numpy as np
 
@@ -11,13 +11,19 @@ MOST_CELLS = 65_536
 
 
 def courant(machine: StateMachine, world: LabelMap, seconds: float) -> np.ndarray:
-    """(S, L) float64: the cell borders that each state on each label crosses in `seconds`, along x and y together."""
+    """Return the cell borders crossed in `seconds`, (S, L) float64: state, label.
+
+    Borders along x and y are added.
+    """
     with np.errstate(over="ignore"):
         return np.abs(machine.velocity / np.array(world.cell)).sum(axis=2) * seconds
 
 
 def check_speeds(machine: StateMachine, world: LabelMap, seconds: float) -> None:
-    """CrowdError names the state and the label if the table moves more than MOST_CELLS cells in `seconds`."""
+    """Raise CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
+
+    The error names the state and the label.
+    """
     cells = courant(machine, world, seconds)
     s, label = np.unravel_index(cells.argmax(), cells.shape)
     if not cells[s, label] <= MOST_CELLS:

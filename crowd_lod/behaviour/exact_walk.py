@@ -1,15 +1,19 @@
-"""The exact walk, and what is measured against it: order of convergence, drift, and agents in trouble.
+"""The exact walk, and measures against it: convergence, drift, agents in trouble.
 
-Between two cell borders an agent walks straight at a constant velocity, so its way is piecewise linear and known exactly.
-The exact walk is what listing 1.1 tends to as its steps become short: an agent reads the table until its state no
-longer changes, and only then walks to the next border; between two reads it moves not at all, but for this: if a
-rule heads out over the border that it stands on, as that of a wall does, it is out. A step (behaviour/step.py) reads once in each
-piece, so the two agree, but for rounding, wherever a rule moves as the state that it leads to does; elsewhere an agent keeps
-the rule's own velocity for at most a step, and the error is of first order in the step.
+Between two cell borders an agent walks straight at constant velocity, so its way is piecewise
+linear and known exactly. The exact walk is the limit of listing 1.1 for ever shorter steps. An
+agent reads the table until its state no longer changes, then walks to the next border. Between two
+reads it does not move, with one exception: a rule that heads out over the border on which the agent
+stands, as a wall's rule does, moves it out.
 
-Some tables have no limit: one that turns an agent a little at each read, first further in and then out again (the plaza's,
-along its houses), lets it out after one read more or less, depending on where in a step it came to the border, however
-short the step. The exact walk takes the first way out. Such agents are as far apart with any step: see `apart`.
+A step (behaviour/step.py) reads once in each piece. So the two agree, up to rounding, wherever a
+rule moves as the state that it leads to. Elsewhere an agent keeps the rule's own velocity for at
+most a step, and the error is of first order in the step.
+
+Some tables have no limit. One that turns an agent a little at each read, first further in and then
+out again (the plaza's, along its houses), lets the agent out after one read more or less, depending
+on where in a step it reached the border, however short the step. The exact walk takes the first way
+out. Such agents are equally far apart with any step: see Convergence.apart.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,21 +29,26 @@ from .step import advance, step
 
 
 def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float):
-    """(crowd, chatters) `seconds` later, exact but for the rounding of float64, a few units in the last place a border.
+    """Return (crowd, chatters) `seconds` later, exact up to the rounding of float64.
 
-    chatters: (n,) bool, agents that came to a place where the table changes their state for ever and time cannot go on:
-    to and fro over a border, or in a cycle on one label. They stay there; their state is any of those they change
-    between, and their place is not a limit of the steps' if the states of a cycle move them on. (With random choices
-    a long enough row of changes counts as for ever.) So do agents between walls that leave them next to no room, where
-    they touch at a corner: they go to and fro there in equal rounds, or stand (borders.Rounds).
+    The error is a few units in the last place per border.
+
+    chatters: (n,) bool, agents whose state the table changes for ever in one place, so that time
+        cannot go on: to and fro over a border, or in a cycle on one label. They stay there. Their
+        state is any of those in the cycle. If the states of a cycle move agents, their place is not
+        a limit of the steps' places. With random choices, a long enough row of changes counts as
+        for ever. Agents between walls that touch at a corner and leave nearly no room are included:
+        they go to and fro there in equal rounds, or stand (cell_borders.Rounds).
     """
     moved, tally = advance(crowd, machine, world, seconds, exact=True)
     return moved, tally.held
 
 
 def listing(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> Crowd:
-    """Listing 1.1 to the letter: one read and one move of any length, walls or not; clamped to the map. It knows no
-    timers. For comparison only."""
+    """Return the crowd after one step of listing 1.1 to the letter, for comparison.
+
+    One read and one move of any length, through walls too, clamped to the map, without timers.
+    """
     label = world.at(crowd.x, crowd.y)
     velocity, area = machine.velocity[crowd.state, label], world.area
     x = np.clip(crowd.x + velocity[:, 0] * seconds, area.x_min, area.x_max)
@@ -49,8 +58,13 @@ def listing(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
 
 @dataclass(frozen=True)
 class Convergence:
-    """Error of stepping against the exact walk. dt: (k,) seconds; median, mean, worst: (k,) metres over the agents
-    compared; apart: (k,) the share of them that ended more than a cell's diagonal away; agents: how many are compared."""
+    """The error of stepping against the exact walk.
+
+    dt: (k,) seconds.
+    median, mean, worst: (k,) metres, over the agents compared.
+    apart: (k,), the share of these agents that end more than a cell's diagonal away.
+    agents: the number of agents compared.
+    """
 
     dt: np.ndarray
     median: np.ndarray
@@ -61,8 +75,10 @@ class Convergence:
 
     @property
     def order(self) -> float:
-        """The slope of log error against log dt, least squares over the mean errors above rounding; nan if there are
-        not two."""
+        """Return the order of convergence: the slope of log error against log dt.
+
+        Least squares over the mean errors above rounding; NaN with fewer than two of them.
+        """
         real = self.mean > 1e-9
         return float(np.polyfit(np.log(self.dt[real]), np.log(self.mean[real]), 1)[0]) if real.sum() > 1 else np.nan
 
@@ -75,7 +91,10 @@ def convergence(
     steps: Sequence[int] = (16, 32, 64, 128, 256, 512),
     method: Callable[..., Crowd] = step,
 ) -> Convergence:
-    """Position error after `seconds` in so many equal `steps` of `method` (`step` or `listing`), against the exact walk.
+    """Measure the position error after `seconds` against the exact walk.
+
+    steps: numbers of equal steps to try.
+    method: `step` or `listing`.
 
     Agents that chatter are left out. On a map that wraps, the shorter way round counts.
     """
@@ -96,17 +115,19 @@ def convergence(
 def drift(
     dtype=np.float64, steps: int = 1_000_000, agents: int = 64, seconds: float = 1 / 24, offset: float = 0.0, seed: int = 0
 ) -> tuple[float, float]:
-    """(mean, worst) position error in metres after `steps` steps with positions kept in `dtype`, against exact sums.
+    """Return (mean, worst) position error in metres after `steps` steps in `dtype`.
 
-    The agents walk straight for 1,000 steps at a time, at 0.5 to 2 m/s drawn anew for each stretch, to and fro within
-    some 100 m of `offset`. Each step rounds x + v dt once, as `step` does; the exact sum of the same v dt rounds never.
+    The reference is the exact sum. The agents walk straight for 1,000 steps at a time, at 0.5 to 2
+    m/s drawn anew for each stretch, to and fro within some 100 m of `offset`. Each step rounds x +
+    v dt once, as `step` does; the exact sum of the same v dt never rounds.
 
     After 1e6 steps (11.6 hours at 24 frames a second), mean and worst of 64 agents:
         float64   at the origin 2.9e-11 and 7.6e-11 m   at 10 km 1.4e-8 and 4.1e-8 m
         float32   at the origin 0.013 and 0.045 m       at 10 km 7.4 and 21.8 m
-    So positions are float64: float32 would save 12 of 51 bytes an agent, and lose centimetres at the origin and the whole
-    scene far from it. In float64 the error is far below a pixel of any picture, so nothing is gained by keeping the start
-    and the time of every straight stretch besides, to form start + velocity * time instead of the sum.
+    So positions are float64. Float32 would save 12 of 49 bytes an agent, and lose centimeters at
+    the origin and the whole scene far from it. The float64 error is far below a pixel of any
+    picture, so storing the start and time of every straight stretch, to form start + velocity *
+    time, would gain nothing.
     """
     random = np.random.default_rng(seed)
     x = (offset + random.uniform(-25, 25, agents)).astype(dtype)
@@ -126,9 +147,12 @@ def drift(
 class Trouble:
     """Agents that the table and the map have caught.
 
-    kind: "chatters", the state changes for ever and the agent gets nowhere, or next to; or "stuck", it stands for good in a state
-    that walks elsewhere. agents: (k,) intp. x, y: (p,) float64, the middles of the map's cells where they are, world
-    metres; column, row: (p,) intp, those cells, row 0 at y_min; counts: (p,) agents in each, the most first.
+    kind: "chatters": the state changes for ever and the agent gets nowhere, or nearly so. "stuck":
+        the agent stands for good in a state that walks elsewhere.
+    agents: (k,) intp.
+    x, y: (p,) float64 world metres, centers of the map cells where the agents are.
+    column, row: (p,) intp, these cells; row 0 lies at y_min.
+    counts: (p,), agents in each cell, largest first.
     """
 
     kind: str
@@ -140,7 +164,7 @@ class Trouble:
     counts: np.ndarray
 
     def __str__(self) -> str:
-        says = {"chatters": "change state for ever and get nowhere", "stuck": "stand for good"}[self.kind]
+        says = {"chatters": "change state endlessly and stay in place", "stuck": "stand for good"}[self.kind]
         where = f"most of them ({self.counts[0]}) at" if len(self.counts) > 1 else "at"
         return (
             f"{len(self.agents)} agents {says}, {where} x {self.x[0]:.2f} m, y {self.y[0]:.2f} m "
@@ -149,11 +173,13 @@ class Trouble:
 
 
 def trouble(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float = 60.0) -> tuple[Trouble, ...]:
-    """The troubles that `crowd` is in, or walks into within `seconds`, each kind at most once; () if all is well.
+    """Return the troubles that `crowd` is in or walks into within `seconds`.
 
-    Both are read from the exact walk, so they are found with certainty, not guessed from a few frames. An agent is stuck
-    that neither moves, nor changes state, nor waits for a timer; those in a state that never moves and never ends, on
-    whatever label, rest there by design and are not counted.
+    Returns at most one Trouble of each kind, () if all is well.
+
+    Both kinds are read from the exact walk, so they are certain, not guessed from a few frames. A
+    stuck agent does not move, does not change state and does not wait for a timer. An agent in a
+    state that never moves and never ends, on any label, rests there by design and is not counted.
     """
     later, chatters = walk(crowd, machine, world, seconds)
     again, more = walk(later, machine, world, seconds / 60)

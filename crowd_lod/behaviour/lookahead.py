@@ -1,12 +1,13 @@
-"""Steps that need no look at the map: agents that walk straight on, known some steps ahead.
+"""Steps without a look at the map, for agents known to walk straight on.
 
-Until an agent comes to another label, to a corner of cells, or to the end of its timer, each step adds the same way to its
-place. For how many steps that is sure, is worked out once. While they last they are taken for all agents at once by a few
-additions, the same as those of behaviour.advance.
+Until an agent reaches another label, a corner of cells, or the end of its timer, each step adds the
+same displacement to its position. The number of such steps is computed once. While it lasts, a few
+additions step all agents at once, with the results of step.advance.
 
-Whose steps end is looked at: who only comes into the next cell of its label goes on, all others go the long way. As no agent
-looks at another, the long steps of several frames to come, each agent's at its own time, are made together, and kept until
-their frames: the calls that such a step takes cost more than its agents.
+When an agent's known steps end, it is looked at again. An agent that only enters the next cell of
+its label goes on; every other one takes the long step (step.advance). Agents do not look at each
+other, so the long steps of several coming frames, each agent's at its own time, are computed
+together and kept until their frames: the calls of such a step cost more than its agents.
 """
 
 from collections.abc import Callable
@@ -22,7 +23,8 @@ from .tabulated_step import BLOCK, Tables, mended, within
 
 # The most steps that are known ahead.
 MOST = 4095
-# Steps whose long ones are made together: the most of which no more than this part of the crowd makes one.
+# Steps whose long ones are made together: the most of which no more than this part of the crowd
+# makes one.
 TOGETHER, FEW = (16, 4), 1 / 16
 # Borders along x that agents who walk aslant are followed across, at most.
 CROSSED = 4
@@ -30,7 +32,8 @@ CROSSED = 4
 ROUNDS = 6
 # Where more than this part of a crowd makes a long step at a time, it is stepped faster as a whole.
 MANY = 0.25
-# Spacings of the map's largest coordinate by which a border counts as nearer than it is: more than MOST roundings of a place.
+# Spacings of the map's largest coordinate by which a border counts as nearer than it is: more than
+# MOST roundings of a place.
 SLACK = 8192
 # Part of a timer by which it counts as shorter than it is: more than MOST roundings to float64.
 TICK = 1e-12
@@ -38,8 +41,12 @@ TICK = 1e-12
 
 @dataclass(frozen=True)
 class Turn:
-    """The long steps of one frame. agents: (m,) intp, who makes one; after: (m,) of each column of the crowd that this changes;
-    case: (m,), what they do from then on."""
+    """The long steps of one frame.
+
+    agents: (m,) intp, the agents that make one.
+    after: column name -> (m,) values after the step, for the columns of Crowd that change.
+    case: (m,), the case of Tables that each agent follows from then on.
+    """
 
     agents: np.ndarray
     after: dict[str, np.ndarray]
@@ -51,8 +58,14 @@ NOBODY = Turn(np.empty(0, np.intp), {}, np.empty(0, np.intp))
 
 @dataclass(frozen=True)
 class Ahead:
-    """What is known of a crowd's next steps. case: (n,), what each agent does (within.Tables); steps: (n,) uint16, for how many
-    steps of so many `seconds` it surely does that and nothing else; turns: of the steps that come before those."""
+    """What is known of a crowd's next steps.
+
+    case: (n,), each agent's case, an index into Tables.
+    steps: (n,) uint16, for how many steps after those of `turns` the agent surely does this and
+        nothing else.
+    seconds: the length of a step.
+    turns: the long steps of the next frames, one Turn a frame.
+    """
 
     case: np.ndarray
     steps: np.ndarray
@@ -62,11 +75,12 @@ class Ahead:
 
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -> Ahead:
-    """What is known of the crowd's next steps, of those that the `tables` are for."""
+    """Return what is known of the crowd's next steps, as long as that of `tables`."""
     case, steps = np.empty(len(crowd), tables.number), np.empty(len(crowd), np.uint16)
     area, (rows, columns), (width, depth) = world.area, world.labels.shape, world.cell
     sides = (crowd.x, tables.x, area.x_min, width, columns), (crowd.y, tables.y, area.y_min, depth, rows)
-    # by less than a cell a step, agents go on through cells of the same label, in one row or in one column of them
+    # by less than a cell a step, agents go on through cells of the same label, in one row or in one
+    # column of them
     across, up, aside = np.abs(tables.x) < 0.99 * width, np.abs(tables.y) < 0.99 * depth, tables.x != 0
     through, slanting = (across, up & ~aside), across & up & aside & (tables.y != 0)
     heading = tables.heading.view(np.int32)  # 0.0 and -0.0 are two
@@ -82,7 +96,8 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
             rooms.append(np.abs(low + (cell + (by > 0)) * size - place) - slack)
             room = rooms[-1] + size * on.take(of) * runs.take((by > 0) * runs.shape[1] + at_cell, mode="clip")
             np.minimum(least, room / np.abs(by), where=by != 0, out=least)
-            bad |= ~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))  # -0.0 + 0.0 is another
+            # -0.0 + 0.0 is another
+            bad |= ~((cell >= 0) & (cell < count)) | ((place == 0) & np.signbit(place))
         some = slanting.take(of).nonzero()[0]
         if len(some):
             ways = np.array([tables.x, tables.y])[:, of[some]]
@@ -98,10 +113,15 @@ def look(crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables) -
 
 
 def _across(rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: LabelMap, slack: float) -> np.ndarray:
-    """For how many steps (m,) agents that walk aslant surely stay among cells of their own label, and never go through a corner.
+    """Return for how many steps agents that walk aslant stay in their label, (m,).
 
-    rooms: (2, m), metres to the borders ahead along x and y; ways: (2, m), those of a step; at_cell: (m,), of the flat map. Both
-    borders are crossed in one step only where an agent comes to them less than a step apart.
+    In these steps no agent goes through a corner of cells. Both borders are crossed in one step
+    only where an agent reaches them less than a step apart.
+
+    rooms: (2, m) metres to the borders ahead, along x and y.
+    ways: (2, m) metres of a step.
+    at_cell: (m,) indices into the flat map.
+    slack: metres by which a border counts as nearer.
     """
     (width, depth), pace = world.cell, np.abs(ways)
     square = world.squares.reshape(-1).take((2 * (ways[1] > 0) + (ways[0] > 0)) * world.labels.size + at_cell, mode="clip") - 1.0
@@ -121,8 +141,12 @@ def _across(rooms: np.ndarray, ways: np.ndarray, at_cell: np.ndarray, world: Lab
 def opened(
     crowd: Crowd, ahead: Ahead, machine: StateMachine, world: LabelMap, tables: Tables, way: Callable[[Crowd], Crowd]
 ) -> Ahead | None:
-    """What is known of the crowd's next steps, with some `turns`, where there were none left; None if too many agents make long
-    steps. way: makes a step of the `tables` for agents of whom nothing is known."""
+    """Return `ahead` with new `turns`, where none were left.
+
+    Returns None if too many agents make long steps.
+
+    way: makes a step of the `tables` for agents of which nothing is known.
+    """
     for count, part in *((count, FEW) for count in TOGETHER), (1, MANY):
         ends = ahead.steps < count
         if np.count_nonzero(ends) <= part * len(crowd):
@@ -138,7 +162,8 @@ def opened(
         moved = mended(moved, some, rest, way)
         turns = moved.heading.view(np.int32) != some.heading.view(np.int32)
         turns[rest] = True
-        for name, by in (("x", tables.x), ("y", tables.y)):  # the map's border may have stopped them, or a zero lost its sign
+        # the map's border may have stopped them, or a zero lost its sign
+        for name, by in (("x", tables.x), ("y", tables.y)):
             old, new = getattr(some, name), getattr(moved, name)
             straight = old + by.take(case) if name in tables.changing else old
             turns |= straight.view(np.int64) != new.view(np.int64)
@@ -150,7 +175,8 @@ def opened(
         until[agents] = when
         again = np.flatnonzero(when < count)
         agents, some, case, at, when = agents[again], moved.of(again), there.case[again], at[again], when[again]
-    if len(agents):  # up to the first end of what is known; those made that come later are forgotten
+    # up to the first end of what is known; those made that come later are forgotten
+    if len(agents):
         count = int(when.min())
         for late, who, *_ in reversed(made):
             until[who[late >= count]] = late[late >= count]
@@ -158,8 +184,12 @@ def opened(
 
 
 def onward(crowd: Crowd, ahead: Ahead, tables: Tables, way: Callable[[Crowd], Crowd]) -> tuple[Crowd, Ahead | None]:
-    """(crowd, what is known of it then) a step of the `tables` later, which is as long as those that are known `ahead`, or
-    shorter: then nothing is known after it. way: makes that step for agents of whom nothing is known."""
+    """Return (crowd, Ahead) one step of the `tables` later.
+
+    The step is as long as those of `ahead`, or shorter; after a shorter one the Ahead is None.
+
+    way: makes this step for agents of which nothing is known.
+    """
     turn, *turns = ahead.turns
     columns = {name: np.empty_like(getattr(crowd, name)) for name in tables.changing}
     _go_on(crowd, ahead.case, tables, columns)
@@ -177,8 +207,11 @@ def onward(crowd: Crowd, ahead: Ahead, tables: Tables, way: Callable[[Crowd], Cr
 
 
 def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ...]:
-    """The turns of `count` steps. made: (when (k,), agents (k,), these before and after it, what they do then (k,)); changing:
-    columns that steps known ahead change."""
+    """Return the turns of `count` steps, one Turn a step.
+
+    made: tuples (step (k,), agents (k,), Crowd before, Crowd after, case from then on (k,)).
+    changing: columns that steps known ahead change.
+    """
     when, agents, case = (np.concatenate([each[k] for each in made]) for k in (0, 1, 4))
     order = np.argsort(when, kind="stable")
     ends = np.searchsorted(when[order], np.arange(count + 1)).tolist()
@@ -195,7 +228,7 @@ def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ..
 
 
 def _on(crowd: Crowd, case: np.ndarray, steps: np.ndarray, tables: Tables) -> Crowd:
-    """The crowd after so many `steps` (n,) of the `tables`, each agent's own, of which all are known."""
+    """Return the crowd after `steps` (n,), each agent's own number of known steps."""
     order = np.argsort(-steps, kind="stable")
     crowd, case, steps = crowd.of(order), case[order], steps[order]
     for count in np.searchsorted(-steps, -np.arange(steps.max()), side="left").tolist():
@@ -207,7 +240,10 @@ def _on(crowd: Crowd, case: np.ndarray, steps: np.ndarray, tables: Tables) -> Cr
 
 
 def _go_on(crowd: Crowd, cases: np.ndarray, tables: Tables, into: dict[str, np.ndarray]) -> None:
-    """Put the columns that a step of the `tables` changes `into` those of the same name, right for whom that step is known."""
+    """Write the columns that a step of the `tables` changes to `into`.
+
+    The values are right only for agents whose step is known.
+    """
     for at in range(0, len(crowd), BLOCK):
         block = slice(at, at + BLOCK)
         case = cases[block].astype(np.intp)

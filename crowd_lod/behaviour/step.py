@@ -1,17 +1,19 @@
-"""Behaviour: agents step through the state machine over the labelled map (chapter listing 1.1).
+"""Behavior: agents step through the state machine on the label map (listing 1.1).
 
-The listing, exactly: an agent reads the label under it; its next state and its velocity are both those of the OLD state
-and that label; it moves. A step of an agent that stays in its cell is that and nothing more: one read, one move. So is a
-step into the cell at its side, if that bears the same label.
+One read, one move: an agent reads the label under it. The OLD state and that label give both its
+next state and its velocity. It moves. A step that stays in one cell is exactly this. So is a step
+into a neighbor cell that shares a side and has the same label.
 
-Any other step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987), and each piece is the
-listing again, with the label of the cell just entered. So no cell on an agent's way goes unread, however fast it is:
-substeps follow from the Courant number of each agent alone. When both borders are reached at once the one in x is crossed
-first. The way therefore leads from side to side of cells, never through a corner, and passes no wall, not even one whose
-cells touch at their corners only. A timer that ends within a step cuts it too.
+Every other step that would leave the cell is cut at the cell's border (Amanatides and Woo 1987).
+Each piece is the listing again, with the label of the cell just entered. So no cell on an agent's
+way goes unread, at any speed: the substeps follow from the Courant number of each agent alone. If
+both borders are reached at once, the border in x is crossed first. So the way leads through the
+sides of cells, never through a corner, and passes no wall, not even one whose cells touch only at
+their corners. A timer that ends within a step cuts it too.
 
-What a step may cost is bounded: cells of one label are passed at once, an agent that comes back to where it was goes on in
-whole rounds, and one that turns ever more often to get nowhere stands until the step ends (borders.Rounds).
+The cost of a step is bounded. Cells of one label are passed at once. An agent that returns to an
+earlier state skips whole rounds. An agent that turns ever more often without getting anywhere
+stands until the step ends (cell_borders.Rounds).
 """
 
 from dataclasses import dataclass, replace
@@ -28,11 +30,12 @@ from . import cell_borders
 from .courant_number import check_speeds
 from .tabulated_step import Tables, mended, within
 
-# An agent that crosses HOLD borders in a row without progress is sent to and fro by the table; it stands until the step ends.
-# (In a dead end random turns need several.)
+# An agent that crosses HOLD borders in a row without progress is sent to and fro by the table; it
+# stands until the step ends. (In a dead end random turns need several.)
 HOLD = 32
-# Times as many pieces of its way has an agent in a step, and about as many more for each cell that it walks: it is caught where
-# walls leave it next to no room, as those do that touch at a corner, and if it does not go to and fro in equal rounds it stands.
+# Times as many pieces of its way has an agent in a step, and about as many more for each cell that
+# it walks: it is caught where walls leave it next to no room, as those do that touch at a corner,
+# and if it does not go to and fro in equal rounds it stands.
 MOST_TURNS = 8
 # A crowd of fewer agents is stepped faster as a whole than in two ways.
 FEW_AGENTS = 3000
@@ -40,9 +43,13 @@ FEW_AGENTS = 3000
 
 @dataclass(frozen=True)
 class Tally:
-    """What one advance took. reads: how often the table was read, over all agents; held: (n,) bool, agents that the table
-    sent to and fro without progress, or next to none: they may have stood for part of it. pieces: of the way of the agent
-    that took most, but those gone in whole rounds."""
+    """The cost of one `advance`.
+
+    reads: table reads, summed over all agents.
+    held: (n,) bool, agents that the table sent to and fro with no progress, or nearly none. They
+        may have stood for part of the step.
+    pieces: pieces of the agent that took most, without those skipped in whole rounds.
+    """
 
     reads: int
     held: np.ndarray
@@ -57,12 +64,16 @@ def step(
     leave: frozenset[LeftOut] = NOTHING,
     tables: Tables | None = None,
 ) -> Crowd:
-    """The crowd `seconds` later, by one step of listing 1.1 cut at the cells' borders.
+    """Return the crowd `seconds` later, by listing 1.1 cut at the cell borders.
 
-    Agents that reach the map's edge meet the machine's policy: `clamp` slides
-    along it, `stop` stands, `wrap` goes on at the other side, `reflect` goes on mirrored until the state changes.
-    leave: what of it to leave out, from lean.needless. tables: those of the step, if they are made.
-    CrowdError if the table moves more than MOST_CELLS cells in `seconds`.
+    At the map's edge the machine's policy decides: `clamp` slides along it, `stop` stands, `wrap`
+    goes on at the other side, `reflect` goes on mirrored until the state changes.
+
+    leave: parts to leave out, from leave_outs.needless.
+    tables: the tables of this step, if they exist already; their maker has checked the speeds.
+
+    Raises CrowdError if `tables` is None and the table moves more than courant_number.MOST_CELLS
+    cells in `seconds`.
     """
     if tables is None:
         check_speeds(machine, world, seconds)
@@ -73,8 +84,13 @@ def step(
 
 
 def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, exact=False, leave=NOTHING):
-    """(crowd, Tally) `seconds` later. `exact` is the limit of ever shorter steps: an agent whose state changes moves no
-    further than out of the cell on whose border it stands, and reads the table again (behaviour/exact_walk.py)."""
+    """Return (crowd, Tally) `seconds` later, every agent stepped piece by piece.
+
+    exact: take the limit of ever shorter steps. An agent whose state changes then moves no further
+        than out of the cell on whose border it stands, and reads the table again
+        (behaviour/exact_walk.py).
+    leave: parts to leave out, from leave_outs.needless.
+    """
     area = world.area
     x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
     heading, state = crowd.heading.copy(), crowd.state.copy()
@@ -82,7 +98,8 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
     draws, reflects = machine.timed or machine.chancy, machine.edge == "reflect"
     key = key.copy() if draws else key
     mirror = mirror.copy() if reflects else mirror
-    # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it goes on, it has met one twice
+    # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it goes
+    # on, it has met one twice
     patience = 4 * len(machine.states) + 4 if exact else HOLD
     held, reads = np.zeros(len(x), bool), 0
     # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
@@ -128,10 +145,12 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
         if machine.edge != "clamp":
             leaves |= cell_borders.outside(to_x, to_y, area)
         if exact or not isinstance(agents, slice):
-            # on a border and heading out: however short the move, even if rounding loses it, it leaves the cell
+            # on a border and heading out: however short the move, even if rounding loses it, it
+            # leaves the cell
             leaves |= cell_borders.on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
         c = np.flatnonzero(leaves)
-        if len(c) and not exact:  # into a cell of the same label at its side nothing is read that is not known
+        # into a cell of the same label at its side nothing is read that is not known
+        if len(c) and not exact:
             on = c[cell_borders.same_beside(column[c], row[c], to_column[c], to_row[c], world) & ~changed[c]]
             if machine.edge != "clamp":
                 on = on[~cell_borders.outside(to_x[on], to_y[on], area)]
@@ -194,7 +213,7 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
 
 
 def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
-    """Move those of `agents` whose timer has run out into the state that follows."""
+    """Move those of `agents` whose timer has run out into their next state."""
     out = np.flatnonzero(wait <= 0) if isinstance(agents, slice) else agents[wait[agents] <= 0]
     state[out] = machine.timed_out(state[out], key[out])
     key[out] = random_streams.moved_on(key[out], np.ones(len(out), bool))
@@ -202,9 +221,15 @@ def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
 
 
 def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap) -> np.ndarray:
-    """(n,) uint8: which of the paces of `machine` agents walk at who go on from x, y in `state`, (n,) each."""
+    """Return at which of the machine's paces agents walk on, (n,) uint8.
+
+    x, y: (n,) world metres.
+    state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get pace
+        0.
+    """
     label = world.at(x, y)
     pace = machine.paces.of[state, label]
     if machine.edge == "stop":
-        pace[cell_borders.leaves_map(x, y, machine.velocity[state, label].T, world.area)] = 0  # who stands
+        # who stands
+        pace[cell_borders.leaves_map(x, y, machine.velocity[state, label].T, world.area)] = 0
     return pace

@@ -1,9 +1,12 @@
-"""Steps within a cell: what nearly all agents do in nearly all steps, done for all at once.
+"""Steps within a cell, looked up in tables: most steps of most agents.
 
-An agent whose step changes no state, and leaves no cell of the map but for one of the same label at its side, reads the
-table once and moves once; all that the step does to it follows from its state and its label. It is
-looked up in tables made for the step, block by block. Who changes state, draws, waits for less than a step, or comes to
-another label or to the border of the map goes the long way (behaviour.advance), with the same result to the bit.
+A step is looked up if it changes no state and leaves no cell, or only to a neighbor cell of the
+same label that shares a side. The agent then reads the table once and moves once, and its state and
+label give all of the result. The tables are made for the step and applied block by block.
+
+All other agents take the long step (step.advance), with the same result to the bit: those that
+change state, draw at random, wait less than a step, or reach another label or the border of the
+map.
 """
 
 from collections.abc import Callable
@@ -24,7 +27,15 @@ MIRRORED = np.array([(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)])
 
 
 class Tables:
-    """What one step of `seconds` does in each case: each table is (cases,), in the order mirror, state, label."""
+    """The result of one step of `seconds` in each case (mirror, state, label).
+
+    Each table is (cases,), in the order mirror, state, label.
+
+    x, y: displacement, metres; x is NaN where the state changes.
+    heading: float32 radians.
+    turns, stands: bool, speed above 0, speed 0.
+    changing: names of the Crowd columns that a step within a cell changes.
+    """
 
     def __init__(self, machine: StateMachine, seconds: float):
         self.seconds, velocity = seconds, machine.velocity[None]
@@ -37,15 +48,17 @@ class Tables:
         self.heading = np.arctan2(vy, vx).astype(np.float32)
         states = np.arange(len(machine.states))[:, None]
         changes = (machine.next_state != states) | (machine.next_choice >= 0)
-        # who changes state is in no cell afterwards, so that one comparison finds all who go the long way
+        # who changes state is in no cell afterwards, so that one comparison finds all who go the
+        # long way
         self.x[np.broadcast_to(changes, (len(velocity), *changes.shape)).ravel()] = np.nan
         changing = {"x": self.x.any(), "y": self.y.any(), "wait": machine.timed}
-        self.changing = [name for name, changes in changing.items() if changes]  # columns that a step within a cell changes
+        # columns that a step within a cell changes
+        self.changing = [name for name, changes in changing.items() if changes]
         self.labels, self.size, self.mirrors = len(machine.labels), machine.next_state.size, len(velocity) > 1
         self.number = np.min_scalar_type(len(self.x))
 
     def cases(self, crowd: Crowd, block: slice, label: np.ndarray) -> np.ndarray:
-        """The cases (b,) intp of the agents `block`, label (b,) or one for all."""
+        """Return the cases (b,) intp of the agents in `block`; label: (b,) or one."""
         case = np.multiply(crowd.state[block], self.labels, dtype=self.number)
         if self.mirrors:
             case += np.multiply(crowd.mirror[block], self.size, dtype=self.number)
@@ -56,9 +69,12 @@ class Tables:
 def within(
     crowd: Crowd, machine: StateMachine, world: LabelMap, tables: Tables, leave: frozenset[LeftOut]
 ) -> tuple[Crowd, np.ndarray]:
-    """(crowd, rest): the crowd a step of the `tables` later, but for the agents `rest` (m,) intp, rising, for whom nothing holds.
+    """Return (crowd, rest): the crowd one step of the `tables` later.
 
-    Other arguments as for behaviour.step. Columns that the step leaves as they are, are those of `crowd`.
+    rest: (m,) intp, increasing, the agents that need the long step; their values in the crowd are
+        not valid.
+
+    Other arguments as in step.step. Columns that the step does not change are those of `crowd`.
     """
     x, y = np.empty_like(crowd.x), np.empty_like(crowd.y)
     heading = np.empty_like(crowd.heading) if tables.turns.any() else crowd.heading
@@ -77,7 +93,8 @@ def within(
             continue
         cells = [np.floor((old[block] - low) / size) for old, _, _, low, _, size, _ in sides]
         for (*_, count), cell in zip(sides, cells, strict=True):
-            if cell.max() >= count:  # at the map's end, or so near that the quotient rounds up to it
+            # at the map's end, or so near that the quotient rounds up to it
+            if cell.max() >= count:
                 np.minimum(cell, count - 1, out=cell)
         one = ONE_LABEL in leave
         label = labels[0] if one else labels.take((cells[1] * columns + cells[0]).astype(np.intp), mode="clip")
@@ -112,7 +129,10 @@ def within(
 
 
 def mended(moved: Crowd, crowd: Crowd, agents: np.ndarray, way: Callable[[Crowd], Crowd]) -> Crowd:
-    """`moved`, in whose own columns `agents` (m,) of `crowd` take the other `way`."""
+    """Return `moved`, where `agents` (m,) get the result of `way` applied to `crowd`.
+
+    Writes into those columns of `moved` that it does not share with `crowd`.
+    """
     if not len(agents):
         return moved
     taken = crowd.of(agents)

@@ -1,4 +1,4 @@
-"""The crowd at any time: steps of behaviour, cached forward from the first frame."""
+"""The crowd at any time: steps of behavior, cached forward from the first frame."""
 
 import operator
 import threading
@@ -25,7 +25,8 @@ from .tabulated_step import Tables
 PART = 4
 # Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
-# Seconds of a long way to a frame after which others, the drawing of a viewport among them, have their turn, and how many of it.
+# Seconds of a long way to a frame after which others, the drawing of a viewport among them, have
+# their turn, and how many of it.
 TURN, REST = 0.1, 0.001
 
 
@@ -36,12 +37,16 @@ def _tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
 
 @dataclass(eq=False)
 class Trajectory:
-    """The crowd at any time: a pure function of the frame, cached forward from the first.
+    """The crowd at any time: a pure function of the frame, cached from the first on.
 
-    Time is in frames and may fall between two: the step from the whole frame before is then taken in part. Before
-    `first_frame` the crowd stands as populated. On a height map agents stand on its ground. Every `every` frames one
-    crowd is kept, so that going back is cheap (of a long shot of a large crowd fewer, see MOST_KEPT); Blender may ask from
-    several threads. leave: what may be left out where the scene does not need it (crowd/leave_outs.py). classes: of phases, see animation/phase_classes.py.
+    Time is in frames and may be fractional: the last step is then taken in part. Before
+    `first_frame` the crowd stands as populated. On a height map agents stand on the ground. Blender
+    may call this from several threads.
+
+    every: one crowd is kept each so many frames, so that going back is cheap; fewer in a long shot
+        of a large crowd (MOST_KEPT).
+    leave: what may be left out where the scene does not need it (crowd/leave_outs.py).
+    classes: number of phase classes (animation/phase_classes.py).
     """
 
     start: Crowd
@@ -60,7 +65,8 @@ class Trajectory:
     def __post_init__(self):
         for axis in "xy":
             place = getattr(self.start, axis)
-            if np.isinf(place).any():  # who stands beyond the map is taken onto it, but from infinity nobody comes back
+            # who stands beyond the map is taken onto it, but from infinity nobody comes back
+            if np.isinf(place).any():
                 self.start = replace(self.start, **{axis: np.where(np.isinf(place), np.nan, place)})
         self.gaits = gaits_of(self.groups, self.machine.paces, self.classes)
         pace = pace_of(self.start.x, self.start.y, self.start.state, self.machine, self.world)
@@ -76,7 +82,7 @@ class Trajectory:
         self._ahead = None, None  # a crowd, and what is known of its next steps
 
     def at(self, time: float) -> Crowd:
-        """The crowd at `time`, in frames."""
+        """Return the crowd at `time`, in frames."""
         whole, part = divmod(max(time - self.first_frame, 0.0), 1.0)
         crowd = self._at_whole(int(whole))
         crowd = self._step(crowd, part, int(whole)) if part else crowd
@@ -89,17 +95,27 @@ class Trajectory:
         return replace(crowd, z=z)
 
     def phase(self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """(m,) float32 in [0, 1): the place in their action's cycle of `agents` (m,), who stand in `crowd`, at `time`, in frames:
-        before the first frame, too, for which the characters are posed as for any other."""
+        """Return the phases of `agents` in their action's cycle, (m,) float32 in [0, 1).
+
+        crowd: the crowd that holds the agents.
+        time: in frames; it may lie before the first frame, where characters are posed as anywhere
+            else.
+        agents: (m,) indices, or all.
+        """
         return self.gaits.phase(crowd, self.seconds(time), agents)
 
     def seconds(self, time: float) -> float:
-        """Seconds from frame 0 to `time`, in frames: actions play on whichever frame is the crowd's first."""
+        """Return the seconds from frame 0 to `time`, in frames.
+
+        Actions count from frame 0, whichever frame is the crowd's first.
+        """
         return time * self.seconds_per_frame
 
     def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Iterator[float]:
-        """Make what `at` says of `time`, in frames, so that it is known, and do `then`. Yields the progress, 0 to 1, where that
-        takes long, and may be closed at any time."""
+        """Compute the crowd at `time`, in frames, for `at` to find; then call `then`.
+
+        Yields the progress, 0 to 1, where that takes long. It may be closed at any time.
+        """
         target = int(max(time - self.first_frame, 0.0))
         with self._lock:
             begun = self._nearest(target)[0]
@@ -112,7 +128,7 @@ class Trajectory:
 
     @cached_property
     def full(self) -> "Trajectory":
-        """The same with nothing left out."""
+        """Return the same trajectory with nothing left out."""
         return replace(self, leave=NOTHING, _kept={}, _lock=threading.Lock())
 
     @cached_property
@@ -122,17 +138,18 @@ class Trajectory:
 
     @cached_property
     def looks(self) -> np.ndarray:
-        """(n,) float32 in [0, 1), a number of each agent's own."""
+        """Return a random number for each agent, (n,) float32 in [0, 1)."""
         return random_streams.uniform(self.start.key, random_streams.LOOKS).astype(np.float32)
 
     def kept_at(self, frame: int) -> Crowd:
-        """The crowd at a whole `frame`, counted from 0, as it walks on flat ground."""
+        """Return the crowd at a whole `frame`, counted from 0, on flat ground."""
         crowd = self._kept.get(frame)
         return self._at_whole(frame) if crowd is None else crowd
 
     def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
-        """The crowd, which is that of the frame `since`, counted from 0, so many `frames` later, 1 at most."""
-        if STILL in self.left_out and crowd is not self.start:  # the first step takes who stands off the map onto it
+        """Return the crowd `frames`, at most 1, after frame `since`, counted from 0."""
+        # the first step takes who stands off the map onto it
+        if STILL in self.left_out and crowd is not self.start:
             return crowd
         seconds = frames * self.seconds_per_frame
         tables, (known, ahead) = self._tables(seconds), self._ahead
@@ -158,8 +175,11 @@ class Trajectory:
         return moved
 
     def _keep(self, frame: int, crowd: Crowd) -> None:
-        """Keep the crowd at `frame`. Of too many, those of one PART go together, every other part,
-        but the first and this one's: whoever asks for a frame of a part again then comes by all of it."""
+        """Keep the crowd at `frame`; over MOST_KEPT bytes, drop every other PART.
+
+        All crowds of a PART go together, but never the first part nor this one's: a later request
+        for a frame of a dropped part computes all of that part again.
+        """
         self._kept[frame] = crowd
         own = sum(column.nbytes for name, column in vars(crowd).items() if column is not getattr(self.start, name))
         if len(self._kept) * own > MOST_KEPT:
@@ -184,13 +204,16 @@ class Trajectory:
             clock.sleep(REST)
 
     def _nearest(self, target: int, *own: tuple[int, Crowd]) -> tuple[int, Crowd]:
-        """(frame, crowd) of the last frame up to `target`, counted from 0, that is known, or `own`."""
+        """Return (frame, crowd) of the last known frame up to `target`, counted from 0.
+
+        own: further known (frame, crowd) pairs.
+        """
         nearest = max(kept for kept in self._kept if kept <= target)
         known = (nearest, self._kept[nearest]), *self._recent, *own
         return max((each for each in known if each[0] <= target), key=operator.itemgetter(0))
 
     def _onward(self, target: int, own: tuple[tuple[int, Crowd], ...]) -> tuple[int, Crowd]:
-        """(frame, crowd) at the frame `target`, or at the one that is reached by the end of a TURN."""
+        """Return (frame, crowd) at `target`, or as far as one TURN of time reaches."""
         (frame, crowd), until = self._nearest(target, *own), clock.monotonic() + TURN
         while frame < target and clock.monotonic() < until:
             before, frame, crowd = (frame, crowd), frame + 1, self._step(crowd, 1.0, frame)

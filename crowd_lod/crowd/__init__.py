@@ -1,5 +1,7 @@
-"""The crowd and its world: who there is, where, and by what table they decide.
+"""The crowd and its world: agents, maps, and the state machine.
 
-In: counts, seeds, images of labels as arrays, JSON. Out: Crowd, one array a column, (n,) float64 metres, (n,) uint8 states and
-groups; LabelMap, HeightMap; StateMachine. World space, z up. Nothing here changes with time.
+In: counts, seeds, images of labels as arrays, JSON.
+Out: Crowd, one array per column, (n,) float64 metres, (n,) uint8 states and groups; LabelMap,
+    HeightMap; StateMachine.
+World space, z up. Nothing here changes with time.
 """

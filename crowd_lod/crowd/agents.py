@@ -1,4 +1,7 @@
-"""The crowd: one array a column, and its first frame (chapter section 1.2, "Populating")."""
+"""The crowd, one array per column, and its first frame (chapter section 1.2).
+
+The chapter calls the first frame "Populating".
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
@@ -13,7 +16,8 @@ from .state_machine import StateMachine
 
 MOST_AGENTS = 10_000_000
 MOST_GROUPS = 255
-# Agents of a crowd that lies in memory as it stands: a smaller one fits in the processor's cache in any order.
+# Agents of a crowd that lies in memory as it stands: a smaller one fits in the processor's cache in
+# any order.
 IN_PLACE = 40_000
 UNSET: Any = None  # a column that Crowd is to fill itself
 CLASSES = 16  # phases of their action that agents share, see animation/phase_classes.py
@@ -23,17 +27,28 @@ CLASSES = 16  # phases of their action that agents share, see animation/phase_cl
 class Group:
     """A character group (geometrical variety).
 
-    centre, radius: the bounding sphere over the whole action, metres: its centre stands on the agent's vertical axis
-    at the height `centre` above the feet, so that it holds for every heading. stride: metres walked in one cycle of
-    the action, 0 if the action plays by time. period: seconds in one cycle. vertices, triangles: of each LOD mesh,
-    finest first; a group with fewer LODs than others repeats its last. lowest: metres from the group's origin up to its
-    lowest point over the action, 0 if near; on_ground: whether that point is its feet, and not its origin.
+    centre, radius: metres, the bounding sphere over the whole action. Its center lies on the
+        agent's vertical axis, at the height `centre` above the feet, so the sphere holds for every
+        heading.
+    stride: metres walked in one cycle of the action; 0 if the action plays by time.
+    period: seconds of one cycle.
+    vertices, triangles: counts of each LOD mesh, finest first. A group with fewer LODs than others
+        repeats its last.
+    lowest: metres from the group's origin up to its lowest point over the action; 0 if that is
+        near.
+    on_ground: whether the lowest point is the feet. If not, the origin is.
 
-    Measured over the action, if the LOD meshes were: deviations: metres, of each LOD, the largest distance found of its
-    surface from the character's, both ways; bounds: metres, what the Hausdorff distance is at most, the deviations where
-    nothing else is known; rms: metres, the root mean square of the distances; worst: the frame at which each deviates most;
-    diagonal: metres, of the character's bounding box; shaded: of each LOD the metres that a pixel shows from which on its shaded
-    picture is within shading.WITHIN of the character's, 0 for any, inf where none is; () while pictures were not compared.
+    These are measured over the action, if the LOD meshes were measured:
+    deviations: metres, for each LOD the largest distance found between its surface and the
+        character's, both ways.
+    bounds: metres, upper bounds of those Hausdorff distances; equal to the deviations if nothing
+        else is known.
+    rms: metres, for each LOD the root mean square of the distances.
+    worst: for each LOD the frame at which it deviates most.
+    diagonal: metres, of the character's bounding box.
+    shaded: metres, for each LOD: where a pixel shows this much or more, the LOD's shaded picture is
+        within WITHIN (validation/shaded_pictures.py) of the character's. 0: at any distance; inf:
+        at none. () if the pictures were not compared.
     """
 
     name: str
@@ -54,12 +69,15 @@ class Group:
 
     @property
     def reach(self) -> float:
-        """Metres, the radius of the sphere that holds the LODs as well, which lie off the character by their bounds at most."""
+        """Metres, the radius of the sphere that holds the LODs, too.
+
+        A LOD lies off the character by its bound at most.
+        """
         return self.radius + max(self.bounds, default=0.0)
 
     @property
     def feet(self) -> float:
-        """Metres from the group's origin up to what stands on the ground."""
+        """Metres from the group's origin up to the point that stands on the ground."""
         return self.lowest if self.on_ground else 0.0
 
     def __post_init__(self) -> None:
@@ -69,7 +87,10 @@ class Group:
 
 @dataclass(frozen=True)
 class Spheres:
-    """The groups' bounding spheres: centre, radius, reach, as of Group, (G,) float64 metres each."""
+    """The groups' bounding spheres.
+
+    centre, radius, reach: (G,) float64, metres, as in Group.
+    """
 
     centre: np.ndarray
     radius: np.ndarray
@@ -77,20 +98,26 @@ class Spheres:
 
 
 def spheres_of(groups: Sequence[Group]) -> Spheres:
-    """The bounding spheres of the `groups`."""
+    """Return the bounding spheres of `groups`."""
     return Spheres(*(np.array([getattr(group, each.name) for group in groups], np.float64) for each in fields(Spheres)))
 
 
 @dataclass(frozen=True)
 class Crowd:
-    """n agents at one time, world space.
+    """n agents at one time, in world space.
 
-    x, y, z: (n,) float64, the feet, metres. heading: (n,) float32, radians from +x, counter-clockwise seen from above.
-    state, group: (n,) uint8. phase_class: (n,) uint8, which of the shared phases of the action it plays, see animation/phase_classes.py.
-    wait: (n,) float64, seconds until the state's timer ends the state, inf without one. key: (n,) uint64, what the
-    agent's random draws hash (crowd/random_streams.py). mirror: (n,) uint8, whether the map's edge has reflected the agent's way in
-    x (1) and y (2). pace: (n,) uint8, which of the machine's paces it walks at. 49 bytes an agent in all. The last four may
-    be left out: no timer runs, seed 0, not reflected, the first pace.
+    x, y, z: (n,) float64, metres, the feet.
+    heading: (n,) float32, radians from +x, counter-clockwise seen from above.
+    state, group: (n,) uint8.
+    phase_class: (n,) uint8, the shared phase of the action (animation/phase_classes.py).
+    wait: (n,) float64, seconds until the timer ends the state; inf without a timer.
+    key: (n,) uint64, hashed for the agent's random draws (crowd/random_streams.py).
+    mirror: (n,) uint8, whether the map's edge has reflected the agent's way: 1 in x, 2 in y, 3 in
+        both.
+    pace: (n,) uint8, index of the state machine's pace at which the agent walks.
+
+    These are 49 bytes per agent. The last four may be left out. Then no timer runs, the keys are
+    those of seed 0, no way is reflected, and all have the first pace.
     """
 
     x: np.ndarray
@@ -120,7 +147,7 @@ class Crowd:
         return len(self.x)
 
     def of(self, agents: np.ndarray | slice) -> "Crowd":
-        """These agents alone."""
+        """Return the crowd of these agents alone."""
         return Crowd(**{name: column[agents] for name, column in vars(self).items()})
 
     def places(
@@ -129,22 +156,36 @@ class Crowd:
         agents: np.ndarray | slice | int = slice(None),
         origin: np.ndarray | None = None,
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """x, y, z, (m,) float64 metres each: where `agents` stand, from `origin` (3,); each above its feet by its group's `height`
-        (G,), such as Spheres.centre. Not to be written to: they may be the crowd's own."""
+        """Return x, y, z of `agents`, (m,) float64 metres each.
+
+        height: (G,) metres above the feet for each group, such as Spheres.centre; None for the
+            feet.
+        agents: indices, a slice, or one index; all agents by default.
+        origin: (3,), subtracted from the positions; None for world positions.
+        Do not write to the arrays: they may be the crowd's own.
+        """
         z = self.z[agents] if height is None else self.z[agents] + height[self.group[agents]]
         found = self.x[agents], self.y[agents], z
         return found if origin is None else tuple(place - start for place, start in zip(found, origin, strict=True))
 
 
 def runs(group: np.ndarray) -> list[tuple[int, int]]:
-    """[(begin, end)] of the agents, group (n,), that follow one another in one group."""
+    """Return [(begin, end)] of the runs of agents that are in one group.
+
+    group: (n,), each agent's group.
+    """
     edges = [0, *(np.flatnonzero(group[1:] != group[:-1]) + 1).tolist(), len(group)]
     return list(zip(edges[:-1], edges[1:], strict=True))
 
 
 def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
-    """(centre, radius) of the smallest sphere on the z axis, up to the centre's choice at half height, that holds the
-    points (n, 3), metres, and all within `reach`, metres, (n,) or one, of each: it holds them under every rotation about z."""
+    """Return (centre, radius) of a sphere on the z axis that holds the points.
+
+    The center is at half height; the radius is the smallest for that center. The sphere holds the
+    points under every rotation about z.
+    points: (n, 3) metres.
+    reach: metres, (n,) or one number. The sphere holds all within `reach` of each point.
+    """
     low, high = (points[:, 2] - reach).min(), (points[:, 2] + reach).max()
     centre = (low + high) / 2
     away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - centre) ** 2)
@@ -152,11 +193,16 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
 
 
 def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
-    """The crowd's first frame: `count` agents at random on the labels where `machine` lets them start.
+    """Return the crowd's first frame: `count` agents at random positions.
 
-    The same arguments give the same crowd, bit for bit. State follows the machine's start weights; the group, of
-    `groups`, and the phase, of `classes`, are uniform; the heading is that of the first move, uniform for those who stand. Agents of
-    one group follow one another, so that the culling need not look up each one's sphere (see `runs`).
+    The same arguments give the same crowd, bit for bit.
+    Position: uniform on the labels where `machine` lets agents start.
+    State: by the start weights of `machine`.
+    Group, of `groups`, and phase, of `classes`: uniform.
+    Heading: that of the first move; uniform for agents that stand.
+    Agents of one group follow one another, so that the culling need not look up the sphere of each
+    agent (see `runs`). From IN_PLACE agents on, each group follows a Morton curve.
+    CrowdError if a count is out of range, or if no label lets agents start.
     """
     if not 1 <= count <= MOST_AGENTS:
         raise CrowdError(f"The crowd has {count} agents; set a count from 1 to {MOST_AGENTS}.")

@@ -1,4 +1,4 @@
-"""Checked reading of JSON that people write: whatever is wrong is named with its line and its field."""
+"""Checked reading of hand-written JSON: an error names its line and its field."""
 
 import json
 import math
@@ -24,13 +24,15 @@ class Reader:
         except RecursionError:
             raise CrowdError(f"{what} is nested too deep to be read: it needs no more than six levels.") from None
         if twice:
-            self.fail(twice[0], "stands twice in its object; keep one")
+            self.fail(twice[0], "is given twice in its object; keep one")
         if halves:
             self.fail(halves[0], "holds half of a character, an escape from \\ud800 to \\udfff without its other half; write both")
 
     def fail(self, path: FieldPath, problem: str) -> NoReturn:
-        """Raise the CrowdError that `problem` is what is wrong with the field; the line is that of its nearest parent
-        if the field is missing."""
+        """Raise a CrowdError that says what `problem` the field at `path` has.
+
+        Its line is the field's, or that of the nearest parent if the field is missing.
+        """
         place = next(self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places)
         line = self.text.count("\n", 0, place) + 1
         raise CrowdError(f"{self.what}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.")
@@ -74,18 +76,24 @@ class Reader:
 
 
 def _whole(digits: str) -> int | float:
-    """The number that the digits write; Python reads no more than some thousands of them as a whole one."""
+    """Return the int that `digits` write, or a float from 400 digits on.
+
+    Python does not read an int of more than some thousands of digits.
+    """
     return int(digits) if len(digits) < 400 else float(digits)
 
 
 def _torn(value: object) -> bool:
-    """Whether it is a text with a lone surrogate, which no file and no window can show."""
+    """Return whether `value` is a text with a lone surrogate, which nothing can show."""
     return isinstance(value, str) and any("\ud800" <= each <= "\udfff" for each in value)
 
 
 def _places(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[FieldPath]]:
-    """(where each field of the sound JSON `text` begins, its key if it has one; the fields that stand twice; those of which
-    the key or the text holds a lone surrogate)."""
+    """Return where fields begin, which stand twice, which hold a lone surrogate.
+
+    text: valid JSON. A field begins at its key, if it has one. A surrogate counts in its key or its
+        text.
+    """
     places: dict[FieldPath, int] = {}
     twice: list[FieldPath] = []
     halves: list[FieldPath] = []
@@ -97,7 +105,7 @@ def _places(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[Fiel
         return i
 
     def field(i: int, path: FieldPath, begins: int) -> int:
-        """Note the field whose value is at i; the index behind it."""
+        """Record the field whose value begins at i, and return the index after it."""
         if path in places:
             twice.append(path)
         places[path] = begins

@@ -1,4 +1,7 @@
-"""What a scene does not need, each with its reason. The plan without it is the full pipeline's, bit for bit."""
+"""The work that a scene does not need, each part with its reason.
+
+A plan without it is the same as the full pipeline's, bit for bit.
+"""
 
 from dataclasses import dataclass
 
@@ -9,10 +12,12 @@ from .agents import Crowd, runs
 from .maps import LabelMap
 from .state_machine import StateMachine
 
-SHORT_RUN = 2_000  # agents: about as many as take the culling the time of the calls that a block of them costs
+# agents: about as many as take the culling the time of the calls that a block of them costs
+SHORT_RUN = 2_000
 
 
-@dataclass(frozen=True, eq=False)  # each is one of those below, and itself alone: asked for many times a frame
+# each is one of those below, and itself alone: asked for many times a frame
+@dataclass(frozen=True, eq=False)
 class LeftOut:
     """A part of the pipeline's `stage` that a scene does not need, and why."""
 
@@ -23,26 +28,24 @@ class LeftOut:
 STATIC = LeftOut("plan", "Neither an agent nor the camera moves: the plan made before holds.")
 STILL = LeftOut("behaviour", "No agent ever moves or changes its state: behaviour ran once, and only the action plays on.")
 UNCHANGING = LeftOut("behaviour", "No label on the map changes a state: no transition is looked up.")
-ONE_LABEL = LeftOut("behaviour", "The map bears one label: it is not looked up.")
+ONE_LABEL = LeftOut("behaviour", "The map has one label: it is not looked up.")
 NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
 ONE_PACE = LeftOut("behaviour", "All walk at one pace: no agent ever changes its phase class.")
-ONE_GROUP = LeftOut("culling", "There is one character group: its sphere is a number, not one looked up for each agent.")
-IN_ORDER = LeftOut("culling", "Agents of one group follow one another: its sphere is looked up once for many, not for each agent.")
-FLAT = LeftOut("culling", "All agents stand at one height: two products a plane instead of three.")
-BLOCKS = LeftOut(
-    "culling", "Agents stand in blocks: where a block lies outside, or inside and within one LOD, none of it is tested."
-)
+ONE_GROUP = LeftOut("culling", "There is one character group: its bounding sphere is not looked up for each agent.")
+IN_ORDER = LeftOut("culling", "Agents are in order of their groups: a group's bounding sphere is looked up once for many agents.")
+FLAT = LeftOut("culling", "All agents stand at one height: a frustum plane takes two products instead of three.")
+BLOCKS = LeftOut("culling", "Agents are in blocks: those of a block outside the picture, or inside and in one LOD, are not tested.")
 ALL_INSIDE = LeftOut("culling", "All agents lie inside the picture: none is tested by itself.")
 ALL_OUTSIDE = LeftOut("culling", "All agents lie outside the picture: none is tested by itself.")
 ONE_LEVEL = LeftOut("levels", "All agents lie in the range of one level of detail: distances are not measured.")
 ONE_BUCKET = LeftOut("sorting", "All visible agents have one level of detail: they are not sorted.")
 
 # Of the agents that the camera does not see (planning/shadows.py).
-NO_SHADOWS = LeftOut("surroundings", "No light of the scene casts shadows: none are looked for that fall into the picture.")
-NO_MIRRORS = LeftOut("surroundings", "No mirrors are chosen: no agents are looked for that they show.")
-NOT_WANTED = LeftOut("surroundings", "Shadows and Reflections is off: whoever the camera does not see is left out.")
+NO_SHADOWS = LeftOut("surroundings", "No light casts shadows: agents outside the picture are not searched for shadows in it.")
+NO_MIRRORS = LeftOut("surroundings", "No mirrors are chosen: agents outside the picture are not searched for reflections in it.")
+NOT_WANTED = LeftOut("surroundings", "Shadows and Reflections is off: agents that the camera does not see are left out.")
 WORKBENCH = LeftOut(
-    "surroundings", "Workbench draws neither the lights' shadows nor reflections: whoever the camera does not see is left out."
+    "surroundings", "Workbench draws no shadows of lights and no reflections: agents that the camera does not see are left out."
 )
 
 # In the order of the pipeline.
@@ -55,7 +58,11 @@ NOTHING: frozenset[LeftOut] = frozenset()
 
 
 def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, relief: bool) -> frozenset[LeftOut]:
-    """What no frame of the crowd that starts as `crowd` needs. relief: whether there is a height map."""
+    """Return the work that no frame of the crowd that starts as `crowd` needs.
+
+    groups: the number of character groups.
+    relief: whether there is a height map.
+    """
     labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
     states = np.flatnonzero(_reached(machine, crowd.state, labels))
     here = np.ix_(states, labels)
@@ -69,7 +76,8 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
         ONE_PACE: len(machine.paces.speeds) == 1,
         ONE_GROUP: groups == 1,
         IN_ORDER: in_order,
-        # of agents of mixed groups the product would be looked up for each, which costs more than it saves
+        # of agents of mixed groups the product would be looked up for each, which costs more than
+        # it saves
         FLAT: (groups == 1 or in_order) and not relief and len(crowd) > 0 and bool((crowd.z == crowd.z[0]).all()),
     }
     holds[BLOCKS] = len(crowd) >= morton_order.FEWEST
@@ -79,7 +87,11 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, 
 
 
 def _reached(machine: StateMachine, start: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """(S,) bool: the states that agents in the states `start` (n,) may ever be in on a map with `labels` (m,)."""
+    """Return (S,) bool: the states that agents may ever be in.
+
+    start: (n,) states at the start.
+    labels: (m,) labels on the map.
+    """
     reached = np.bincount(start, minlength=len(machine.states)) > 0
     if machine.chancy:
         return np.ones_like(reached)

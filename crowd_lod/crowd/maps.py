@@ -7,8 +7,8 @@ import numpy as np
 
 from ..errors import CrowdError
 
-# Metres from the world's origin. Blender's positions are float32: from here on they lie 6 cm and more apart, further than
-# a walker's step from one frame to the next.
+# Metres from the world's origin. Blender's positions are float32: from here on they lie 6 cm and
+# more apart, further than a walker's step from one frame to the next.
 FARTHEST = 1e6
 # Agents that are looked up at a time: their columns stay in the processor's cache.
 LOOK_UPS = 8192
@@ -27,7 +27,7 @@ class Area:
     def __post_init__(self) -> None:
         values = (self.x_min, self.y_min, self.x_max, self.y_max, self.z)
         if not np.isfinite(values).all() or not (self.x_min < self.x_max and self.y_min < self.y_max):
-            raise CrowdError(f"The crowd's area {values} is not a rectangle: give it a finite centre and a size above 0.")
+            raise CrowdError(f"The crowd's area {values} is not a rectangle: give it a finite center and a size above 0.")
 
     @cached_property
     def size(self) -> tuple[float, float]:
@@ -43,7 +43,9 @@ MOST_SQUARE = 8
 class LabelMap:
     """Labels over an area.
 
-    labels: (rows, columns) uint8, indices into the state machine's labels; row 0 lies at y_min, column 0 at x_min.
+    labels: (rows, columns) uint8, indices into the state machine's labels. Row 0 lies at y_min,
+        column 0 at x_min.
+    CrowdError if the cells are too small to tell float64 positions in them apart.
     """
 
     labels: np.ndarray
@@ -67,17 +69,23 @@ class LabelMap:
 
     @cached_property
     def runs(self) -> np.ndarray:
-        """(2, 2, rows * columns) uint8: how many cells, 255 at most, of a cell's own label follow it without a gap,
-        along x and y, to lower and to higher places."""
+        """How many cells of the same label follow each cell without a gap, 255 at most.
+
+        (2, 2, rows * columns) uint8: along x and along y; toward lower and toward higher
+        coordinates; for each cell.
+        """
         ways = self.labels[:, ::-1], self.labels, self.labels[::-1], self.labels
         left, right, down, up = (_run(way.T if axis else way) for axis, way in zip((1, 1, 0, 0), ways, strict=True))
         return np.array([(left.T[:, ::-1], right.T), (down[::-1], up)]).reshape(2, 2, -1)
 
     @cached_property
     def squares(self) -> np.ndarray:
-        """(2, 2, rows * columns) uint8: how many cells, MOST_SQUARE at most, lie along the sides of the largest square
-        of a cell's own label with that cell at one corner: at [up, right] the corner that is lowest or highest along y, and
-        along x."""
+        """The side of the largest square of one label with each cell at a corner.
+
+        (2, 2, rows * columns) uint8, cells, MOST_SQUARE at most. At [up, right]: from the cell, the
+        square extends toward higher y if up is 1 and lower y if 0, and toward higher x if right is
+        1 and lower x if 0.
+        """
         rows, columns = self.labels.shape
         found = np.ones((2, 2, rows, columns), np.uint8)
         alike, across = np.ones((rows, columns), bool), self.labels[:, 1:] == self.labels[:, :-1]
@@ -93,25 +101,35 @@ class LabelMap:
         return found.reshape(2, 2, -1)
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Labels (n,) uint8 under the world positions x, y (n,); outside the area the nearest cell counts."""
+        """Return the labels (n,) uint8 under the world positions x, y (n,).
+
+        Outside the area the nearest cell counts.
+        """
         column, row = self.cells(x, y)
         return self.labels[row, column]
 
     def cells(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(column, row), each (n,) intp, of the cells at the world positions x, y (n,); outside the nearest, at NaN any."""
+        """Return (column, row), each (n,) intp, of the cells at x, y.
+
+        x, y: (n,) world positions.
+        Outside the area the nearest cell counts, at NaN any cell.
+        """
         rows, columns = self.labels.shape
         width, depth = self.cell
         return _index(x, self.area.x_min, width, columns), _index(y, self.area.y_min, depth, rows)
 
     def into(self, x: np.ndarray, y: np.ndarray, column: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The positions next to x, y (n,) that `cells` puts into the cells column, row (n,)."""
+        """Return the positions nearest to x, y (n,) that lie in the given cells.
+
+        column, row: (n,), the cells. `cells` puts the positions into them, whatever the rounding.
+        """
         rows, columns = self.labels.shape
         width, depth = self.cell
         return _into(x, column, self.area.x_min, width, columns), _into(y, row, self.area.y_min, depth, rows)
 
 
 def _run(labels: np.ndarray) -> np.ndarray:
-    """(k, m) uint8: how many of the rows after each of labels (k, m) bear the same, 255 at most."""
+    """Return (k, m) uint8: how many next rows have each entry's label, at most 255."""
     run = np.zeros(labels.shape, np.uint8)
     for row in range(len(labels) - 2, -1, -1):
         run[row] = (np.minimum(run[row + 1], 254) + 1) * (labels[row] == labels[row + 1])
@@ -119,25 +137,30 @@ def _run(labels: np.ndarray) -> np.ndarray:
 
 
 def _index(value: np.ndarray, low: float, size: float, count: int) -> np.ndarray:
-    return np.fmin(np.fmax((value - low) / size, 0), count - 1).astype(np.intp)  # of few, sooner than np.clip
+    # of few, sooner than np.clip
+    return np.fmin(np.fmax((value - low) / size, 0), count - 1).astype(np.intp)
 
 
 def _into(value: np.ndarray, index: np.ndarray, low: float, size: float, count: int) -> np.ndarray:
     value = np.clip(value, low + index * size, low + (index + 1) * size)
-    for _ in range(4):  # a cell's own borders may round into its neighbours: by a few units in the last place at most
+    # a cell's own borders may round into its neighbours: by a few units in the last place at most
+    for _ in range(4):
         off = index - _index(value, low, size, count)
         if not off.any():
             break
-        value = value + np.sign(off) * np.spacing(np.abs(value) + abs(low))  # near 0 of value - low, not its own
+        # near 0 of value - low, not its own
+        value = value + np.sign(off) * np.spacing(np.abs(value) + abs(low))
     return value
 
 
 @dataclass(frozen=True)
 class HeightMap:
-    """Heights over an area, between which the ground is bilinear.
+    """Heights over an area; the ground is bilinear between them.
 
-    heights: (rows, columns) float32, metres above the area's z, at the middles of the pixels; row 0 lies at y_min,
-    column 0 at x_min, as in LabelMap. From the outermost middles to the area's border, and beyond, it goes on level.
+    heights: (rows, columns) float32, metres above the area's z, at the middles of the pixels. Row 0
+        lies at y_min, column 0 at x_min, as in LabelMap.
+    From the outermost middles to the area's border, and beyond it, the ground continues level.
+    CrowdError if a height is NaN or infinite.
     """
 
     heights: np.ndarray
@@ -158,7 +181,7 @@ class HeightMap:
         return self.area.z + float(self.heights.min()), self.area.z + float(self.heights.max())
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """World z (n,) float64 of the ground at the world positions x, y (n,)."""
+        """Return world z (n,) float64 of the ground at world positions x, y (n,)."""
         z = np.empty(len(x))
         for begin in range(0, len(x), LOOK_UPS):
             block = slice(begin, begin + LOOK_UPS)
@@ -167,7 +190,11 @@ class HeightMap:
         return z
 
     def slope(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); on a border between pixels that to its right."""
+        """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,).
+
+        At the middle of a pixel, where four bilinear patches meet, the patch toward +x and +y
+        counts. The slope is 0 where the ground continues level.
+        """
         (a, b, c, d), u, v, inside = self._corners(x, y)
         rows, columns = self.heights.shape
         width, depth = self.area.size
@@ -176,10 +203,13 @@ class HeightMap:
         return along_x * inside[0], along_y * inside[1]
 
     def tilt(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(pitch, roll), each (n,) float32, radians, of agents that stand square on the ground at x, y (n,) and face
-        `heading` (n,). pitch: how far the way ahead rises; roll: how far the ground rises to the agent's left.
+        """Return (pitch, roll) of agents that stand at right angles to the ground.
 
-        Turn an agent about z by its heading, then about its own left axis by -pitch, then about its own way by roll.
+        Each is (n,) float32, radians. pitch: how far the ground rises ahead. roll: how far it rises
+        to the agent's left.
+        x, y, heading: (n,).
+        To tilt an agent, rotate it about z by its heading, then about its own left axis by -pitch,
+        then about its own forward axis by roll.
         """
         along_x, along_y = self.slope(x, y)
         cos, sin = np.cos(heading, dtype=np.float64), np.sin(heading, dtype=np.float64)
@@ -190,12 +220,17 @@ class HeightMap:
     def _corners(
         self, x: np.ndarray, y: np.ndarray
     ) -> tuple[list[np.ndarray], np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """Heights at the four middles about each position, its place between them, and whether it lies between any."""
+        """Return the heights about each position, its place between them, and if inside.
+
+        Heights are those at the four pixel middles about it; inside: whether it lies between
+        middles, along x and y.
+        """
         rows, columns = self.heights.shape
         width, depth = self.area.size
         across, up = (x - self.area.x_min) * (columns / width) - 0.5, (y - self.area.y_min) * (rows / depth) - 0.5
         inside = (across >= 0) & (across < columns - 1), (up >= 0) & (up < rows - 1)
-        across, up = np.fmin(np.fmax(across, 0), columns - 1), np.fmin(np.fmax(up, 0), rows - 1)  # at NaN anywhere
+        # at NaN anywhere
+        across, up = np.fmin(np.fmax(across, 0), columns - 1), np.fmin(np.fmax(up, 0), rows - 1)
         column, row = across.astype(np.intp), up.astype(np.intp)
         right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
         places = ((row, column), (row, right), (above, column), (above, right))
@@ -203,10 +238,14 @@ class HeightMap:
 
 
 def labels_from_colours(pixels: np.ndarray, colours: np.ndarray, names: tuple[str, ...], where: str) -> np.ndarray:
-    """Labels (rows, columns) uint8 of a painted map.
+    """Return the labels (rows, columns) uint8 of a painted map.
 
-    pixels: (rows, columns, 3) uint8; colours: (L, 3) uint8, the table's colour of each label; names: its labels.
-    A pixel of any other colour is an error: a guess would put a wall where the artist painted none.
+    pixels: (rows, columns, 3) uint8.
+    colours: (L, 3) uint8, the table's color of each label.
+    names: the table's labels.
+    where: the name of the map in messages.
+    CrowdError if a pixel has any other color: a guess would put a wall where the artist painted
+    none.
     """
     codes = pixels.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
     known = colours.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
@@ -221,16 +260,17 @@ def labels_from_colours(pixels: np.ndarray, colours: np.ndarray, names: tuple[st
         row, column = np.argwhere(strange)[0]
         table = ", ".join(f"{name} #{code:06x}" for name, code in zip(names, known, strict=True))
         raise CrowdError(
-            f"The map {where} holds colours that are no label of the state machine: {listed}{more}, the first at column "
-            f"{column}, row {row} from the bottom; paint only its labels' colours ({table})."
+            f"The map {where} holds colors that belong to no label of the state machine: {listed}{more}, the first at column "
+            f"{column}, row {row} from the bottom; paint only its labels' colors ({table})."
         )
     return labels
 
 
 def edge_map(area: Area, names: tuple[str, ...], columns: int = 64) -> LabelMap:
-    """The map of a scene without a map image: the chapter's plane with a left and a right edge.
+    """Return the map of a scene without a map image: the chapter's plane.
 
-    Everything bears the first label; the outermost columns bear "left edge" and "right edge" if `names` has them.
+    It has one row of `columns` cells. All have the first label, but the outermost columns have
+    "left edge" and "right edge" if `names` has them.
     """
     labels = np.zeros((1, columns), np.uint8)
     for name, column in (("left edge", 0), ("right edge", -1)):

@@ -1,4 +1,4 @@
-"""A space-filling curve, along which agents that stand together follow one another (Morton 1966)."""
+"""A space-filling curve that keeps agents near each other together (Morton 1966)."""
 
 import numpy as np
 
@@ -13,8 +13,14 @@ FEWEST = 4_000
 
 
 def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.ndarray:
-    """(n,) int32: the agents at x, y (n,) group by group, group (n,) uint8, along the curve over the part of `area` that
-    they cover; those beyond it count as on its border. Takes 12 bytes an agent at most, its result included."""
+    """Return (n,) int32: the agents group by group, each group along the curve.
+
+    x, y: (n,) world positions.
+    group: (n,) uint8.
+    area: the curve covers the part of it that the agents cover. Agents beyond it count as on its
+        border.
+    Takes at most 12 bytes per agent, the result included.
+    """
     bits = int(np.clip(np.ceil(np.log2(max(1, len(x) / SHARE)) / 2), 1, MOST_BITS))
     spread, sides = _spread(bits), []
     for place, low, high in ((x, area.x_min, area.x_max), (y, area.y_min, area.y_max)):
@@ -36,6 +42,6 @@ def order_of(x: np.ndarray, y: np.ndarray, group: np.ndarray, area: Area) -> np.
 
 
 def _spread(bits: int) -> np.ndarray:
-    """(2 ** bits,) uint32: the numbers with a zero between each two of their bits."""
+    """Return (2 ** bits,) uint32: each number with zeros between its bits."""
     number = np.arange(1 << bits, dtype=np.uint32)
     return np.bitwise_or.reduce([((number >> np.uint32(b)) & np.uint32(1)) << np.uint32(2 * b) for b in range(bits)])

@@ -7,12 +7,18 @@
                          "on": {"*": {"move": [1.25, 0]},
                                 "wall": {"next": "turn", "speed": 1.25, "heading": 180}}}, ...}}
 
-`move` is a velocity in metres per second along x and y; `speed` (m/s) and `heading` (degrees, 0 = +x, counter-clockwise)
-say the same. `next` is the state after the step, the same state if left out; an object of states and weights draws one,
-once each time the agent comes to the label or into the state. `*` stands for every label not named. `after` ends the
-state after so many seconds, or after a time drawn between two, and `then` says which follows, again a state or weights.
-`animation` names the action that agents in the state play. `start` weighs a state in the first frame's draw;
-`spawn: false` keeps the first positions off a label. presets/schema.json is the same as a JSON Schema, for editors.
+`move`: velocity along x and y, metres per second. `speed` (m/s) and `heading` (degrees, 0 = +x,
+    counter-clockwise) say the same.
+`next`: the state after the step; the same state if left out. An object of states and weights draws
+    one, once each time the agent enters the label or the state.
+`*`: every label that is not named.
+`after`: seconds until the state ends, or two numbers to draw the time between.
+`then`: the state that follows when it ends, or an object of states and weights.
+`animation`: the name of the action that agents in the state play.
+`start`: the weight of the state in the draw for the first frame.
+`spawn`: false keeps the first positions off a label.
+
+presets/schema.json describes the same as a JSON Schema, for editors.
 """
 
 import json
@@ -37,8 +43,13 @@ SCHEMA = PRESETS / "schema.json"
 
 @dataclass(frozen=True)
 class Paces:
-    """The speeds at which agents play a walk. speeds: (P,) float64, metres per second, rising; of: (S, L) uint8, which of them
-    an agent in each state walks at on each label; off: the largest share by which its own speed is another: its feet slide by it."""
+    """The speeds at which agents play a walk.
+
+    speeds: (P,) float64, metres per second, increasing.
+    of: (S, L) uint8, the pace of an agent in each state on each label.
+    off: the largest relative difference between a pace and the agent's own speed. The feet slide by
+        it.
+    """
 
     speeds: np.ndarray
     of: np.ndarray
@@ -49,12 +60,20 @@ class Paces:
 class StateMachine:
     """A complete table: every state × label has a next state and a velocity.
 
-    next_state: (S, L) uint8; velocity: (S, L, 2) float64, m/s along x and y; start: (S,) float64, sums to 1;
-    spawn: (L,) bool; label_colours: (L, 3) uint8; state_colours: (S, 3) uint8; edge: one of EDGES; text: its JSON.
-    after: (S, 2) float64, the least and greatest seconds in the state, inf without a timer; then: (S,) uint8, the state
-    that follows. animations: (S,) names, "" where none is given.
-    odds: (R, S) float64, the cumulative weights of R random choices, each ends in 1; next_choice (S, L) and
-    then_choice (S,) int32 say which of them takes the place of next_state and then, -1: none does.
+    next_state: (S, L) uint8.
+    velocity: (S, L, 2) float64, m/s along x and y.
+    start: (S,) float64, sums to 1.
+    spawn: (L,) bool.
+    label_colours: (L, 3) uint8.
+    state_colours: (S, 3) uint8.
+    edge: one of EDGES.
+    text: its JSON.
+    animations: S names, "" where none is given.
+    after: (S, 2) float64, least and greatest seconds in the state; inf without a timer.
+    then: (S,) uint8, the state that follows the timer.
+    odds: (R, S) float64, the cumulative weights of R random choices; each row ends in 1.
+    next_choice: (S, L) int32, the row of `odds` that replaces next_state; -1 for none.
+    then_choice: (S,) int32, the row of `odds` that replaces then; -1 for none.
     """
 
     name: str
@@ -82,7 +101,12 @@ class StateMachine:
 
     @cached_property
     def paces(self) -> Paces:
-        """Its speeds; of more than MOST_PACES the nearest of so many, by their ratio, from the slowest to the fastest."""
+        """The speeds of the table, at most MOST_PACES of them.
+
+        If the table has more, the paces rise by equal ratios from its slowest speed to its fastest,
+        and each speed gets the nearest pace by ratio. Standing, where agents can, is a pace of its
+        own.
+        """
         speed = np.hypot(*np.moveaxis(self.velocity, 2, 0))
         stands = [0.0] if self.edge == "stop" or not speed.all() else []
         walks = np.unique(speed[speed > 0].round(9))
@@ -104,15 +128,25 @@ class StateMachine:
         return bool(len(self.odds) or (self.after[:, 0] < self.after[:, 1]).any())
 
     def following(self, state: np.ndarray, label: np.ndarray, key: np.ndarray) -> np.ndarray:
-        """The next states (n,) uint8 of agents in `state` on `label` with the keys `key`, (n,) each."""
+        """Return the next states (n,) uint8 of agents in `state` on `label`.
+
+        state, label, key: (n,) each.
+        """
         return self._drawn(self.next_state[state, label], self.next_choice, (state, label), key, random_streams.STATE)
 
     def timed_out(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
-        """The states (n,) uint8 that follow when the timers of `state` end, with the keys `key`, (n,) each."""
+        """Return the states (n,) uint8 that follow when the timers of `state` end.
+
+        state, key: (n,) each.
+        """
         return self._drawn(self.then[state], self.then_choice, (state,), key, random_streams.THEN)
 
     def waits(self, state: np.ndarray, key: np.ndarray) -> np.ndarray:
-        """Seconds (n,) float64 that agents with the keys `key` have in `state`, (n,) each, inf without a timer."""
+        """Return the seconds (n,) float64 that agents have in `state`.
+
+        Infinite without a timer.
+        state, key: (n,) each.
+        """
         least, most = self.after[state].T
         if not self.timed:
             return least.copy()
@@ -131,24 +165,31 @@ class StateMachine:
 
 
 def load_preset(name: str) -> StateMachine:
-    """The state machine that ships under this name."""
+    """Return the state machine that ships under this name."""
     return parse(preset_text(name), f"preset {name}")
 
 
 def preset_text(name: str) -> str:
-    """The JSON of a state machine that ships with Crowd LOD."""
+    """Return the JSON of a state machine that ships with Crowd LOD.
+
+    CrowdError if none has this name.
+    """
     if name not in preset_names():
         raise CrowdError(f"There is no state machine {name!r}; there are {', '.join(preset_names())}.")
     return (PRESETS / f"{name}.json").read_text(encoding="utf-8")
 
 
 def preset_names() -> list[str]:
-    """Names of the state machines that ship with Crowd LOD."""
+    """Return the names of the state machines that ship with Crowd LOD."""
     return sorted(path.stem for path in PRESETS.glob("*.json") if path != SCHEMA)
 
 
 def parse(text: str, where: str) -> StateMachine:
-    """The machine that the JSON `text` from `where` describes; CrowdError names the line and the field that is wrong."""
+    """Return the state machine that the JSON `text` describes.
+
+    where: the name of the text in messages.
+    CrowdError names the line and the field that is wrong.
+    """
     reader = Reader(text, f"The state machine {where}")
     root = reader.table(reader.root, (), {"$schema", "version", "name", "edge", "labels", "states"})
     if isinstance(root.get("version"), bool) or root.get("version") != 1:
@@ -242,7 +283,7 @@ class _Table:
         return self._target(given.get("next", state), (*path, "next")), self._velocity(given, path)
 
     def _target(self, value: object, path: FieldPath) -> tuple[int, int]:
-        """(state, choice): the state itself and -1, or any and the row of the odds."""
+        """Return (state, -1), or for weights (the likeliest state, the row of the odds)."""
         reader, known = self.reader, f"the states are {', '.join(self.states)}"
         if isinstance(value, str):
             if value not in self.states:
@@ -258,7 +299,8 @@ class _Table:
         if not 0 < weights.sum() < math.inf:
             reader.fail(path, f"has weights that sum to {weights.sum():g}; give one state a weight above 0")
         cumulative = np.cumsum(weights / weights.sum())
-        cumulative[np.flatnonzero(weights)[-1] :] = 1  # what rounding leaves must not fall to a state of weight 0
+        # what rounding leaves must not fall to a state of weight 0
+        cumulative[np.flatnonzero(weights)[-1] :] = 1
         return int(weights.argmax()), self.odds.setdefault(tuple(cumulative), len(self.odds))
 
     def _seconds(self, value: object, path: FieldPath) -> tuple[float, float]:

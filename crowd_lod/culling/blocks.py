@@ -1,13 +1,15 @@
-"""Blocks of agents that stand together: culling and LOD that need not test every agent.
+"""Blocks of neighboring agents: culling and LOD without a test of every agent.
 
-Agents are put in order along a space-filling curve (Morton 1966), group by group. Every LEAF of them, and every FAN
-blocks, make a block with a box about its spheres: a bounding volume hierarchy (Clark 1976) that is an array a tier. A
-block wholly outside the picture, or wholly inside it and within one LOD, is decided at once; only where that is open are
-its parts asked, and in the end its agents themselves, by `radar` and `assign`. A box counts as outside or inside only if
-it is by more than any rounding, so the plan is, bit for bit, that of testing every agent.
+Agents are ordered along a space-filling curve (Morton 1966), group by group. Every LEAF agents form
+a block, and every FAN blocks form a larger one, each with a box about its spheres: a bounding
+volume hierarchy (Clark 1976) with an array per tier. A block that lies wholly outside the picture,
+or wholly inside and within one LOD, is decided at once. Otherwise its parts are tested, and in the
+end its agents, by `radar` and `assign`. A box counts as outside or inside only beyond any rounding,
+so the plan equals, bit for bit, that of testing every agent.
 
-Agents move on from where the boxes were taken; until the next boxes these are grown by what the table lets agents walk.
-The order is renewed less often than the boxes, which only grow as neighbours part (behaviour.Trajectory.blocks).
+Agents move away from where the boxes were taken. Until the next boxes, these are grown by how far
+the table lets agents walk. The order is renewed less often than the boxes, which only grow as
+neighbors part (planning/index_cache.py).
 """
 
 from bisect import bisect_left
@@ -22,7 +24,8 @@ from ..crowd.maps import Area, HeightMap
 from ..crowd.state_machine import StateMachine
 from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
 
-# Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked first, about.
+# Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked
+# first, about.
 LEAF, FAN, FIRST = 16, 8, 1024
 # Agents tested alone together.
 PART = 8192
@@ -34,13 +37,16 @@ CULLED, OPEN = 255, 254
 class Blocks:
     """The crowd's blocks at one time.
 
-    rows: (b, LEAF) int32, agent indices, group by group along the curve. groups: (G + 1,) intp: group g is
-    order[groups[g]:groups[g + 1]], where order are the rows one after another. spheres: (2, G) float64, each group's centre
-    and radius, metres. tiers: of each, the largest blocks first, (agents a block, boxes (8, b) float64, first group and last
-    group (2, b) uint8); the boxes' rows are centre x, y, z, half width along x, y, z, and the least and the greatest radius of
-    their spheres, metres. The last blocks repeat the last agent, to be full. extent: the largest coordinate, metres. finite:
-    no agent stands at NaN or infinity. floor: the height of all agents' feet for as long as the blocks hold; None if they
-    differ.
+    rows: (b, LEAF) int32, agent indices, group by group along the curve. The last blocks repeat the
+        last agent, to be full.
+    groups: (G + 1,) intp: group g is order[groups[g]:groups[g + 1]].
+    spheres: (2, G) float64 metres, each group's center height and radius.
+    tiers: the largest blocks first, of each tier (agents per block, boxes (8, b) float64, first and
+        last group (2, b) uint8). The boxes' rows are center x, y, z; half width along x, y, z;
+        least and greatest radius of the spheres, metres.
+    extent: the largest coordinate, metres.
+    finite: whether no agent stands at NaN or infinity.
+    floor: the height of all agents' feet for as long as the blocks hold; None if they differ.
     """
 
     rows: np.ndarray
@@ -53,14 +59,18 @@ class Blocks:
 
     @property
     def order(self) -> np.ndarray:
-        """(n,) int32."""
+        """Return the agent indices in block order, (n,) int32."""
         return self.rows.reshape(-1)[: self.groups[-1]]
 
 
 @dataclass(frozen=True)
 class Decided:
-    """What is known of the blocks. leaves: (b,) uint8, the LOD of each of the smallest blocks, or CULLED, or OPEN. opened: (k,)
-    intp, rising: which are OPEN. own: (k, LEAF) uint8, the LODs of their agents, CULLED of those not seen."""
+    """What is known of the blocks.
+
+    leaves: (b,) uint8, the LOD of each of the smallest blocks, or CULLED, or OPEN.
+    opened: (k,) intp, increasing, the blocks that are OPEN.
+    own: (k, LEAF) uint8, the LODs of the agents in these; CULLED if not seen.
+    """
 
     leaves: np.ndarray
     opened: np.ndarray
@@ -69,13 +79,19 @@ class Decided:
 
 @dataclass(frozen=True)
 class Pace:
-    """How far agents may get from where they stood, to both sides, metres a second. low, high: (3,) float64."""
+    """How far agents may get from where they stood, in both directions, m/s.
+
+    low, high: (3,) float64.
+    """
 
     low: np.ndarray
     high: np.ndarray
 
     def between(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """(least, most) displacement, each (3,) metres, at any of the times `seconds`, relative to that of the boxes."""
+        """Return (least, most) displacement, each (3,) metres, at any time in `seconds`.
+
+        seconds: relative to the time of the boxes.
+        """
         ways = np.multiply.outer((min(seconds), max(seconds)), (self.low, self.high))
         return np.minimum(ways.min(axis=(0, 1)), 0.0), np.maximum(ways.max(axis=(0, 1)), 0.0)
 
@@ -84,7 +100,7 @@ STANDING = Pace(np.zeros(3), np.zeros(3))
 
 
 def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
-    """What the table lets agents walk, and the height map climb."""
+    """Return how fast the table lets agents walk, and the height map lets them climb."""
     velocity = machine.velocity.reshape(-1, 2)
     low, high = velocity.min(axis=0, initial=0), velocity.max(axis=0, initial=0)
     if machine.edge == "reflect":
@@ -99,13 +115,13 @@ def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
 
 
 def filled(order: np.ndarray) -> np.ndarray:
-    """The order (n,) of agents with the last of them repeated, so that all blocks are full."""
+    """Return the order (n,) with the last agent repeated to fill all blocks."""
     beyond = -len(order) % _largest(len(order))
     return np.append(order, np.full(beyond, order[-1])) if beyond else order
 
 
 def _largest(count: int) -> int:
-    """How many of `count` agents are in one of the largest blocks."""
+    """Return how many of `count` agents one of the largest blocks holds."""
     size = LEAF
     while count > size * FIRST:
         size *= FAN
@@ -121,10 +137,18 @@ def blocks_of(
     flat: bool = False,
     heights: HeightMap | None = None,
 ) -> Blocks:
-    """The blocks of `crowd`, its agents in the `order` that `filled` made. They hold as well for agents beyond `area` once these
-    are taken onto it. wraps: (least, most) displacement (3,) within which the boxes will be used, where agents that leave the
-    area come back at its other side. flat: no agent's height changes. heights: what agents stand on, not at their own z. Takes
-    some 9 bytes an agent at most, of which the result keeps 5."""
+    """Return the blocks of `crowd`.
+
+    order: from `filled`.
+    area: the crowd's ground. The blocks also hold for agents beyond it, once these are moved onto
+        it.
+    wraps: (least, most) displacement (3,) within which the boxes will be used, if agents that leave
+        the area come back at its other side.
+    flat: no agent's height changes.
+    heights: the ground that agents stand on; without it they stand at their own z.
+
+    Needs at most about 9 bytes an agent, of which the result keeps 5.
+    """
     count, rows = len(crowd), order.reshape(-1, LEAF)
     leaves, size = len(rows), _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]
@@ -166,8 +190,10 @@ def blocks_of(
 
 
 def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    """The next larger tier: every FAN blocks in one. boxes: (8, b) with the least and the greatest corner for
-    centre and half width."""
+    """Return the next larger tier: every FAN blocks joined into one.
+
+    boxes: (8, b), with the least and greatest corners in place of center and half width.
+    """
     parts = boxes.reshape(8, -1, FAN)
     least, most = parts.min(axis=2), parts.max(axis=2)
     return (
@@ -178,8 +204,11 @@ def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.nd
 
 
 def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, heights: HeightMap | None) -> None:
-    """Let the boxes low, high (3, b) hold agents as they are taken onto the area, or as they come back on its other side,
-    where the ground is another."""
+    """Grow the boxes low, high (3, b) for agents that are moved onto the area.
+
+    With `wraps` the boxes also hold agents that come back at the other side of the area, where the
+    ground may have another height.
+    """
     for axis, (least, most) in enumerate(((area.x_min, area.x_max), (area.y_min, area.y_max))):
         if wraps is not None:
             crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
@@ -191,7 +220,7 @@ def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, he
 
 
 def _over(values: np.ndarray, which: np.ufunc) -> np.ndarray:
-    """(G, G): the least or the greatest of values (G,) from group a to group b, at [a, b]."""
+    """Return (G, G): at [a, b] the least or greatest of `values` of groups a to b."""
     rows = np.broadcast_to(values, (len(values), len(values)))
     worst = np.inf if which is np.minimum else -np.inf
     return which.accumulate(np.where(np.tri(len(values), k=-1, dtype=bool), worst, rows), axis=1)
@@ -206,12 +235,16 @@ def decide(
     margin: float | None = None,
     radial: bool = False,
 ) -> tuple[Decided, np.ndarray]:
-    """(decided, places): what the blocks decide, and which agents they leave open.
+    """Return (decided, places): what the blocks decide, and which agents stay open.
 
-    crowd: as it stands at the first of the looks' times. looks: of each time at which agents may be seen, those of the eyes;
-    LODs follow from the first time's. limits: (G, n - 1) metres where LODs begin, None if they depend on more than distance.
-    margin, radial: as for `radar`. places: (m,) intp, rising: where in decided.own, taken flat, those agents stand; there they
-    are CULLED so far.
+    crowd: as it stands at the first of the looks' times.
+    looks: for each time at which agents may be seen, the Looks of the eyes. LODs follow from the
+        first time's.
+    limits: (G, n - 1) metres where LODs begin; None if they depend on more than distance.
+    margin, radial: as for `radar`.
+
+    places: (m,) intp, increasing, indices of the open agents in decided.own, flattened. These are
+        CULLED there so far.
     """
     steps = [] if limits is None else [_steps(step) for step in limits.T]
     leaves = np.full(len(blocks.rows), CULLED, np.uint8)
@@ -253,12 +286,15 @@ def near(
     about: float,
     touches: Callable[[np.ndarray, np.ndarray], np.ndarray],
 ) -> np.ndarray:
-    """(m,) intp: which of the smallest blocks, of those in `leaves` (b,) bool, may hold agents that `touches` keeps.
+    """Return the smallest blocks that may hold agents kept by `touches`, (m,) intp.
 
-    touches: which (b,) bool of spheres at points (b, 3) with the radius (b,) it keeps; whoever keeps a sphere keeps one that
-    holds it. It is asked of spheres about whole blocks. moved: (least, most) displacement (3,) from the boxes; grown: by how
-    much the agents' spheres are larger, metres; about: the largest coordinate that `touches` reckons with, whose roundings are
-    to decide nothing.
+    leaves: (b,) bool, the smallest blocks to test.
+    moved: (least, most) displacement (3,) from the boxes, metres.
+    grown: metres by which the agents' spheres are larger.
+    about: the largest coordinate that `touches` computes with; the test allows for its rounding.
+    touches: (points (b, 3), radii (b,)) -> (b,) bool, which spheres it keeps. If it keeps a sphere,
+        it must keep every sphere that contains that one. It is called with spheres about whole
+        blocks.
     """
     least, most = moved
     about = about + np.abs(moved).max() + grown
@@ -277,8 +313,11 @@ def near(
 
 
 def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:
-    """Decide which of the first `count` agents of decided.own, taken flat, are clearly in or out; the places (m,) there of those
-    that only exact tests tell."""
+    """Decide agents that are clearly in or out; return the places (m,) of the rest.
+
+    count: how many agents of decided.own, flattened, are tested. The places are indices into the
+        same array; only exact tests decide those.
+    """
     left, slack = [np.arange(0)], max(test.slack for test in tests)
     centre, radius = blocks.spheres
     uniform = (limits == limits[0]).all()
@@ -309,21 +348,33 @@ def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Dec
 
 
 def edges(group: np.ndarray, agents: np.ndarray, groups: int) -> np.ndarray:
-    """(groups + 1,) intp: where in `agents` (m,), which come group by group, each group begins, and their end. group: (n,), of all
-    agents; a few are asked."""
+    """Return where each group begins in `agents` (m,), and where the last one ends.
+
+    Returns (groups + 1,) intp.
+
+    group: (n,), of all agents; only a few entries are read.
+    agents: ordered group by group.
+    """
     return np.array([*(bisect_left(agents, g, key=group.__getitem__) for g in range(groups)), len(agents)])
 
 
 def _steps(limits: np.ndarray) -> tuple:
-    """(latest, earliest) distance at which a LOD begins: one number, or (G, G) each, for the groups a to b at [a, b]."""
+    """Return the (latest, earliest) distance at which a LOD begins.
+
+    Each is one number, or (G, G): for the groups a to b at [a, b].
+    """
     if (limits == limits[0]).all():
         return limits[0], limits[0]
     return _over(limits, np.maximum), _over(limits, np.minimum)
 
 
 def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(outside, level), each (b,): whether no camera sees the boxes (9, b), with the groups group[:, some]; the LOD of
-    those seen wholly, and in one LOD; CULLED stands for all others."""
+    """Return (outside, level), each (b,), for the boxes (9, b).
+
+    outside: whether no camera sees the box.
+    level: the LOD of boxes seen wholly and in one LOD, else CULLED. The boxes' first and last
+        groups are group[:, some].
+    """
     outside = inside = nearest = None
     for time, eyes in enumerate(tests):
         for test in eyes:
@@ -342,5 +393,8 @@ def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray)
 
 
 def _or_culled(levels: np.ndarray, shown: np.ndarray) -> np.ndarray:
-    """`levels` (b,) uint8, CULLED, whose bits are all set, where not `shown` (b,) bool: several times as fast as where()."""
+    """Return `levels` (b,) uint8, with CULLED where not `shown` (b,) bool.
+
+    CULLED has all bits set, so that this is several times as fast as np.where.
+    """
     return levels | (shown.view(np.uint8) - np.uint8(1))

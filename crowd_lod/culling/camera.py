@@ -1,4 +1,4 @@
-"""The camera's referential and window (chapter eqs 1.1 to 1.3, 1.5, 1.6), for Blender's kinds of camera."""
+"""Axes and window of Blender's cameras (chapter eqs 1.1 to 1.3, 1.5, 1.6)."""
 
 import math
 from collections.abc import Sequence
@@ -8,15 +8,22 @@ import numpy as np
 
 from ..errors import CrowdError
 
-# How far pictures may draw an agent from where it stands, relative to the coordinates of agent and camera. Blender's positions
-# are float32, which rounds by half an epsilon; the rest is for what renderers round who move meshes and rays by matrices of it.
+# How far pictures may draw an agent from where it stands, relative to the coordinates of agent and
+# camera. Blender's positions are float32, which rounds by half an epsilon; the rest is for what
+# renderers round who move meshes and rays by matrices of it.
 GRAIN = 4 * float(np.finfo(np.float32).eps)
 
 
 @dataclass(frozen=True)
 class Window:
-    """What the image shows of the plane one metre ahead (perspective: slopes, tan of the half angles) or of any plane
-    across the view (orthographic: metres), along the camera's X (left, right) and Y (bottom, top)."""
+    """The part of a view plane that the image shows, along the camera's X and Y.
+
+    Perspective: on the plane one meter ahead, as slopes (tan of the half angles). Orthographic: on
+        any plane across the view, in metres.
+
+    left, right: along X.
+    bottom, top: along Y.
+    """
 
     left: float
     right: float
@@ -28,19 +35,26 @@ class Window:
 class Camera:
     """A camera at one time.
 
-    kind: "PERSP", "ORTHO" or "PANO". origin: (3,) float64, world metres, the chapter's c. X (right), Y (up), Z (view
-    direction): (3,) float64; v.X, v.Y, v.Z are the camera coordinates of v = p - c. They are orthonormal, but for a
-    camera that a parent shears (see `referential`). near, far: metres along Z (PANO: from the origin). pixels: (width,
-    height) of the image.
-
-    cone: radians; a PANO camera sees directions up to this angle from Z, in every direction with the default.
-    pad, turn: what else moves a camera's rays, as bounds: every sphere is taken for larger by `pad` metres and `turn`
-    metres a metre of distance (see `lens_blur`, `opened`, culling/stereo.py). density: pixels per unit of the window, PANO:
-    per radian in the middle; None derives it from pixels and window. rays: near and far are where rays begin and end,
-    as in Cycles, not planes; it matters only where the camera is sheared (see `planes`). grain: metres a metre of the
-    coordinates, their own and the camera's, by which spheres are taken for larger still (see `pictured`). filtered: pixels by
-    which the pixel filter reaches past the picture's edges. It widens what is seen, not the window, from which sizes in pixels
-    come.
+    kind: "PERSP", "ORTHO" or "PANO".
+    origin: (3,) float64, world metres, the chapter's c.
+    X, Y, Z: (3,) float64, right, up, view direction. v.X, v.Y, v.Z are the camera coordinates of v
+        = p - c. The axes are orthonormal, except for a camera that a parent shears (see
+        `referential`).
+    near, far: metres along Z; PANO: from the origin.
+    pixels: (width, height) of the image.
+    cone: radians; a PANO camera sees directions up to this angle from Z. The default is every
+        direction.
+    pad, turn: bounds on other displacements of the camera's rays. Every sphere counts as larger by
+        `pad` metres, and by `turn` metres per meter of distance (see `lens_blur`, `opened`,
+        culling/stereo.py).
+    density: pixels per unit of the window; PANO: per radian in the middle. None derives it from
+        pixels and window.
+    rays: near and far are where rays begin and end, as in Cycles, not planes. It matters only for a
+        sheared camera (see `planes`).
+    grain: metres per meter of the coordinates, the sphere's and the camera's, by which spheres
+        count as larger still (see `pictured`).
+    filtered: pixels by which the pixel filter reaches past the picture's edges. It widens what is
+        seen, not the window, from which sizes in pixels follow.
     """
 
     kind: str
@@ -62,14 +76,17 @@ class Camera:
 
     @property
     def seen(self) -> Window:
-        """The window, wider by what the pixel filter mixes into the pixels at the picture's edges."""
+        """Return the window, widened by the reach of the pixel filter."""
         w, (width, height) = self.window, self.pixels
         across, up = self.filtered * (w.right - w.left) / width, self.filtered * (w.top - w.bottom) / height
         return Window(w.left - across, w.right + across, w.bottom - up, w.top + up)
 
     @property
     def pixels_per_unit(self) -> float:
-        """Pixels per unit slope (PERSP), metre (ORTHO) or radian (PANO), along the finer of the image's axes."""
+        """Return the pixels per unit of the window, along the finer axis of the image.
+
+        The unit is slope 1 (PERSP), a meter (ORTHO) or a radian (PANO).
+        """
         if self.density is not None:
             return self.density
         w = self.window
@@ -77,11 +94,17 @@ class Camera:
 
 
 def referential(matrix: np.ndarray, name: str = "camera") -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(origin, X, Y, Z), each (3,) float64, of a camera with the world matrix (4, 4), which looks along its own -z.
+    """Return (origin, X, Y, Z), each (3,) float64, of a camera's world matrix.
 
-    As Blender does (BKE_camera_multiview_model_matrix), the matrix's columns are normalised, and nothing else: scale is
-    gone, a mirrored camera keeps its mirrored image, and a camera sheared by a parent keeps axes that are not
-    orthogonal. X, Y and -Z are the rows of the inverse, which take a point to camera coordinates in every case.
+    matrix: (4, 4); the camera looks along its own -z.
+    name: the camera's name, for errors.
+
+    As in Blender (BKE_camera_multiview_model_matrix), only the lengths of the matrix's columns are
+    normalized. Scale is gone, a mirrored camera keeps its mirrored image, and a camera sheared by a
+    parent keeps axes that are not orthogonal. X, Y and -Z are the rows of the inverse; they take a
+    point to camera coordinates in every case.
+
+    Raises CrowdError if the matrix is not finite, is scaled to 0, or is sheared flat.
     """
     matrix = np.asarray(matrix, np.float64)
     if not np.isfinite(matrix).all():
@@ -103,11 +126,16 @@ def window(
     aspect: tuple[float, float] = (1.0, 1.0),
     shift: tuple[float, float] = (0.0, 0.0),
 ) -> Window:
-    """The window of a Blender camera.
+    """Return the window of a Blender camera.
 
-    size: extent of the fitted side: sensor / lens (perspective; sensor_height for VERTICAL fit, else sensor_width) or
-    the orthographic scale in metres. fit: AUTO, HORIZONTAL or VERTICAL. pixels: image width and height. aspect: pixel
-    aspect x, y. shift: lens shift in parts of the fitted side. Source: Blender's BKE_camera_params_compute_viewplane.
+    size: extent of the fitted side: sensor / lens for perspective (sensor_height for VERTICAL fit,
+        else sensor_width), or the orthographic scale in metres.
+    fit: AUTO, HORIZONTAL or VERTICAL.
+    pixels: image width and height.
+    aspect: pixel aspect x, y.
+    shift: lens shift in parts of the fitted side.
+
+    Source: Blender's BKE_camera_params_compute_viewplane.
     """
     width, height = pixels[0] * aspect[0], pixels[1] * aspect[1]
     horizontal = fit == "HORIZONTAL" or (fit == "AUTO" and width >= height)
@@ -117,9 +145,13 @@ def window(
 
 
 def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -> Camera:
-    """The camera that films a part of the image alone: Blender's render border, in parts of the image's width (left,
-    right) and height (bottom, top), out to whole pixels, in Blender's float32, from where it begins to where it ends. A
-    panoramic camera is returned as it is."""
+    """Return the camera of Blender's render region: a part of the image alone.
+
+    left, right: parts of the image's width.
+    bottom, top: parts of its height. The region is widened to whole pixels, in Blender's float32.
+
+    A panoramic camera is returned as it is.
+    """
     if camera.kind == "PANO":
         return camera
     w, (width, height) = camera.window, camera.pixels
@@ -133,25 +165,31 @@ def crop(camera: Camera, left: float, right: float, bottom: float, top: float) -
 
 
 def lens_blur(camera: Camera, aperture: float, focus: float) -> Camera:
-    """The camera with a lens that is no pinhole: depth of field lets it see past the window's sides.
+    """Return the camera with depth of field, which sees past the window's sides.
 
-    aperture: the lens's radius in metres; focus: distance in metres. At the depth z a ray passes at most
-    aperture |1 - z / focus| beside the pinhole's, which is at most aperture (1 + z / focus).
+    aperture: the lens's radius, metres.
+    focus: distance, metres.
+
+    At the depth z a ray passes at most aperture |1 - z / focus| beside the pinhole's ray, which is
+    at most aperture (1 + z / focus).
     """
     return replace(camera, pad=camera.pad + aperture, turn=camera.turn + aperture / focus)
 
 
 def pictured(cameras: Sequence[Camera]) -> tuple[Camera, ...]:
-    """The cameras with the rounding of Blender's pictures as their grain.
+    """Return the cameras with the rounding of Blender's pictures as their grain.
 
-    Blender draws agents at float32 positions: at 1e6 m from the origin they stand up to 0.03 m beside their float64
-    positions along each axis. Drawing rounds further (see GRAIN)."""
+    Blender draws agents at float32 positions: at 1e6 m from the origin they stand up to 0.03 m
+    beside their float64 positions along each axis. Drawing rounds further (see GRAIN).
+    """
     return tuple(replace(camera, grain=GRAIN) for camera in cameras)
 
 
 def stretch(camera: Camera) -> tuple[float, float]:
-    """(least, most): factors by which camera coordinates may be shorter, longer than the world's: singular values of
-    the referential. Both are 1, but for rounding, unless the camera is sheared."""
+    """Return (least, most): factors of camera coordinates against world coordinates.
+
+    They are singular values of the axes. Both are 1, up to rounding, unless the camera is sheared.
+    """
     values = np.linalg.svd(np.array([camera.X, camera.Y, camera.Z]), compute_uv=False)
     return float(values[-1]), float(values[0])
 
@@ -160,10 +198,13 @@ def stretch(camera: Camera) -> tuple[float, float]:
 class Planes:
     """The six planes of a PERSP or ORTHO camera: right, left, top, bottom, near, far.
 
-    A point at v = p - c lies inside plane k iff normals[k] . v <= offsets[k]. normals: (6, 3) float64, unit vectors in
-    world space, outward. offsets: (6,) metres. fixed: (6,) metres along the normal that one metre of v.X, v.Y (the
-    chapter's fixed Delta) or v.Z is. rounding: how much larger than 1 were the terms that cancelled in a normal: the
-    factor by which its rounding may exceed a unit vector's.
+    A point at v = p - c lies inside plane k iff normals[k] . v <= offsets[k].
+
+    normals: (6, 3) float64, unit vectors in world space, outward.
+    offsets: (6,) metres.
+    fixed: (6,), metres along the normal per meter of v.X, v.Y (the chapter's fixed Delta) or v.Z.
+    rounding: how much larger than 1 the terms were that cancelled in a normal. It is the factor by
+        which the normal's rounding may exceed that of a unit vector.
     """
 
     normals: np.ndarray
@@ -180,13 +221,16 @@ class Planes:
 
 
 def planes(camera: Camera) -> Planes:
-    """The camera's planes (chapter eqs 1.4 to 1.6).
+    """Return the camera's planes (chapter eqs 1.4 to 1.6).
 
-    |v.X| <= w / 2 with w = 2 (v.Z) tan(fov / 2) is (X - t Z) . v <= 0 with the slope t = tan(fov / 2) of the window's
-    side. Divided by its length sqrt(1 + t^2), the chapter's 1 / cos(fov / 2), it measures the distance from the plane
-    in metres, stays finite as fov goes to 180 degrees, and a sphere touches the plane iff it is at most r. Cycles begins
-    and ends a sheared camera's rays at near and far times a factor that depends on the direction: with `rays` the two
-    planes are moved apart by its bound, `stretch`.
+    |v.X| <= w / 2 with w = 2 (v.Z) tan(fov / 2) is (X - t Z) . v <= 0 with the slope t = tan(fov /
+    2) of the window's side. Divided by its length sqrt(1 + t^2), the chapter's 1 / cos(fov / 2), it
+    is the distance from the plane in metres. It stays finite as fov goes to 180 degrees, and a
+    sphere touches the plane iff it is at most r.
+
+    Cycles begins and ends a sheared camera's rays at near and far times a factor that depends on
+    the direction. With `camera.rays` the two planes are moved apart by the bound of that factor,
+    `stretch`.
     """
     w, X, Y, Z = camera.seen, camera.X, camera.Y, camera.Z
     edges = ((X, w.right), (-X, -w.left), (Y, w.top), (-Y, -w.bottom))
@@ -206,12 +250,14 @@ def planes(camera: Camera) -> Planes:
 
 
 def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
-    """The cameras of an open shutter: `samples`, one camera at consecutive times, each with its spheres grown by as
-    much as the camera moves to the sample before or after.
+    """Return the cameras of an open shutter, each with its spheres grown.
 
-    What the camera sees at any time between two samples, one of them then sees, if it moves on between them without
-    turning back. From n . (p - c) <= offset + r: a plane's normal that turns by dn moves by |dn| |v|, the origin by
-    |dc|, the offset by itself.
+    samples: one camera at consecutive times. Spheres grow by as much as the camera moves to the
+        sample before or after.
+
+    Whatever the camera sees at any time between two samples, one of these two then sees, if the
+    camera moves on between them without turning back. From n . (p - c) <= offset + r: a plane's
+    normal that turns by dn moves by |dn| |v|, the origin by |dc|, the offset by itself.
     """
     moves = [(0.0, 0.0), *(_change(a, b) for a, b in zip(samples[:-1], samples[1:], strict=True)), (0.0, 0.0)]
     return tuple(
@@ -221,7 +267,11 @@ def opened(samples: Sequence[Camera]) -> tuple[Camera, ...]:
 
 
 def differs(planned: Camera, shown: Camera) -> bool:
-    """Whether what is `shown` is more than rounding off what was `planned`: a sample of `opened`, and its camera as it is."""
+    """Return whether two cameras differ by more than rounding.
+
+    planned: a sample of `opened`.
+    shown: the camera as it is.
+    """
     if planned.kind != shown.kind:
         return True
     moved, turned = _change(planned, shown)
@@ -230,7 +280,10 @@ def differs(planned: Camera, shown: Camera) -> bool:
 
 
 def _change(a: Camera, b: Camera) -> tuple[float, float]:
-    """(metres, metres a metre of distance) by which what bounds the view moves from camera a to b."""
+    """Return how far the view's bounds move from camera a to b.
+
+    Returns (metres, metres per meter of distance).
+    """
     moved = float(np.linalg.norm(b.origin - a.origin))
     if a.kind == "PANO" or b.kind == "PANO":
         clip = max(abs(b.near - a.near), abs(b.far - a.far))
@@ -243,7 +296,10 @@ def _change(a: Camera, b: Camera) -> tuple[float, float]:
 
 
 def frustum_corners(camera: Camera, distance: float) -> np.ndarray:
-    """World positions (4, 3) of the window's corners at `distance` metres along the view, around from left bottom."""
+    """Return the world positions (4, 3) of the window's corners at `distance` metres.
+
+    The distance is along the view. The order goes around from the bottom left.
+    """
     w = camera.window
     at = 1.0 if camera.kind == "ORTHO" else distance
     corners = [(w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top)]

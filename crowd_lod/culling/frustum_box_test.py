@@ -1,4 +1,7 @@
-"""What a camera decides of boxes about many spheres at once, and of single spheres, where it is clear beyond all rounding."""
+"""Frustum tests of boxes and of single spheres that hold beyond all rounding.
+
+Whatever lies too close to a limit stays undecided.
+"""
 
 from dataclasses import dataclass
 
@@ -6,10 +9,12 @@ import numpy as np
 
 from .camera import Camera, planes, stretch
 
-# Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes, and of the walk, which
-# rounds at each of the at most speeds.MOST_CELLS borders a step. What it leaves open costs time, not truth.
+# Far more than all roundings, relative to the largest coordinate: those of the radar, of the boxes,
+# and of the walk, which rounds at each of the at most speeds.MOST_CELLS borders a step. What it
+# leaves open costs time, not truth.
 SLACK = 1e-8
-# NumPy's matrix product takes several threads for more columns than this: it costs them more to start than they save.
+# NumPy's matrix product takes several threads for more columns than this: it costs them more to
+# start than they save.
 COLUMNS = 2048
 # Metres. Beyond these, products and squares may overflow, or lose their bits to underflow.
 HUGE, LEAST = 1e100, 1e-100
@@ -19,8 +24,11 @@ BEYOND = 2.0**20
 
 @dataclass(frozen=True)
 class Look:
-    """One camera's look at the crowd: the arguments of `radar`, for agents displaced by least to most, (3,) metres each,
-    from the boxes, with spheres larger by `grown`."""
+    """One camera's view of the crowd, for agents that moved since the boxes.
+
+    least, most: (3,) metres, the bounds of the agents' displacement from the boxes.
+    grown: metres by which the agents' spheres are larger.
+    """
 
     camera: Camera
     least: np.ndarray
@@ -29,7 +37,11 @@ class Look:
 
 
 class Test:
-    """What a look decides of boxes, by linear forms: rows of `forms` (f, 9) times a box and 1."""
+    """Decides boxes for one Look by linear forms: `forms` (f, 9) times (box, 1).
+
+    extent: the largest coordinate of the boxes, metres.
+    margin, radial: as for `radar`.
+    """
 
     def __init__(self, look: Look, extent: float, margin: float | None, radial: bool):
         camera = self.camera = look.camera
@@ -45,7 +57,8 @@ class Test:
         about = extent + np.abs(camera.origin).max() + np.abs(self.moved).max() + self.wider.max() + self.reach
         self.slack = (SLACK + 6 * camera.grain) * (1 + camera.turn) * rounding * (1 + np.abs(camera.Z).sum()) * about
         away = np.abs(offsets)
-        # of a plane so far beyond all boxes that none comes near, as a far one may be, roundings decide nothing
+        # of a plane so far beyond all boxes that none comes near, as a far one may be, roundings
+        # decide nothing
         self.slack += 1e-12 * away[away < BEYOND * (1 + camera.turn) * about].max(initial=0.0) + LEAST
         if not about < HUGE:
             self.slack = np.nan  # nothing is decided
@@ -61,15 +74,20 @@ class Test:
         add[k:-2] -= beyond
         add[-2:] += (-self.slack, self.slack)
         self.forms = np.concatenate([axes, wide, part, add[:, None]], axis=1)
-        # of single spheres, which have not moved on: rows of `single` (f, 5) times (x, y, z, radius, 1)
+        # of single spheres, which have not moved on: rows of `single` (f, 5) times (x, y, z,
+        # radius, 1)
         self.single = np.empty((k + 1, 5))
         self.single[:, :3], self.single[:, 3] = axes[k:-1], part[k:-1, 0]
         self.single[:, 4] = axes[k:-1] @ -camera.origin
         self.single[:k, 4] -= beyond
 
     def __call__(self, boxes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(outside, inside, nearest, farthest), each (b,), of `boxes` (9, b), the last row 1: whether all their spheres are, as far
-        as is known; bounds of their distances."""
+        """Return (outside, inside, nearest, farthest), each (b,), for `boxes` (9, b).
+
+        boxes: as Blocks.tiers, with a last row of 1.
+        outside, inside: bool, whether all spheres of a box surely are.
+        nearest, farthest: bounds of their distances, metres.
+        """
         camera, k = self.camera, self.count
         values = self.forms @ boxes
         nearest, farthest = values[-2:]
@@ -90,8 +108,14 @@ class Test:
         return outside, inside, nearest, farthest
 
     def alone(self, spheres: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(outside, inside, distance), each (m,), of `spheres` (5, m): whether each is, as far as is known; its distance to
-        within the slack. For cameras whose reach and distance are linear."""
+        """Return (outside, inside, distance), each (m,), for single `spheres` (5, m).
+
+        spheres: rows x, y, z, radius, 1.
+        outside, inside: bool, whether a sphere surely is.
+        distance: metres, to within the slack.
+
+        Only for cameras whose reach and distance are linear (`linear`).
+        """
         *sides, distance = values = np.empty((len(self.single), spheres.shape[1]))
         for at in range(0, spheres.shape[1], COLUMNS):
             np.matmul(self.single, spheres[:, at : at + COLUMNS], out=values[:, at : at + COLUMNS])
@@ -99,7 +123,10 @@ class Test:
         return worst > self.slack, worst <= -self.slack, distance
 
     def _of_range(self, boxes, close, away, least, most) -> tuple[np.ndarray, np.ndarray]:
-        """(outside, inside), each (b,), of a panoramic camera's clip range and cone; of these a sphere about the box."""
+        """Return (outside, inside), each (b,), for a PANO camera's clip range and cone.
+
+        The cone tests a sphere about each box.
+        """
         camera = self.camera
         outside = (close > camera.far + most + self.slack) | (away < camera.near - most - self.slack)
         inside = (close >= camera.near - least + self.slack) & (away <= camera.far + least - self.slack)

@@ -12,10 +12,11 @@ from .camera import Camera, Planes, planes, stretch
 
 # Agents a block: its few float64 columns stay in the processor's cache.
 BLOCK = 16_384
-# Bound on the rounding of n . v - offset in float64, relative to |vx| + |vy| + |vz| + |offset| + |origin z| + reach, so
-# that rounding never drops an agent. In units of u = eps / 2: p - c errs by 1 (z + centre, then - c: 2), the normal by 8
-# (a difference, its norm, a division), the dot product by 3, offset and reach by 4 each, the bound's own sums by 4. That
-# is 21; 32 leaves room for singular values, square roots and sheared cameras' inverses.
+# Bound on the rounding of n . v - offset in float64, relative to |vx| + |vy| + |vz| + |offset| +
+# |origin z| + reach, so that rounding never drops an agent. In units of u = eps / 2: p - c errs by
+# 1 (z + centre, then - c: 2), the normal by 8 (a difference, its norm, a division), the dot product
+# by 3, offset and reach by 4 each, the bound's own sums by 4. That is 21; 32 leaves room for
+# singular values, square roots and sheared cameras' inverses.
 ROUNDING = 16 * np.finfo(np.float64).eps
 # Metres. Products and squares of smaller numbers may lose all their bits to underflow.
 TINY = 1e-150
@@ -35,22 +36,29 @@ def radar(
     measure: bool = True,
     agents: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(visible, distance): which agents any of the cameras may see, and how far away they are.
+    """Return (visible, distance): which agents any camera may see, and how far away.
 
-    cameras: one, or the eyes of one picture. centre, radius: (G,) float64, each group's bounding sphere: height of its
-    centre above the feet, radius, metres. margin: None derives the chapter's widening from the sphere, which is then
-    visible iff it lies in or touches all six planes (Delta = r / cos(fov / 2) at the sides, r at near and far); a number
-    is the chapter's fixed Delta in metres, at the sides alone. A panoramic camera keeps all within its clip range and
-    its cone; what its picture leaves out within the cone is kept as well.
+    cameras: one, or the eyes of one picture.
+    centre, radius: (G,) float64 metres, each group's bounding sphere: the height of its center
+        above the feet, and its radius.
+    margin: None derives the chapter's widening from the sphere. The sphere is then visible iff it
+        lies in or touches all six planes (Delta = r / cos(fov / 2) at the sides, r at near and
+        far). A number is the chapter's fixed Delta in metres, at the sides alone.
+    radial: measure |v| instead of v.Z.
+    leave: what the crowd does not need, from leave_outs.needless.
+    every: the answer for all agents, from `bounds`, if it is known.
+    measure: whether to measure distances; those not measured are inf.
+    agents: (m,) indices to test, group by group if the crowd is in order; None tests all. The
+        results are then (m,).
 
-    visible: (n,) bool. distance: (n,) float64, metres from the camera to the sphere's centre: v.Z along the view, or
-    |v| with `radial` and for panoramic cameras; with several cameras the least, so that all show the finest LOD that
-    one needs. Agents exactly on a plane are visible; those at NaN or infinity are not. Positions relative to the camera
-    are formed in float64.
+    visible: (n,) bool. Agents exactly on a plane are visible; those at NaN or infinity are not. A
+        panoramic camera keeps all within its clip range and its cone, also what its picture leaves
+        out within the cone.
+    distance: (n,) float64 metres from the camera to the sphere's center: v.Z along the view, or |v|
+        with `radial` and for panoramic cameras. With several cameras it is the least, so that all
+        show the finest LOD that one needs.
 
-    leave: what the crowd does not need, from lean.needless. every: the answer for all, from `bounds`, if it is known.
-    measure: whether distances are asked for; inf stands for those that are not. agents: (m,) indices, group by group if
-    the crowd is in order, if only these are asked; what is given is then theirs, (m,).
+    Positions relative to the camera are computed in float64.
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
     count = len(crowd) if agents is None else len(agents)
@@ -84,15 +92,19 @@ def radar(
 
 
 def _blocks(group: np.ndarray, leave: frozenset[LeftOut]) -> list[slice]:
-    """Agents, group (n,), in parts, of one group each where they are in order."""
+    """Return slices of agents, group (n,); of one group each if they are in order."""
     parts = runs(group) if IN_ORDER in leave else [(0, len(group))]
     return [slice(at, min(at + BLOCK, end)) for begin, end in parts for at in range(begin, end, BLOCK)]
 
 
 @dataclass(frozen=True)
 class Bounds:
-    """What holds for all agents. every: whether the radar keeps all (True), none (False), or some, as far as is known
-    (None). finite: no agent stands at NaN or infinity. nearest, farthest: between these lie all its distances, metres."""
+    """What holds for all agents.
+
+    every: whether `radar` keeps all (True), none (False), or this is not known (None).
+    finite: whether no agent stands at NaN or infinity.
+    nearest, farthest: metres, bounds of all distances.
+    """
 
     every: bool | None = None
     finite: bool = False
@@ -109,11 +121,13 @@ def bounds(
     radial: bool = False,
     leave: frozenset[LeftOut] = NOTHING,
 ) -> Bounds:
-    """What `radar`, with the same arguments, will find for all agents, from the box about them.
+    """Return what `radar` finds for all agents, from the box about them.
 
-    Rounding keeps the order of numbers: x <= y gives fl(x) <= fl(y). So of each of the radar's terms, formed with the
-    same operations in the same order, the box's corners (of |v|: its nearest point) bound the agents' own, roundings
-    included, and the answer is the radar's to the bit.
+    The arguments are those of `radar`.
+
+    Rounding keeps the order of numbers: x <= y gives fl(x) <= fl(y). So the box's corners (for |v|:
+    its nearest point) bound each of the radar's terms, computed with the same operations in the
+    same order, roundings included. The answer is the radar's to the bit.
     """
     if not len(crowd):
         return Bounds()
@@ -135,7 +149,11 @@ def bounds(
 
 
 def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin: float | None, radial: bool) -> Bounds:
-    """The bounds for one camera of the spheres with their centres in the box low, high (3,), of the radii r[0] to r[1]."""
+    """Return the Bounds for one camera of spheres in a box.
+
+    low, high: (3,), the box of the spheres' centers.
+    r: (least, most) radius.
+    """
     low, high = low - camera.origin, high - camera.origin
     corners = tuple(np.where(CORNERS, low[:, None], high[:, None]))
     nearest = tuple(np.minimum(np.maximum(low, 0.0), high)[:, None])
@@ -164,7 +182,12 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin:
 
 
 def _reach(camera: Camera, v: tuple, range_: np.ndarray | None, r: np.ndarray | float) -> tuple:
-    """(how far spheres of the radius r with their centres at v, |v| = range_, reach, the rounding of it), metres."""
+    """Return (the reach of spheres beyond their centers, its rounding), metres.
+
+    r: radius.
+    v: the centers, relative to the camera.
+    range_: |v|.
+    """
     reach = r + camera.pad
     away = np.abs(v[0]) + np.abs(v[1]) + np.abs(v[2])
     if camera.grain:
@@ -175,8 +198,13 @@ def _reach(camera: Camera, v: tuple, range_: np.ndarray | None, r: np.ndarray | 
 
 
 def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray, margin: float | None) -> np.ndarray:
-    """(b,) bool: spheres with their centres at v that reach no further than `bound` (b,) beyond any of the six planes.
-    What lies before near or behind far, often the most, does not meet the sides."""
+    """Return which spheres are inside all six planes or touch them, (b,) bool.
+
+    v: the centers, relative to the camera.
+    depth: v.Z.
+    bound: (b,) metres by which a center may lie beyond a plane. The sides are tested only for
+        spheres between near and far.
+    """
     *sides, near, far = frustum.limits(margin, ROUNDING)
     along = depth * frustum.fixed[5]
     inside = (along <= far + bound) & (along >= -near - bound)
@@ -190,10 +218,10 @@ def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray,
 
 
 def _in_cone(camera: Camera, v: tuple, depth: np.ndarray, range_: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """(b,) bool: spheres with their centres at v within the clip range and the cone of a panoramic camera.
+    """Return which spheres a PANO camera's clip range and cone hold, (b,) bool.
 
-    In the plane through the axis and v, the cone's side is the line at the angle `cone`, from which v lies
-    |v| sin(angle - cone) = across cos(cone) - depth sin(cone) away.
+    In the plane through the axis and v, the cone's side is the line at the angle `cone`, from which
+    v lies |v| sin(angle - cone) = across cos(cone) - depth sin(cone) away.
     """
     inside = (range_ >= camera.near * (1 - ROUNDING) - reach) & (range_ <= camera.far * (1 + ROUNDING) + reach)
     if camera.cone < np.pi:
@@ -207,18 +235,19 @@ def _dot(v: tuple, axis) -> np.ndarray:
 
 
 def lost(crowd: Crowd) -> np.ndarray:
-    """Indices (m,) of the agents that stand at NaN or infinity."""
+    """Return the indices (m,) of the agents at NaN or infinity."""
     columns = crowd.places()
     with np.errstate(invalid="ignore", over="ignore"):
-        if np.isfinite(sum(column.sum() for column in columns)):  # the common case at the cost of three sums
+        # the common case at the cost of three sums
+        if np.isfinite(sum(column.sum() for column in columns)):
             return np.empty(0, np.intp)
     return np.flatnonzero(~np.logical_and.reduce([np.isfinite(column) for column in columns]))
 
 
 def refuse_lost(agents: np.ndarray, count: int) -> None:
-    """CrowdError if `agents` (m,), of `count`, from `lost`, are any."""
+    """Raise CrowdError if there are `agents` (m,), from `lost`; count: all agents."""
     if len(agents):
         raise CrowdError(
-            f"{len(agents):,} of {count:,} agents stand at NaN or infinity, the first is agent {agents[0]}: mend the points "
-            "or the map they come from, or let Crowd LOD drop them."
+            f"{len(agents):,} of {count:,} agents stand at NaN or infinity, the first is agent {agents[0]}: fix the points "
+            "or the map that they come from, or turn on Drop Lost Agents."
         )

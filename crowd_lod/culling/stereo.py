@@ -1,4 +1,7 @@
-"""The two eyes of Blender's stereo cameras (BKE_camera_multiview_model_matrix, camera_stereo3d_shift_x)."""
+"""The two eyes of Blender's stereo cameras.
+
+Source: BKE_camera_multiview_model_matrix, camera_stereo3d_shift_x.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -11,8 +14,13 @@ EYES = ("left", "right")
 
 @dataclass(frozen=True)
 class Stereo:
-    """mode: OFFAXIS, PARALLEL or TOE. pivot: LEFT, RIGHT or CENTER. distance: between the eyes, convergence: to the
-    plane where their images meet, metres."""
+    """The stereo settings of a Blender camera.
+
+    mode: OFFAXIS, PARALLEL or TOE.
+    pivot: LEFT, RIGHT or CENTER.
+    distance: metres between the eyes.
+    convergence: metres to the plane where their images meet.
+    """
 
     mode: str
     pivot: str
@@ -21,8 +29,13 @@ class Stereo:
 
 
 def eye(matrix: np.ndarray, stereo: Stereo, side: str) -> tuple[np.ndarray, float]:
-    """(world matrix (4, 4), slope) of the eye `side`, left or right, of a camera with the world matrix `matrix` (4, 4).
-    Blender adds the slope x lens / sensor width to the eye's lens shift in x."""
+    """Return (world matrix (4, 4), slope) of one eye of a stereo camera.
+
+    matrix: (4, 4), the camera's world matrix.
+    side: left or right.
+
+    Blender adds slope x lens / sensor width to the eye's lens shift in x.
+    """
     if stereo.pivot == side.upper():
         return matrix, 0.0
     sign = 1.0 if side == "left" else -1.0
@@ -40,8 +53,11 @@ def eye(matrix: np.ndarray, stereo: Stereo, side: str) -> tuple[np.ndarray, floa
 
 
 def spherical(camera: Camera, stereo: Stereo) -> Camera:
-    """One camera that sees what both eyes of Cycles' spherical stereo see: every ray starts half the distance between
-    the eyes aside, and turns in to meet its twin at the convergence distance. Conservative."""
+    """Return one camera that sees all that both eyes of Cycles' spherical stereo see.
+
+    Conservative. Every ray starts half the eye distance aside, and turns in to meet that of the
+    other eye at the convergence distance.
+    """
     aside = stereo.distance / 2
     if stereo.mode == "PARALLEL":
         return replace(camera, pad=camera.pad + aside)

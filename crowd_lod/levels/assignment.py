@@ -1,4 +1,4 @@
-"""Level of detail from distance: a sum of unit steps (chapter eq 1.7, listing 1.4)."""
+"""LOD from distance: a sum of unit steps (chapter eq 1.7, listing 1.4)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,19 +16,24 @@ METRICS = ("AXIS", "RADIAL", "PIXELS")
 
 @dataclass(frozen=True)
 class LevelPolicy:
-    """How levels follow from distance.
+    """How LODs follow from distance.
 
-    metric: AXIS measures along the view (the chapter's v.Z), RADIAL from the camera (|v|), PIXELS by the size in the
-    image, so that a zoom changes the LOD. thresholds: n - 1, where LODs 1 ... n - 1 begin: parts of the far distance,
-    strictly increasing in (0, 1]; for PIXELS the bounding sphere's diameters in pixels, strictly decreasing.
-    group_thresholds: the same for groups that have their own, one entry a group, () for those that do not.
-
-    tolerance: pixels; with it PIXELS lets a LOD begin where its measured deviation shows that little, and the
-    thresholds only count the LODs. shading: with a tolerance, a LOD also begins no nearer than its shaded picture is within
-    shading.WITHIN of the character's. margin: None for the derived widening of the frustum, or the chapter's fixed Delta in
-    metres. finest: of each group the finest LOD that it has, () for all of them. hysteresis: for live use, the part of a
-    distance by which a threshold must be passed (see `hold`). drop_lost:
-    leave out agents at NaN or infinity, and count them, where they are an error otherwise.
+    thresholds: n - 1 values, where LODs 1 ... n - 1 begin. Parts of the far distance, strictly
+        increasing in (0, 1]. For PIXELS: diameters of the bounding sphere in pixels, strictly
+        decreasing.
+    metric: AXIS is the distance along the view (the chapter's v.Z). RADIAL is the distance from the
+        camera (|v|). PIXELS is the size in the image, so that a zoom changes the LOD.
+    margin: None derives the widening of the frustum. A number is the chapter's fixed Delta, metres.
+    tolerance: pixels, for PIXELS only. A LOD then begins where its measured deviation shows no more
+        than that, and the thresholds only count the LODs.
+    group_thresholds: one entry per group: its own thresholds, or () if it has none.
+    finest: for each group the finest LOD that it has; () if each has all.
+    hysteresis: for live use, the part of a distance by which a threshold must be passed (see
+        `hold`).
+    drop_lost: leave out agents at NaN or infinity and count them. If False, they are an error.
+    shading: with a tolerance, a LOD begins no nearer than where its shaded picture is within WITHIN
+        (validation/shaded_pictures.py) of the character's.
+    CrowdError names the value that is wrong.
     """
 
     thresholds: tuple[float, ...]
@@ -83,15 +88,19 @@ class LevelPolicy:
 
 
 def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: np.ndarray | None = None) -> np.ndarray:
-    """Distances (G, n - 1) float64 in metres at which each group's LODs 1 ... n - 1 begin, not decreasing.
+    """Return the distances at which each group's LODs 1 ... n - 1 begin.
 
-    radius: (G,) metres, of the bounding spheres. deviation: (G, n) metres, of each LOD's surface from the full mesh,
-    which a tolerance needs. With p pixels per unit slope, a length e shows e p / d pixels at the distance d, in the middle of
-    the picture (sqrt(1 + s^2) of that at a slope s from it); the nearest part of an agent is up to its radius nearer than its
-    centre. An orthographic camera shows e p pixels at any distance: a LOD then begins at -infinity or never.
+    (G, n - 1) float64, metres, never decreasing along a row. With p pixels per unit slope, a length
+    e shows e p / d pixels at the distance d in the middle of the picture, and sqrt(1 + s^2) of that
+    at a slope s from it. An agent's nearest part is up to its radius nearer than its center. An
+    orthographic camera shows e p pixels at any distance: a LOD then begins at -infinity, or never.
+    radius: (G,) metres, of the bounding spheres.
+    deviation: (G, n) metres, of each LOD's surface from the full mesh. A tolerance needs it.
+    CrowdError if the policy has a tolerance and there is no deviation.
     """
     groups, steps = len(radius), len(policy.thresholds)
-    always = np.arange(steps) < np.array(policy.finest or (0,))[:, None]  # begin anywhere, for no finer LOD is there
+    # begin anywhere, for no finer LOD is there
+    always = np.arange(steps) < np.array(policy.finest or (0,))[:, None]
     own = dict(enumerate(policy.group_thresholds))
     table = np.array([own.get(g) or policy.thresholds for g in range(groups)], np.float64).reshape(groups, steps)
     if policy.metric != "PIXELS" or not steps:
@@ -110,16 +119,24 @@ def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: n
 
 
 def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
-    """Metres (G, n - 1) that a pixel shows, in the middle of the picture, of the nearest part of an agent that is where a LOD begins,
-    or at the camera's far distance where that is nearer. begins: from `limits`; radius: (G,) metres, of the bounding spheres."""
+    """Return the metres that a pixel shows of an agent where each LOD begins.
+
+    (G, n - 1), in the middle of the picture, at the agent's nearest part. If the far distance of
+    the camera is nearer than where a LOD begins, it counts instead.
+    begins: (G, n - 1) metres, from `limits`.
+    radius: (G,) metres, of the bounding spheres.
+    """
     if camera.kind == "ORTHO":
         return np.full(begins.shape, 1 / camera.pixels_per_unit)
     return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
 def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
-    """Pixels that a deviation in metres shows at most on an agent at the distance in metres, whose bounding sphere has
-    the radius in metres: the inverse of `limits` for a tolerance; infinite where the camera is inside the sphere."""
+    """Return the pixels that a deviation shows at most: the inverse of `limits`.
+
+    Infinite if the camera is inside the bounding sphere and the deviation is not 0.
+    deviation, distance, radius: metres; the radius is that of the agent's bounding sphere.
+    """
     length = camera.pixels_per_unit * np.asarray(deviation, np.float64)
     if camera.kind == "ORTHO":
         return length
@@ -130,14 +147,18 @@ def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: n
 def assign(
     distance: np.ndarray, limits: np.ndarray, group: np.ndarray | None = None, factor: np.ndarray | None = None
 ) -> np.ndarray:
-    """LOD ids (n,) uint8, 0 the finest: the sum of U(distance - limit_i) with U(0) = 1.
+    """Return the LOD ids (n,) uint8, 0 the finest.
 
-    distance: (n,) float64 metres. limits: (n - 1,) metres for all, or (G, n - 1) with group: (n,) uint8. factor: (n,) or
-    None, multiplies each agent's distance (see `Bias`).
+    An id is the sum of U(distance - limit_i), with U(0) = 1.
+    distance: (n,) float64, metres.
+    limits: metres, (n - 1,) for all agents, or (G, n - 1) with `group`.
+    group: (n,) uint8.
+    factor: (n,) or None, multiplies each agent's distance (see `Bias`).
 
-    Rounding: `radar` errs in the distance by at most culling.ROUNDING (|vx| + |vy| + |vz| + |camera's z|) |Z|, with |Z|
-    = 1 unless the camera is sheared; factor and limit add eps each. So an id may differ from exact arithmetic only for
-    an agent whose factor x distance lies within that, times its factor, plus eps (factor x distance + limit), of a limit.
+    Rounding: the distance from culling/radar.py errs by at most ROUNDING (|vx| + |vy| + |vz| +
+        |camera's z|) |Z|, with |Z| = 1 unless the camera is sheared. The factor and the limit add
+        eps each. So an id can differ from exact arithmetic only if factor x distance lies near a
+        limit: within that error times the factor, plus eps (factor x distance + limit).
     """
     if factor is not None:
         distance = distance * factor
@@ -159,11 +180,12 @@ def hold(
     factor: np.ndarray | None = None,
     width: float = 0.1,
 ) -> np.ndarray:
-    """LOD ids (n,) uint8 with hysteresis: those of `previous` (n,), but where the distance has passed a limit by more
-    than the part `width` of it.
+    """Return the LOD ids (n,) uint8 with hysteresis.
 
-    Causal, and a pure function of its arguments: for live use. A frame's plan knows no frame before it; a shot's plan
-    looks ahead instead.
+    An agent keeps its id of `previous` (n,) until the distance has passed a limit by more than the
+    part `width` of it. The other arguments are those of `assign`.
+    It is causal, and a pure function of its arguments: for live use. A frame's plan knows no
+    earlier frame; a shot's plan looks ahead instead.
     """
     finest = assign(distance, limits * (1 + width), group, factor)
     coarsest = assign(distance, limits * (1 - width), group, factor)
@@ -174,8 +196,9 @@ def hold(
 class Bias:
     """A painted layer over an area that says where detail matters.
 
-    values: (rows, columns) float in [0, 1]; row 0 lies at y_min, column 0 at x_min. 0.5 changes nothing; at 1 an agent
-    has the LOD of one four times as near, at 0 of one four times as far.
+    values: (rows, columns) float in [0, 1]. Row 0 lies at y_min, column 0 at x_min. 0.5 changes
+        nothing. At 1 an agent has the LOD of one four times as near, at 0 of one four times as far.
+    CrowdError if a value is outside 0 to 1.
     """
 
     values: np.ndarray
@@ -186,7 +209,10 @@ class Bias:
             raise CrowdError("The LOD bias map holds values outside 0 to 1: paint it between black and white.")
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Factors (n,) float64 on the distance of agents at x, y (n,); outside the area the nearest cell counts."""
+        """Return factors (n,) float64 on the distances of agents at x, y (n,).
+
+        Outside the area the nearest cell counts.
+        """
         rows, columns = self.values.shape
         width, depth = self.area.size
         with np.errstate(invalid="ignore"):  # agents at NaN, dropped elsewhere
@@ -196,8 +222,13 @@ class Bias:
 
 
 def deviations(groups: Sequence[Group], policy: LevelPolicy) -> np.ndarray | None:
-    """(G, n) float64 metres: what each group's LODs deviate at most; None while one is not measured. Where shading counts, what shows as
-    many pixels as the tolerance from where on the picture is within its bound, if that is more: CrowdError if pictures were not compared."""
+    """Return how far each group's LODs deviate at most; None if one is not measured.
+
+    (G, n) float64, metres. If the policy counts shading, an entry is at least the tolerance times
+    Group.shaded: the length that shows as many pixels as the tolerance at the distance from which
+    the LOD's shaded picture is good enough.
+    CrowdError if shading counts and the pictures were not compared.
+    """
     count = policy.count
     if not all(len(group.bounds) >= count for group in groups):
         return None

@@ -1,10 +1,15 @@
-"""What a render of a build costs: memory, file and time, from counts of what the build holds and a frame shows.
+"""The cost of rendering a build: memory, file size and time.
 
-Engines pay for different things. Blender poses every triangle that stands in the build's collections, shown or not. Cycles holds
-each triangle that a frame shows once, whoever shows it, with what traces rays to it. EEVEE draws each instance's triangles anew. So LODs spare Cycles *unique* triangles, and EEVEE *instanced* ones; a LOD that few agents show spares neither.
+It follows from counts of what the build holds and what a frame shows.
 
-The coefficients are fitted to renders by `./crowd-lod bench --costs`, which prints their residuals. Memory is absolute, and
-counts what the crowd adds to the scene without it. Seconds are those of one machine: only their ratios are told.
+Engines pay for different things. Blender poses every triangle in the build's collections, shown or
+not. Cycles stores each triangle that a frame shows once, for all instances together, with the tree
+to trace rays through. EEVEE draws the triangles of each instance again. So LODs save *unique*
+triangles in Cycles and *instanced* ones in EEVEE; a LOD that few agents show saves neither.
+
+The coefficients are fitted to renders by `./crowd-lod bench --costs`, which prints their residuals.
+Memory is absolute, and counts what the crowd adds to the scene. Seconds are those of one machine:
+only their ratios are reported.
 """
 
 from dataclasses import dataclass, fields
@@ -18,12 +23,18 @@ NAMES = {"CYCLES": "Cycles", "EEVEE": "EEVEE"}  # of the engines whose costs are
 
 @dataclass(frozen=True)
 class Work:
-    """What a build gives an engine to do in F frames: each a number, or (F,) float64, one a frame.
+    """What a build gives an engine to do in F frames.
 
-    posed: triangles of the characters in the build's collections. unique: of those that the frame shows, each counted once.
-    instances: agents. instanced: their triangles. rigs: armatures of the characters. rays: samples of
-    pixels that agents cover. images: bytes of the images that the characters' materials use. stored: triangles of LOD
-    meshes in the file. points: of the file, one an agent and a frame that is baked.
+    Each field is a number, or (F,) float64 with one value per frame.
+    posed: triangles of the characters in the build's collections.
+    unique: triangles that the frame shows, each counted once for all instances.
+    instances: agents shown.
+    instanced: triangles of all instances.
+    rigs: armatures of the characters.
+    rays: samples of the pixels that agents cover.
+    images: bytes of the images that the characters' materials use.
+    stored: triangles of LOD meshes in the file.
+    points: points in the file, one per agent and baked frame.
     """
 
     posed: float = 0.0
@@ -38,13 +49,16 @@ class Work:
 
     @property
     def traced(self) -> np.ndarray | float:
-        """Rays, each times the levels of a binary tree of the unique triangles: a ray costs more in a deeper one."""
+        """Rays times log2 of the unique triangles, the levels of a binary tree of them.
+
+        A ray costs more in a deeper tree.
+        """
         return self.rays * np.log2(np.maximum(self.unique, 1.0))
 
 
-# Bytes of memory, and seconds of one processor, for one of each.
-# Cycles: residuals of 20 renders up to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU:
-# 3 % of seconds, but up to 60 % of memory in scenes of few agents, which is little there.
+# Bytes of memory, and seconds of one processor, for one of each. Cycles: residuals of 20 renders up
+# to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: 3 %
+# of seconds, but up to 60 % of memory in scenes of few agents, which is little there.
 MEMORY = {
     "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
     "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
@@ -58,20 +72,28 @@ FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
 
 @dataclass(frozen=True)
 class Price:
-    """memory: bytes at the frame that takes most. file: bytes. seconds: of a frame, in the mean, on the machine of the benchmark."""
+    """The cost of a build.
+
+    memory: bytes, in the frame that takes most.
+    file: bytes.
+    seconds: mean per frame, on the machine of the benchmark.
+    """
 
     memory: float
     file: float
     seconds: float
 
     def share(self, whole: "Price") -> "Price":
-        """Each as a part of that of `whole`; 1 where that is 0."""
+        """Return each cost as a part of that of `whole`; 1 where that is 0."""
         pairs = [(getattr(self, each.name), getattr(whole, each.name)) for each in fields(self)]
         return Price(*(own / other if other > 0 else 1.0 for own, other in pairs))
 
 
 def price(work: Work, engine: str) -> Price:
-    """What `work` costs the `engine`, one of NAMES."""
+    """Return the cost of `work` in `engine`, one of NAMES.
+
+    CrowdError for any other engine.
+    """
     if engine not in NAMES:
         raise CrowdError(f"There are no costs of the engine {engine}: choose one of {', '.join(NAMES)}.")
     memory, file, seconds = (
@@ -83,9 +105,13 @@ def price(work: Work, engine: str) -> Price:
 
 @dataclass(frozen=True)
 class Actors:
-    """The characters that a build may hold: K LODs of N, which are of G groups.
+    """The characters that a build may hold: K LODs of N characters in G groups.
 
-    triangles: (G, K), of each group's LODs. group: (N,) intp, whose each is. rigs: (G,) armatures of one. stored: triangles of LOD meshes in the file. finest: (G,) of each group the finest LOD that the build has.
+    triangles: (G, K), of each group's LODs.
+    group: (N,) intp, the group of each character.
+    rigs: (G,), armatures of one character.
+    stored: triangles of LOD meshes in the file.
+    finest: (G,), for each group the finest LOD that the build has.
     """
 
     triangles: np.ndarray
@@ -96,13 +122,19 @@ class Actors:
 
 
 def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, known: bool = False) -> Work:
-    """What a build of `actors` gives to do where F frames show `shown` (F, K, N) agents of each LOD of each of them, on `rays` (F,).
-    known: the build holds the points of these frames, and the characters alone that they show; else all, and no points."""
+    """Return the work of a build of `actors` in F frames.
+
+    shown: (F, K, N), how many agents each frame shows with each LOD of each character.
+    rays: (F,), or one number.
+    known: True for a build of these frames alone: it holds their points, and only the characters
+        that they show. Else it holds all characters and no points.
+    """
     finest = np.broadcast_to(actors.finest, len(actors.triangles))[actors.group]
     held = shown.any(axis=0) if known else np.arange(shown.shape[1])[:, None] >= finest
     agents = shown.sum()
     shown = shown.copy()
-    for k in range(shown.shape[1] - 1, 0, -1):  # a group with fewer LODs than others shows its last in their place
+    # a group with fewer LODs than others shows its last in their place
+    for k in range(shown.shape[1] - 1, 0, -1):
         same = (actors.triangles[:, k] == actors.triangles[:, k - 1])[actors.group] & held[k] & held[k - 1]
         shown[:, k - 1] += shown[:, k] * same
         shown[:, k] *= ~same

@@ -1,4 +1,4 @@
-"""Which LODs of a character pay: chosen from a ladder of candidates by a tolerance in pixels."""
+"""Choice of a character's LODs from candidates, by a tolerance in pixels."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,13 +18,19 @@ LADDER = (1.0, 0.4, 0.16, 0.06, 0.025, 0.01)
 LEAST_SAVED = 0.2  # of the triangles of the next finer LOD, else a LOD is not worth a mesh
 WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
 STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
-BETWEEN = 1.25  # between two frames that were looked at, agents may be nearer or farther by this factor
+# between two frames that were looked at, agents may be nearer or farther by this factor
+BETWEEN = 1.25
 
 
 @dataclass(frozen=True)
 class View:
-    """Where a frame of the shot has agents of a group: from `nearest` to `farthest` metres of `camera`. distance, character: (m,),
-    of each agent, and which of its group's characters it shows (see gaits.Library); none where that is not known."""
+    """A group's agents in one frame of the shot.
+
+    nearest, farthest: metres from `camera`, of all the group's agents.
+    distance: (m,) metres, of each agent; empty if not known.
+    character: (m,) intp, which of its group's characters each agent shows
+        (animation/phase_classes.py, Library); empty if not known.
+    """
 
     camera: Camera
     nearest: float
@@ -34,9 +40,15 @@ class View:
 
 
 def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> list[float]:
-    """What the candidates of `ratios` deviate at most, metres: where it is `known`, that, else by that of those around. Between them
-    logarithms of deviation and triangles are in a line, and outside deviation is as 1 / triangles, which holds for smooth surfaces.
-    usual: metres, times 1 / ratio the deviation where none is known."""
+    """Return the deviation in metres of each candidate, measured or estimated.
+
+    Between measured candidates log deviation is linear in log triangles. Outside them deviation is
+    proportional to 1 / triangles, as for smooth surfaces.
+    ratios: triangles of each candidate, as parts of the character's.
+    known: {candidate: metres}, measured; returned as it is. Values of 0 and infinity do not count
+        in the estimate.
+    usual: metres; if nothing is known, a candidate deviates by usual / ratio.
+    """
     made = sorted(k for k, bound in known.items() if 0 < bound < np.inf)
     places = np.log([1 / ratios[k] for k in made] or [1.0])
     values = np.log([known[k] for k in made] or [max(usual, 1e-30)])
@@ -46,12 +58,15 @@ def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> l
 
 
 def choose(group: Group, tolerance: float, views: Sequence[View], metres: float = 1.0) -> tuple[list[int], dict[int, str]]:
-    """(the candidates to keep, why each of the others is dropped, a sentence each), by their numbers.
+    """Return (candidates to keep, {dropped candidate: reason, a sentence}).
 
-    group: with its candidates' triangles and bounds of deviation, finest first. The first is always kept: it is the character. Of
-    the others one is dropped if one with fewer triangles deviates no more, if it saves less than LEAST_SAVED of the
-    triangles of the finer one kept, or if in none of the views an agent is where it would be used, within the tolerance in
-    pixels. metres: that a unit of length is, for the sentences.
+    The first is always kept: it is the character. Another one is dropped in these cases:
+    - One with fewer triangles deviates no more.
+    - It saves less than LEAST_SAVED of the triangles of the next finer one kept.
+    - In no view an agent is at a distance at which it would be used within the tolerance.
+    group: with triangles and bounds of its candidates, finest first.
+    tolerance: pixels.
+    metres: the length of a unit in metres, for the sentences.
     """
     kept, dropped = [0], {}
     for k in range(1, len(group.triangles)):
@@ -59,7 +74,7 @@ def choose(group: Group, tolerance: float, views: Sequence[View], metres: float 
         coarser = zip(group.triangles[k + 1 :], group.bounds[k + 1 :], strict=True)
         lower = [n for n, deviation in coarser if n < own and deviation <= group.bounds[k]]
         if lower:
-            dropped[k] = f"{own:,} triangles deviate no less than {lower[0]:,}."
+            dropped[k] = f"{own:,} triangles deviate as much as {lower[0]:,} triangles, or more."
         elif own > (1 - LEAST_SAVED) * finer:
             dropped[k] = f"{own:,} triangles save less than a fifth of the {finer:,} of the next finer LOD."
         else:
@@ -78,9 +93,11 @@ def choose(group: Group, tolerance: float, views: Sequence[View], metres: float 
 
 
 def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> str:
-    """Why no agent uses candidate j. edges: (views, candidates + 1) metres, where each candidate begins and the last ends.
+    """Return why no agent uses candidate j.
 
-    The figures are of the view that comes closest to using it."""
+    The numbers are those of the view that comes closest to using it.
+    edges: (views, candidates + 1) metres, where each candidate begins and where the last ends.
+    """
     begin, end = edges[:, j], edges[:, j + 1]
     nearest, farthest = np.array([(view.nearest, view.farthest) for view in views]).T
     coarse = begin > farthest
@@ -89,22 +106,25 @@ def _unused(j: int, edges: np.ndarray, views: Sequence[View], metres: float) -> 
     if np.isinf(begin).all() and coarse.all():
         return "show more than the tolerance at any distance, for the camera is orthographic."
     if np.isinf(begin).all() and not coarse.any():
-        return "are more than it takes at any distance, for the camera is orthographic."
+        return "are more than the tolerance needs at any distance, for the camera is orthographic."
     if coarse.all():
         i = (begin / farthest).argmin()
         return f"would begin {number(metres * begin[i])} m away, and the farthest agent is {number(metres * farthest[i])} m away."
     if not coarse.any():
         i = (end / nearest).argmax()
         return f"would end {number(metres * end[i])} m away, and the nearest agent is {number(metres * nearest[i])} m away."
-    return (
-        f"are too few for all agents in {coarse.sum()} of the {len(views)} frames looked at, and more than it takes in the others."
-    )
+    return f"are too few for all agents in {coarse.sum()} of the {len(views)} frames checked, and more than needed in the others."
 
 
 @dataclass(frozen=True)
 class Shot:
-    """What a group's LODs are priced by: the `views` of it, how many `characters` a build has of it, and the `engine`; shading: whether
-    Shading Counts."""
+    """What determines the price of a group's LODs.
+
+    views: where the shot has agents of the group.
+    characters: how many characters of the group a build has.
+    engine: one of cost_model.NAMES.
+    shading: whether Shading Counts.
+    """
 
     views: Sequence[View]
     characters: int
@@ -113,7 +133,10 @@ class Shot:
 
 
 def counting(group: Group, tolerance: float, shot: Shot) -> Group:
-    """The group with bounds that count its shading at the tolerance in pixels, where the shot asks for that."""
+    """Return the group with bounds that include its shading, if the shot asks for it.
+
+    tolerance: pixels.
+    """
     policy = LevelPolicy((0.0,) * (len(group.bounds) - 1), "PIXELS", tolerance=tolerance, shading=shot.shading)
     table = deviations((group,), policy)
     assert table is not None  # the policy has as many LODs as the group has bounds
@@ -121,8 +144,11 @@ def counting(group: Group, tolerance: float, shot: Shot) -> Group:
 
 
 def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> np.ndarray:
-    """(F, K, N) intp: how many agents of each of the shot's views may show the candidates `kept`, finest first, and no coarser one,
-    within the tolerance in pixels, by the character that they show."""
+    """Return (F, K, N) intp: how many agents may show each candidate at the coarsest.
+
+    An agent counts at the coarsest of the candidates `kept`, finest first, that stays within the
+    tolerance in pixels: for each of F views, K candidates and N characters.
+    """
     policy = LevelPolicy((0.0,) * (len(kept) - 1), "PIXELS", tolerance=tolerance)
     deviation = np.array([[group.bounds[k] for k in kept]])
     found = np.zeros((len(shot.views), len(kept), shot.characters), np.intp)
@@ -133,7 +159,10 @@ def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> 
 
 
 def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> Iterator[tuple[tuple[int, ...], Price]]:
-    """Each choice of the candidates `kept` that has one for every agent of the shot, and what a build with it costs."""
+    """Yield (chosen candidates, price of a build with them) for each usable choice.
+
+    A choice of the candidates `kept` is usable if it has one for every agent of the shot.
+    """
     may = allowed(group, kept, tolerance, shot)
     seen = np.flatnonzero(may.any(axis=(0, 2)))
     owner = np.zeros(shot.characters, np.intp)
@@ -149,10 +178,14 @@ def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> I
 
 
 def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[list[int], dict[int, str]]:
-    """(those of the candidates `kept` with which the shot's build costs least, why the others are dropped, a sentence each).
+    """Return (the candidates that cost least, {dropped candidate: reason}).
 
-    Cost is the sum of the parts of memory and time that the group takes at full detail; of choices that cost less than WORTH
-    more than the least, that of the fewest LODs. The first is kept: whoever comes nearer than the shot shows needs it."""
+    A reason is a sentence. The cost of a choice of `kept` is the sum of its memory and its time,
+    each as a part of what the group takes at full detail. Of the choices that cost at most WORTH
+    more than the cheapest, the one with the fewest LODs is taken. The first candidate is kept for
+    agents that come nearer than the shot shows. All are kept if the distances of the shot's agents
+    are not known.
+    """
     if not any(len(view.distance) for view in shot.views):
         return list(kept), {}
     found = {chosen: own for chosen, own in priced(group, kept, tolerance, shot) if chosen[0] == kept[0]}
@@ -169,7 +202,10 @@ def cheapest(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) ->
 
 
 def _least(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> tuple[tuple[int, ...], Price]:
-    """The choice of the candidates `kept` that takes least memory; all of them where the shot shows nobody."""
+    """Return (the choice of `kept` that takes least memory, its price).
+
+    It is all of `kept` if the distances of the shot's agents are not known.
+    """
     found = dict(priced(group, kept, tolerance, shot))
     best = min(found, key=lambda chosen: (found[chosen].memory, len(chosen)))
     best = best if any(len(view.distance) for view in shot.views) else tuple(kept)
@@ -179,8 +215,13 @@ def _least(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> t
 def within(
     groups: Sequence[Group], tolerance: float, shots: Sequence[Shot], memory: float
 ) -> tuple[float, list[list[int]], list[tuple[int, ...]]]:
-    """(the least tolerance in pixels, not below the given one, at which the groups' LODs take no more than `memory` bytes; the
-    candidates that each then keeps; those of them that it builds). CrowdError if none is enough."""
+    """Return the least tolerance at which the groups' LODs fit in `memory` bytes.
+
+    Returns (tolerance in pixels, candidates that each group keeps, candidates that it builds). The
+    tolerance starts at the given one and rises by a factor of 2^(1/4) per step, STEPS steps at
+    most.
+    CrowdError if none is enough.
+    """
     least = np.inf
     for step in range(STEPS):
         reached = tolerance * 2 ** (step / 4)

@@ -7,9 +7,14 @@ DARK = 1e-5  # weight of the color of what is transparent, where nothing else is
 
 
 def texel(corners: np.ndarray, uvs: np.ndarray, size: tuple[int, int]) -> float:
-    """Metres: the longest side of a texel of an image of `size` (width, height) on a surface, which at SHARE of its area is no longer.
+    """Return the side of a texel of an image on a surface, in metres.
 
-    corners: (m, 3, 3) metres, of triangles; uvs: (m, 3, 2). Infinite where more of it has UVs without area: there one texel shows."""
+    At SHARE of the surface's area no side of a texel is longer. Infinite if the surface has no
+    area, or if more of it has UVs without area: one texel shows there.
+    corners: (m, 3, 3) metres, of triangles.
+    uvs: (m, 3, 2).
+    size: (width, height) of the image.
+    """
     edges = corners[:, 1:] - corners[:, :1]
     (ax, ay), (bx, by) = ((uvs[:, 1:] - uvs[:, :1]) * size).transpose(1, 2, 0)
     areas = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
@@ -17,7 +22,8 @@ def texel(corners: np.ndarray, uvs: np.ndarray, size: tuple[int, int]) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         right, up = ((edges[:, 0].T * by - edges[:, 1].T * ay) / flat, (edges[:, 1].T * ax - edges[:, 0].T * bx) / flat)
         uu, vv, uv = (right * right).sum(axis=0), (up * up).sum(axis=0), (right * up).sum(axis=0)
-        longest = np.sqrt((uu + vv) / 2 + np.sqrt(((uu - vv) / 2) ** 2 + uv**2))  # the largest singular value
+        # the largest singular value
+        longest = np.sqrt((uu + vv) / 2 + np.sqrt(((uu - vv) / 2) ** 2 + uv**2))
     longest[~np.isfinite(longest)] = np.inf
     order = np.argsort(longest, kind="stable")
     covered = np.cumsum(areas[order])
@@ -27,8 +33,13 @@ def texel(corners: np.ndarray, uvs: np.ndarray, size: tuple[int, int]) -> float:
 
 
 def halvings(texel: float, pixel: float, size: tuple[int, int]) -> int:
-    """How often an image of `size` may be halved so that its texel, `texel` metres large, stays within half of what a pixel shows,
-    `pixel` metres (Nyquist): the largest n with texel 2^n <= pixel / 2."""
+    """Return how often an image may be halved and still be fine enough (Nyquist).
+
+    The largest n with texel 2^n <= pixel / 2; 0 if there is none; at most until one pixel is left.
+    texel: metres, of the image's texels.
+    pixel: metres that a pixel of the picture shows.
+    size: (width, height) of the image.
+    """
     times = 0
     while 2 ** (times + 2) * texel <= pixel and 2**times < max(size):
         times += 1
@@ -36,9 +47,14 @@ def halvings(texel: float, pixel: float, size: tuple[int, int]) -> int:
 
 
 def scaled(values: np.ndarray, times: int, light: np.ndarray | None, straight: bool) -> np.ndarray:
-    """An image's `values` (rows, columns, 4) float32, halved so many `times`: (rows / 2^times, columns / 2^times, 4) float32, rounded
-    up, each texel the mean over its area. light: (256,) what the colors' bytes stand for, which is then averaged and returned;
-    straight: colors count by their alpha."""
+    """Return the image halved `times` times, each texel the mean over its area.
+
+    (rows / 2^times, columns / 2^times, 4) float32, sizes rounded up.
+    values: (rows, columns, 4) float32.
+    light: (256,), the linear light of each byte of a color. The light is then averaged and
+        returned. None averages the values.
+    straight: whether colors are weighted by their alpha.
+    """
     rows, columns = (-(-n // 2**times) for n in values.shape[:2])
     made = np.empty((rows, columns, 4))
     for row in range(rows):

@@ -1,4 +1,4 @@
-"""The agent under the cursor, and what there is to tell of one agent."""
+"""The agent under the cursor, and the details of one agent."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,9 +15,14 @@ from .reasons import REASONS, reasons
 
 @dataclass(frozen=True)
 class Account:
-    """What there is to tell of one agent. reason: of reasons.REASONS. depth: metres to its sphere's centre, along the view
-    (PANO: straight). pixels: its sphere's diameter in the picture, None behind the camera. error: pixels that its LOD
-    deviates by at most (levels.shown); None if that was not measured, or behind the camera."""
+    """The details of one agent.
+
+    reason: one of reasons.REASONS.
+    depth: metres to its sphere's center, along the view (PANO: straight).
+    pixels: its sphere's diameter in the picture; None behind the camera.
+    error: pixels that its LOD deviates at most (levels.shown); None if not measured, or behind the
+        camera.
+    """
 
     agent: int
     group: str
@@ -38,11 +43,17 @@ def nearest(
     within: float,
     among: np.ndarray | None = None,
 ) -> int | None:
-    """The agent whose place lies nearest to the cursor in the picture, or None if none is `within` so many pixels.
+    """Return the agent nearest to the cursor in the picture, or None if none is near.
 
-    places: x, y, z, (n,) float64 world metres each. matrix: (4, 4) float64, world to clip space (OpenGL's); what it clips
-    is passed over. size: of the picture, pixels; cursor: pixels from its left bottom corner. among: (n,) bool, those to
-    choose from, or None for all. Of several at the same distance, the first.
+    places: x, y, z, each (n,) float64 world metres.
+    matrix: (4, 4) float64, world to clip space (OpenGL's). Agents that it clips at near or far are
+        skipped.
+    size: the picture's, pixels.
+    cursor: pixels from the picture's bottom left corner.
+    within: the largest distance to the cursor, pixels.
+    among: (n,) bool, the agents to choose from; None for all.
+
+    Of several at the same distance, the first.
     """
     centre = np.array([2 * cursor[0] / size[0] - 1, 2 * cursor[1] / size[1] - 1])
     half = size[0] / 2, size[1] / 2

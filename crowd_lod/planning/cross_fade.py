@@ -1,4 +1,4 @@
-"""Cross-fades between LODs, on the same thresholds that assign them."""
+"""Cross-fades between LODs, at the thresholds that assign them."""
 
 import numpy as np
 
@@ -17,12 +17,18 @@ def fade(
     factor: np.ndarray | None = None,
     width: float = 0.1,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(finer, share): of agents near a limit the finer of its two LODs, and how much of the coarser one shows.
+    """Return (finer, share): each agent's finer LOD, and the share of the coarser.
 
-    distance, group, factor: as in levels.assign. begins: (G, n - 1), where LODs begin, from levels.limits. width: the part of a
-    limit's distance by which the fade begins before it and ends behind it; where limits are nearer to one another, half their
-    gap. finer: (n,) uint8. share: (n,) float32 in [0, 1], a half at the limit; 0 where only the LOD `finer` shows. What the
-    finer LOD leaves out of a dither pattern the coarser one fills in.
+    Near a limit an agent shows two LODs.
+
+    distance, group, factor: as in levels.assign.
+    begins: (G, n - 1), where LODs begin, from levels.limits.
+    width: the part of a limit's distance by which the fade begins before it and ends behind it;
+        half the gap where two limits are nearer to each other.
+
+    finer: (n,) uint8.
+    share: (n,) float32 in [0, 1]; 0.5 at the limit, 0 where only the LOD `finer` shows. The coarser
+        LOD fills the pixels of a dither pattern that the finer one leaves out.
     """
     if factor is not None:
         distance = distance * factor
@@ -38,7 +44,10 @@ def fade(
 
 
 def _bands(limits: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
-    """Where each limit's fade begins and ends, (n - 1, G) metres each, of limits (G, n - 1). No two overlap."""
+    """Return where each limit's fade begins and ends, (n - 1, G) metres each.
+
+    No two fades overlap. limits: (G, n - 1) metres.
+    """
     with np.errstate(invalid="ignore"):
         gaps = np.diff(limits, axis=1) / 2
         half = np.where(np.isfinite(limits), np.abs(limits) * width, 0.0)

@@ -1,4 +1,4 @@
-"""One frame's plan: behaviour > culling > levels > sorting."""
+"""One frame's plan: behavior > culling > levels > sorting."""
 
 import operator
 import time as clock
@@ -31,9 +31,10 @@ from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from .index_cache import blocks_at, kept_of, moved
 
-# Another way to cull, give LODs and sort, of the same agents and LODs: (crowd, order, camera, policy, begin) -> (places (m,)
-# int32, offsets (n + 1,) intp). Where in `order`, agent indices (n,) or None for agent order, the visible agents of LOD k
-# stand is places[offsets[k]:offsets[k + 1]], rising. See operators/overlay/gpu_culling.py.
+# Another way to cull, give LODs and sort, of the same agents and LODs: (crowd, order, camera,
+# policy, begin) -> (places (m,) int32, offsets (n + 1,) intp). Where in `order`, agent indices (n,)
+# or None for agent order, the visible agents of LOD k stand is places[offsets[k]:offsets[k + 1]],
+# rising. See operators/overlay/gpu_culling.py.
 Sorter = Callable[[Crowd, np.ndarray | None, Camera, LevelPolicy, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
@@ -127,13 +128,19 @@ def plan(
     lean: bool = True,
     sorter: Sorter | None = None,
 ) -> Frame:
-    """The plan of the frame at `time`: a pure function of its arguments, whichever frame came before.
+    """Return the plan of the frame at `time`: a pure function of the arguments.
 
-    camera: one, or the eyes of a stereo picture. shutter: with motion blur, (time in frames, the eyes' cameras from
-    camera.opened) at each sample of the open shutter, in order: what is seen at any of them is visible. LODs are those
-    of `time`. With a fixed margin nothing is grown for it but what the cameras move. bias: painted layer. lean: leave out
-    what the scene does not need. sorter: makes the buckets, where it can: for one camera, no panorama, without shutter, bias,
-    or blur of the lens.
+    The plan does not depend on the frame that came before.
+
+    camera: one, or the eyes of a stereo picture.
+    time: in frames; LODs are those of this time.
+    shutter: with motion blur, (time in frames, the eyes' cameras from camera.opened) at each sample
+        of the open shutter, in order. An agent seen at any of them is visible. With a fixed margin
+        nothing is grown for the shutter except by the cameras' motion.
+    bias: the painted detail map.
+    lean: leave out what the scene does not need.
+    sorter: makes the buckets where it can: one camera, no panorama, without shutter, bias or lens
+        blur.
     """
     trajectory = trajectory if lean else trajectory.full
     leave, left = trajectory.leave, set(trajectory.left_out)
@@ -192,7 +199,8 @@ def plan(
         left_out=tuple(item for item in ITEMS if item in left),
         known_levels=levels,
     )
-    kept_of(trajectory).memo = None if asked is None else (*asked, replace(frame, trajectory=None))  # it ends with its trajectory
+    # it ends with its trajectory
+    kept_of(trajectory).memo = None if asked is None else (*asked, replace(frame, trajectory=None))
     return frame
 
 
@@ -236,7 +244,7 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
 
 
 def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
-    """The same as `_one_by_one`, where blocks of agents are decided at once (culling/blocks.py)."""
+    """Do the same as `_one_by_one` with blocks decided at once (culling/blocks.py)."""
     since, blocks = blocks_at(trajectory, views[0][0])
     centre = trajectory.spheres.centre
     radius, radial = views[0][2], policy.metric == "RADIAL"
@@ -267,7 +275,7 @@ def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
 
 
 def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
-    """The same, made by `sorter`: all of it counts as culling."""
+    """Do the same as `_one_by_one` by `sorter`; all of its time counts as culling."""
     made = blocks_at(trajectory, views[0][0])
     gone = 0 if made is not None and made[1].finite else _lost(crowd, policy)
     order = None if made is None else made[1].order
@@ -282,7 +290,10 @@ def _elsewhere(sorter: Sorter, trajectory, crowd, views, policy, begin, bias, ti
 
 
 def _lost(crowd: Crowd, policy: LevelPolicy) -> int:
-    """How many agents are dropped, at NaN or infinity; CrowdError if the policy does not allow any."""
+    """Return how many agents are dropped at NaN or infinity.
+
+    Raises CrowdError if the policy does not allow any.
+    """
     gone = lost(crowd)
     if not policy.drop_lost:
         refuse_lost(gone, len(crowd))
@@ -295,12 +306,15 @@ def _milliseconds(ticks: list[float]) -> dict[str, float]:
 
 
 def _values(cameras: Sequence[Camera]) -> list[tuple]:
-    """What the cameras are, to be compared."""
+    """Return the cameras' values, for comparison."""
     return [tuple(v.tobytes() if isinstance(v, np.ndarray) else v for v in vars(camera).values()) for camera in cameras]
 
 
 def _one_level(begin: np.ndarray, box: Bounds, bias: Bias | None) -> int | None:
-    """The LOD of every agent, if its distance, within the bounds, leaves no choice. begin: (G, n - 1), from `limits`."""
+    """Return the LOD of all agents if their distances allow only one, else None.
+
+    begin: (G, n - 1), from `limits`.
+    """
     if begin.shape[1] == 0:
         return 0
     if bias is not None:
@@ -310,8 +324,11 @@ def _one_level(begin: np.ndarray, box: Bounds, bias: Bias | None) -> int | None:
 
 
 def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
-    """Metres that an agent may walk between two of the `times`, in frames: the whole gap's, not half of it, so that one
-    which jumps to the other side of a wrapping map is covered before and after."""
+    """Return how many metres an agent may walk between two of the `times`, in frames.
+
+    It is the distance of the whole gap, not of half of it. So an agent that jumps to the other side
+    of a wrapping map is covered before and after.
+    """
     if len(times) < 2:
         return 0.0
     gap = max(np.diff(times))
@@ -319,7 +336,7 @@ def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:
-    """Agents of each LOD and group (n, G) in the buckets, and of each of the `groups` (G,) in the crowd."""
+    """Count agents in the buckets, (n, G) by LOD and group, and in the crowd, (G,)."""
     if groups == 1:
         return buckets.counts[:, None], np.array([len(crowd)])
     present = [np.bincount(crowd.group[buckets[level]], minlength=groups) for level in range(len(buckets.counts))]
@@ -327,8 +344,11 @@ def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.n
 
 
 def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -> tuple[int, int]:
-    """(drawn, full): the sum of `sizes` (of each group: one a LOD, or none if not known) over agents seen, over all agents;
-    counted: from `tally`."""
+    """Return (drawn, full): `sizes` summed over visible agents, and over all agents.
+
+    counted: from `tally`.
+    sizes: for each group one number per LOD, or none if not known; then both sums are 0.
+    """
     present, full = counted
     if not all(len(each) >= len(present) for each in sizes):
         return 0, 0

@@ -1,4 +1,4 @@
-"""All frames of a shot."""
+"""The frames of a shot, read from text."""
 
 import re
 from collections.abc import Sequence
@@ -13,7 +13,14 @@ LAST_FRAME = 1_048_574  # Blender's own: MAXFRAME, and MINAFRAME below zero
 
 
 def parse_frames(text: str, step: int = 1) -> list[int]:
-    """The frames that `text` names: a range A:B, both included, every `step` frames, or an increasing list 1,40,80."""
+    """Return the frames that `text` names.
+
+    text: a range A:B, both included, of which every `step`-th frame counts; or an increasing list
+        1,40,80.
+
+    CrowdError if it is neither, runs backward, names frames that Blender does not have, or holds
+    more than MOST_FRAMES.
+    """
     match = re.fullmatch(r"\s*(-?\d{1,99})\s*:\s*(-?\d{1,99})\s*", text)
     if match:
         first, last = _known(int(match[1])), _known(int(match[2]))
@@ -35,12 +42,12 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
 
 
 def _known(frame: int) -> int:
-    """The frame; CrowdError if Blender has none of that number."""
+    """Return the frame; CrowdError if Blender has no frame of that number."""
     if abs(frame) > LAST_FRAME:
         raise CrowdError(f"There is no frame {frame}: Blender's frames run from {-LAST_FRAME} to {LAST_FRAME}.")
     return frame
 
 
 def evenly(things: Sequence[Any], most: int) -> list[Any]:
-    """Up to `most` of the `things`, in their order: the first, the last, and others evenly between them."""
+    """Return up to `most` of `things`: first, last, and others evenly between."""
     return [things[i] for i in np.unique(np.linspace(0, len(things) - 1, most).round().astype(int))]

@@ -1,4 +1,4 @@
-"""Causal hysteresis, for views that live: a frame that remembers the one shown before it."""
+"""Causal hysteresis for live views: a frame depends on the one shown before it."""
 
 from dataclasses import replace
 

@@ -28,7 +28,13 @@ SHUTTER = 2  # frames beyond those between two makings of the blocks at which th
 
 @dataclass
 class Kept:
-    """Of one trajectory. boxes: (frame, blocks made then). order: (frame, agents in order). memo: of frame.plan."""
+    """The caches of one trajectory.
+
+    pace: how far agents may get in a second.
+    boxes: (frame, the blocks made then).
+    order: (frame, the agents in order).
+    memo: of frame.plan.
+    """
 
     pace: blocks.Pace
     boxes: tuple[int | None, blocks.Blocks | None] = (None, None)
@@ -40,7 +46,7 @@ _KEPT: WeakKeyDictionary[Trajectory, Kept] = WeakKeyDictionary()
 
 
 def kept_of(trajectory: Trajectory) -> Kept:
-    """What is kept of the `trajectory`, for as long as that lives."""
+    """Return the caches of the `trajectory`, which live as long as it does."""
     kept = _KEPT.get(trajectory)
     if kept is None:
         still = STILL in trajectory.left_out
@@ -50,8 +56,10 @@ def kept_of(trajectory: Trajectory) -> Kept:
 
 
 def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] | None:
-    """(the frame they were made at, the crowd's blocks) for `time`, in frames, after `trajectory.at` was asked for it; of a
-    small crowd None."""
+    """Return (frame when they were made, the crowd's blocks) for `time`, in frames.
+
+    None for a small crowd (morton_order.FEWEST). Call trajectory.at for this time first.
+    """
     if len(trajectory.start) < morton_order.FEWEST:
         return None
     kept, every, first = kept_of(trajectory), trajectory.every, trajectory.first_frame
@@ -77,7 +85,11 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
 
 
 def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:
-    """(least, most) displacement, (3,) metres each, of agents at `time` from the blocks made at `since`, in frames."""
+    """Return (least, most) displacement, (3,) metres, of agents since their blocks.
+
+    time: now; since: when the blocks were made; both in frames. Infinite where the blocks do not
+        hold.
+    """
     frames = max(time, trajectory.first_frame) - since
     if STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER:
         return np.full(3, -np.inf), np.full(3, np.inf)
@@ -85,6 +97,8 @@ def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, 
 
 
 def approach(trajectory: Trajectory, time: float) -> Iterator[float]:
-    """Make the crowd and its blocks at `time`, in frames, so that they are known. Yields the progress, 0 to 1, where that takes
-    long, and may be closed at any time."""
+    """Compute the crowd and its blocks at `time`, in frames, so that they are cached.
+
+    Yields the progress, 0 to 1, where that takes long. It may be closed at any time.
+    """
     return trajectory.approach(time, partial(blocks_at, trajectory, time))

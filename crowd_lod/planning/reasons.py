@@ -1,4 +1,4 @@
-"""Why an agent is culled, or has not the finest LOD."""
+"""Why an agent is culled, or does not have the finest LOD."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What the camera does not see still matters: agents whose shadow falls into the picture, or whom a flat mirror shows."""
+"""Agents outside the picture that still matter, by a shadow or in a flat mirror."""
 
 import time as clock
 from dataclasses import dataclass, replace
@@ -17,20 +17,24 @@ from ..sorting.buckets import sort
 from . import index_cache
 from .frame import Frame, most_moved
 
-PART = 4096  # agents tested at a time, which a processor's cache holds with their distances from all planes
-# Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of float32 along its normal from
-# it, relative to the surface's coordinates, and near 0 up to LIFT metres (ray_offset in its bvh/util.h).
+# agents tested at a time, which a processor's cache holds with their distances from all planes
+PART = 4096
+# Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of
+# float32 along its normal from it, relative to the surface's coordinates, and near 0 up to LIFT
+# metres (ray_offset in its bvh/util.h).
 OFFSET, LIFT = 256 * float(np.finfo(np.float32).eps), 2.0**-16
 
 
 @dataclass(frozen=True)
 class Light:
-    """A light that casts shadows, world space.
+    """A light that casts shadows, in world space.
 
-    origin: (3,) metres, or None for a sun. direction: (3,) unit, the way its light goes (a sun), its axis (others). size:
-    metres, the radius of a sphere about the origin that holds all of a lamp. angle: radians: half of a sun's disc; half of
-    the cone about the axis that a spot lights, pi for one that lights all around. reach: metres from its origin that a
-    light ends at.
+    origin: (3,) metres, or None for a sun.
+    direction: (3,) unit vector: where a sun's light goes; the axis of any other light.
+    size: metres, the radius of a sphere about the origin that holds all of a lamp.
+    angle: radians: half of a sun's disc; half of a spot's cone about the axis; pi for a light in
+        all directions.
+    reach: metres from its origin at which the light ends.
     """
 
     origin: np.ndarray | None
@@ -42,7 +46,11 @@ class Light:
 
 @dataclass(frozen=True)
 class Mirror:
-    """A flat mirror, both sides of it. normal: (3,) unit. corners: (4, 3) metres, a rectangle that holds it."""
+    """A flat mirror with two sides.
+
+    normal: (3,) unit vector.
+    corners: (4, 3) metres, a rectangle that holds the mirror.
+    """
 
     normal: np.ndarray
     corners: np.ndarray
@@ -50,9 +58,15 @@ class Mirror:
 
 @dataclass(frozen=True)
 class Surroundings:
-    """What else the scene holds, at one time or while one shutter is open. box: (2, 3) metres, least and most, of all that
-    shadows may fall on besides the crowd; None if that is not known. level: the LOD of agents that the camera itself does
-    not see, or the coarsest there is; finest: of each group the finest that it has, () for all. left_out: what is not looked at, and why."""
+    """The rest of the scene, at one time or while one shutter is open.
+
+    lights, mirrors: those to take into account.
+    box: (2, 3) metres, least and greatest corner of all that shadows may fall on besides the crowd;
+        None if that is not known.
+    level: the LOD of agents that the camera itself does not see, or the coarsest there is.
+    left_out: what is not looked for, and why.
+    finest: each group's finest LOD; () if all have all.
+    """
 
     lights: tuple[Light, ...] = ()
     mirrors: tuple[Mirror, ...] = ()
@@ -64,9 +78,15 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class Volume:
-    """What a camera sees, itself or in a mirror: the points p with normals . (p - origin) <= offsets, moved outwards by
-    pad metres and turn metres a metre of distance from the origin (see Camera). origin: (3,); normals: (k, 3) unit,
-    outward; offsets: (k,) metres."""
+    """The space that a camera sees, directly or in a mirror.
+
+    It holds the points p with normals . (p - origin) <= offsets, moved outward by `pad` metres and
+    by `turn` metres per meter of distance from the origin (see Camera).
+
+    origin: (3,) metres.
+    normals: (k, 3) unit vectors, outward.
+    offsets: (k,) metres.
+    """
 
     origin: np.ndarray
     normals: np.ndarray
@@ -76,7 +96,10 @@ class Volume:
 
 
 def view(camera: Camera) -> Volume:
-    """What the camera sees. Of a panoramic one, a cube that holds its far distance, and a pyramid about its cone."""
+    """Return the volume that the camera sees.
+
+    For a panoramic camera: a cube that holds its far distance, and a pyramid about its cone.
+    """
     if camera.kind != "PANO":
         frustum = planes(camera)
         return Volume(camera.origin, frustum.normals, frustum.offsets, camera.pad, camera.turn)
@@ -87,7 +110,10 @@ def view(camera: Camera) -> Volume:
 
 
 def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Normals (k, 3) and offsets (k,) of the planes at the picture's sides; none where it looks all around."""
+    """Return normals (k, 3) and offsets (k,) of the planes at the picture's sides.
+
+    Empty for a panoramic camera with a cone of 90 degrees or more from its axis.
+    """
     if camera.kind != "PANO":
         frustum = planes(camera)
         return frustum.normals[:4], frustum.offsets[:4]
@@ -98,11 +124,16 @@ def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def mirrored(camera: Camera, mirror: Mirror) -> Volume | None:
-    """What the camera sees in the mirror: the reflected camera's picture, as far as the mirror's rectangle frames it, in
-    front of it and without an end, since a reflected ray has none. None if the mirror is out of the picture."""
+    """Return the volume that the camera sees in the mirror.
+
+    It is the reflected camera's picture, as far as the mirror's rectangle frames it, in front of
+    the mirror. It has no far end, because a reflected ray has none. None if the mirror is out of
+    the picture.
+    """
     middle, normal = mirror.corners.mean(axis=0), mirror.normal
     height = float(normal @ (camera.origin - middle))
-    if camera.kind == "ORTHO":  # its rays start all over its window: they meet the side that they run against
+    # its rays start all over its window: they meet the side that they run against
+    if camera.kind == "ORTHO":
         height, normal = (1.0, normal) if camera.Z @ normal < 0 else (-1.0, normal)
     if height == 0:
         return None
@@ -125,7 +156,10 @@ def mirrored(camera: Camera, mirror: Mirror) -> Volume | None:
 
 
 def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Normals and offsets of the planes through the edges of the polygon `corners` (k, 3) and the origin, or along a way."""
+    """Return normals and offsets of planes through the edges of `corners` (k, 3).
+
+    The corners form a polygon. The planes also pass through the origin, or run parallel to `along`.
+    """
     ends = np.roll(corners, -1, axis=0)
     normals = np.cross(corners, ends) if along is None else np.cross(ends - corners, along)
     length = np.linalg.norm(normals, axis=1)
@@ -137,21 +171,34 @@ def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, 
 
 
 def within(volume: Volume, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """(n,) bool: spheres at the points (n, 3) with the radius (n,) that touch all the volume's planes' inner sides, as the
-    radar test has it: near its edges it keeps some that lie outside."""
+    """Return which spheres reach into the volume, (n,) bool.
+
+    points: (n, 3) metres, their centers.
+    radius: (n,) metres.
+
+    As in the radar test, some spheres outside are kept near the volume's edges.
+    """
     still = np.zeros(3)
     return _swept(volume, points, radius, still, 0.0)
 
 
 def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """(n,) bool: spheres at the points (n, 3) with the radius (n,) whose shadow may fall into the volume.
+    """Return which spheres may cast a shadow into the volume, (n,) bool.
 
-    A shadow is a sphere that moves away from the light and grows: from the sun, at c + t cos(a) d with the radius r +
-    t sin(a), a half of its disc's angle; from a lamp at L of the size s, at c + t (c - L) with r + t (r + s), t >= 0.
-    Whatever a point of the light does not reach because of the sphere lies in one of them. Its distances from the volume's
-    planes are linear in t, so the t at which it touches all of them are an interval, found by clipping; the shadow is kept
-    iff it is not empty. Kept for nothing is what passes by near an edge of the volume, as in the radar test, and what falls
-    where another shadow or a surface's back lies already.
+    points: (n, 3) metres, their centers.
+    radius: (n,) metres.
+
+    A shadow is a sphere that moves away from the light and grows. From the sun: at c + t cos(a) d
+    with the radius r + t sin(a), where a is half the angle of its disc. From a lamp at L of the
+    size s: at c + t (c - L) with r + t (r + s), t >= 0. Every point that some of the light does not
+    reach because of the sphere lies in one of these spheres.
+
+    Their distances from the volume's planes are linear in t. So the values t at which a sphere
+    touches all planes form an interval, found by clipping; the agent is kept iff the interval is
+    not empty.
+
+    Kept without need: shadows that pass near an edge of the volume, as in the radar test, and
+    shadows that fall where another shadow or the back of a surface lies already.
     """
     if light.origin is None:
         way, grow = np.cos(light.angle) * light.direction, float(np.sin(light.angle))
@@ -173,8 +220,13 @@ def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray)
 
 
 def _swept(volume: Volume, points, radius, way, grow, ends=None) -> np.ndarray:
-    """(n,) bool: whether a sphere at points + t way, radius + t grow, touches all planes for some t >= 0. way: (3,) or
-    (n, 3), and grow then (n,), else a number; ends: one more condition, ends[0] + t ends[1] <= 0."""
+    """Return whether spheres that move and grow with t >= 0 touch all planes, (n,).
+
+    At t a sphere is at points + t way, and its radius is radius + t grow. Returns bool.
+
+    way: (3,) with grow a number, or (n, 3) with grow (n,).
+    ends: one more condition, ends[0] + t ends[1] <= 0.
+    """
     v = points - volume.origin
     size, speed = np.linalg.norm(v, axis=1), np.linalg.norm(way, axis=-1)
     reach, growth = radius + volume.pad, grow
@@ -207,19 +259,25 @@ def _swept(volume: Volume, points, radius, way, grow, ends=None) -> np.ndarray:
 
 
 def _along(normals: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """(k, n): how far the ways (n, 3) go along the normals (k, 3)."""
+    """Return how far the vectors `ways` (n, 3) go along the normals (k, 3), (k, n)."""
     x, y, z = ways.T
     return normals[:, :1] * x + normals[:, 1:2] * y + normals[:, 2:] * z
 
 
 def left_from(volume: Volume, about: np.ndarray, turn: float = 0.0) -> Volume:
-    """The volume of all points from which rays start that leave surfaces in the volume, or surfaces that show it. Those lie at
-    coordinates of at most |about| and, if turn is OFFSET, as much more as they are away from the volume's origin."""
+    """Return the volume of the points where rays from surfaces in the volume start.
+
+    Surfaces that show the volume count, too. Such points lie beside their surface by Cycles' ray
+    offset (OFFSET, LIFT).
+
+    about: the surfaces lie at coordinates of at most |about|, metres.
+    turn: with OFFSET, the coordinates may exceed `about` by the distance from the volume's origin.
+    """
     return replace(volume, pad=volume.pad + OFFSET * float(np.abs(about).max()) + LIFT, turn=volume.turn + turn)
 
 
 def bounded(volume: Volume, box: np.ndarray) -> Volume:
-    """The part of the volume within the box (2, 3), its least and most corners."""
+    """Return the part of the volume in the box (2, 3), least and greatest corner."""
     normals = np.concatenate([volume.normals, np.eye(3), -np.eye(3)])
     offsets = np.concatenate([volume.offsets, box[1] - volume.origin, volume.origin - box[0]])
     return replace(volume, normals=normals, offsets=offsets)
@@ -237,7 +295,8 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
     reflects, shades = (_Sought(unseen.copy(), made and np.ones(len(made[1].rows), bool)) for _ in range(2))
     for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
-        beside = GRAIN * max(np.abs(eye.origin).sum() for eye in eyes)  # spheres are drawn: camera.pictured
+        # spheres are drawn: camera.pictured
+        beside = GRAIN * max(np.abs(eye.origin).sum() for eye in eyes)
         views = [view(eye) for eye in eyes]
         shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
         mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
@@ -279,8 +338,12 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
 
 
 def _spread(light: Light) -> Light:
-    """The light whose cone holds all rays to it from where those start that leave what it lights. One that starts d beside its
-    place, R from the lamp at L, d <= OFFSET (|L| + R) + LIFT, passes a place r <= R from the lamp d r / R beside."""
+    """Return the light with its cone widened by Cycles' offset of ray starts.
+
+    The cone then holds all rays to the light from where those start that leave what it lights. A
+    ray that starts d beside its place, R from the lamp at L, d <= OFFSET (|L| + R) + LIFT, passes a
+    place r <= R from the lamp at the distance d r / R beside it.
+    """
     if light.origin is None or light.angle >= np.pi:
         return light
     size = light.size + OFFSET * float(np.abs(light.origin).max()) + LIFT
@@ -289,14 +352,18 @@ def _spread(light: Light) -> Light:
 
 @dataclass(frozen=True)
 class _Sought:
-    """Who is not found yet. agents: (n,) bool. leaves: (b,) bool, the smallest blocks that may hold some of them, or None."""
+    """The agents not found yet.
+
+    agents: (n,) bool.
+    leaves: (b,) bool, the smallest blocks that may hold some of them, or None.
+    """
 
     agents: np.ndarray
     leaves: np.ndarray | None
 
 
 def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
-    """The largest coordinate that `within` or `shaded` reckons with of spheres in the blocks, metres."""
+    """Return the largest coordinate, metres, in the tests of spheres in the blocks."""
     about = max(blocks.extent, volume.pad, *np.abs(volume.origin))
     if light is not None:
         about = max(about, light.size, *(() if light.origin is None else np.abs(light.origin)))
@@ -305,7 +372,7 @@ def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
 
 
 def _joined(box: np.ndarray, crowd: Crowd, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """The box (2, 3) about `box` and the crowd's spheres: shadows fall on agents, too."""
+    """Return the box (2, 3) about `box` and the crowd: shadows fall on agents, too."""
     columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in crowd.places()]
     low, high = np.array(columns).T
     low, high = low + (0, 0, centre.min()) - radius.max(), high + (0, 0, centre.max()) + radius.max()

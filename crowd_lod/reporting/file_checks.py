@@ -1,4 +1,7 @@
-"""Whether a file was written to its end: on a full disk Blender says that all went well and leaves a part."""
+"""Checks that a file is complete: on a full disk Blender reports no error.
+
+It leaves a part of the file there.
+"""
 
 import errno
 import mmap
@@ -12,19 +15,24 @@ from ..errors import CrowdError
 from ..format import printable
 
 PNG = b"\x89PNG\r\n\x1a\n"
-ZSTD, SEEK_TABLE = b"\x28\xb5\x2f\xfd", 0x8F92EAB1  # a frame's first bytes; the last four of a file that can be sought in
+# a frame's first bytes; the last four of a file that can be sought in
+ZSTD, SEEK_TABLE = b"\x28\xb5\x2f\xfd", 0x8F92EAB1
 CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's colour types
 
 
 def check(path: Path) -> None:
-    """CrowdError if the file is missing or empty, or a .png, .exr or .blend file that ends too early. OSError if it cannot be read."""
+    """Raise CrowdError if the file is missing, empty or cut short.
+
+    The end is checked of .png, .exr and .blend files. OSError if the file cannot be read.
+    """
     if not path.exists():
         raise CrowdError(f"Blender did not write {printable(path.name)}: see its own message above.")
     look, size = LOOKS.get(path.suffix, len), path.stat().st_size
     try:
         with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
             whole = look(data)
-    except (LookupError, ValueError, struct.error, zlib.error):  # it ends in the middle of what it says of itself
+    # it ends in the middle of what it says of itself
+    except (LookupError, ValueError, struct.error, zlib.error):
         whole = False
     if not whole:
         raise CrowdError(
@@ -43,7 +51,7 @@ def _png(data: mmap.mmap) -> bool:
 
 
 def _png_chunks(data: mmap.mmap) -> Iterator[tuple[bytes, bytes]]:
-    """(kind, content) of each chunk; ValueError where it is not all there."""
+    """Yield (kind, content) of each chunk; ValueError or struct.error if damaged."""
     at = len(PNG) if data[: len(PNG)] == PNG else len(data) + 1
     while at != len(data):
         (size,) = struct.unpack_from(">I", data, at)
@@ -55,7 +63,10 @@ def _png_chunks(data: mmap.mmap) -> Iterator[tuple[bytes, bytes]]:
 
 
 def _exr(data: mmap.mmap) -> bool:
-    """Of one part in blocks of rows, as Blender writes it: its table of offsets is filled, and each block there."""
+    """Return whether the offset table is filled and each block is there.
+
+    For files of one part in blocks of rows, as Blender writes them.
+    """
     file, at = bytes(data), 8
     while file[at]:  # an attribute: name, 0, type, 0, size, content
         at = file.index(0, file.index(0, at) + 1) + 1
@@ -67,9 +78,10 @@ def _exr(data: mmap.mmap) -> bool:
 
 
 def _blend(data: mmap.mmap) -> bool:
-    """Its end block is there; of a compressed file, all frames that the table at its end names."""
+    """Return whether the end block, or each compressed frame in the table, is there."""
     if data[: len(ZSTD)] != ZSTD:
-        block = 32 if data[7:9].isdigit() else 24  # bytes of a block's head, since Blender 5 and before
+        # bytes of a block's head, since Blender 5 and before
+        block = 32 if data[7:9].isdigit() else 24
         return data[:7] == b"BLENDER" and data[-block:].startswith(b"ENDB")
     count, flags, magic = struct.unpack("<IBI", data[-9:])
     entry = 12 if flags & 0x80 else 8  # with a check sum or without
@@ -83,7 +95,10 @@ LOOKS = {".png": _png, ".exr": _exr, ".blend": _blend}
 
 
 def sync(path: Path) -> None:
-    """Have the system bring the file to the disk, or the folder's list of files, if it can; OSError if the disk fails."""
+    """Flush the file, or the list of files of a folder, to the disk.
+
+    Does nothing for folders that the system cannot flush. OSError if the disk fails.
+    """
     folder = path.is_dir()
     if folder and os.name == "nt":
         return
@@ -94,5 +109,6 @@ def sync(path: Path) -> None:
         finally:
             os.close(opened)
     except OSError as error:
-        if not folder or error.errno not in (errno.EACCES, errno.EINVAL):  # not to be read; not to be synced there
+        # not to be read; not to be synced there
+        if not folder or error.errno not in (errno.EACCES, errno.EINVAL):
             raise

@@ -1,12 +1,13 @@
-"""Where a run writes: its files are put in place as a whole or not at all.
+"""Output files of a run, put in place as a whole or not at all.
 
-Until then they wait in a hidden folder `.crowd-lod-*` beside what they replace, with these files of its own:
-LOCK     is locked by the run that the folder belongs to, and names its machine. The system lets go of the lock when a
-         process dies, so the next run into the same place removes the folder if it can lock it. Where the file system
-         has no locks, hidden folders of killed runs stay.
-REPLACED holds the old files while new ones take their places.
-PENDING  is there while files are put in place: the names that had no file before. From it and REPLACED the next run takes
-         back what a killed one put in place half-way.
+Until then they wait in a hidden folder `.crowd-lod-*` beside the files that they replace. The
+folder also holds:
+LOCK: locked by the run that owns the folder; it holds the name of the machine. The system releases
+    the lock when the process dies. The next run into the same place removes the folder if it can
+    lock it. On a file system without locks, hidden folders of killed runs stay.
+REPLACED: holds the old files while new ones take their places.
+PENDING: exists while files are put in place; it lists the names that had no file before. If the run
+    is killed then, the next run undoes its moves by PENDING and REPLACED.
 """
 
 import errno
@@ -35,11 +36,14 @@ KINDS = {"folder": stat.S_ISDIR, "pipe": stat.S_ISFIFO, "socket": stat.S_ISSOCK,
 
 @contextmanager
 def staged(folder: Path, *names: str) -> Iterator[Path]:
-    """A hidden folder to write in; when the block ends well all its files are put into `folder`, one replacing another of
-    its name. After an error, Esc or Ctrl-C `folder` is as it was. A link to a folder is followed.
+    """Yield a hidden folder to write in, for files that go to `folder`.
 
-    names: of files to come, as far as they are known. CrowdError, before the block runs, if the folder or one of them
-    cannot be written.
+    When the block ends well, all its files are put into `folder`. A file replaces the one of the
+    same name in `folder`. After an error, Esc or Ctrl-C `folder` is as it was. A link to a folder
+    is followed.
+    names: the names of files to come, as far as they are known.
+    CrowdError, before the block runs, if the folder or one of these files cannot be written; after
+    it, if writing fails.
     """
     with ExitStack() as stack:
         try:
@@ -71,8 +75,11 @@ def staged(folder: Path, *names: str) -> Iterator[Path]:
 
 @contextmanager
 def staged_file(path: Path) -> Iterator[Path]:
-    """A file to write, in the folder of the file `path`, which it replaces when the block ends well: what it names by
-    paths relative to its own place stays right. A link is followed. Errors as of `staged`."""
+    """Yield a file to write, which replaces the file `path` when the block ends.
+
+    It lies in the same folder, so that paths in it that are relative to its place stay right. A
+    link is followed. Errors are those of `staged`.
+    """
     _refuse_all_but("file", path)
     target = Path(os.path.realpath(path))
     with staged(target.parent, target.name) as hidden:
@@ -82,12 +89,15 @@ def staged_file(path: Path) -> Iterator[Path]:
 
 
 def absolute(path: Path) -> Path:
-    """The path from the root; CrowdError if it is relative and the working folder was deleted."""
+    """Return the path from the root.
+
+    CrowdError if the path is relative and the working folder was deleted.
+    """
     try:
         return path.absolute()
     except OSError:
         raise CrowdError(
-            f"There is no working folder any more for {printable(path)} to be in: change to another, or give a path from the root."
+            f"The working folder, in which {printable(path)} is, was deleted: change to another, or give a path from the root."
         ) from None
 
 
@@ -96,10 +106,11 @@ def _reason(error: OSError) -> str:
 
 
 def _refuse_all_but(wanted: str, path: Path) -> None:
-    """CrowdError if something else than the wanted, "file" or "folder", is at the path."""
+    """Raise CrowdError if anything but `wanted`, "file" or "folder", is at the path."""
     try:
         mode = os.stat(path).st_mode
-    except (FileNotFoundError, NotADirectoryError, PermissionError):  # nothing there, or no way to it, which shows soon
+    # nothing there, or no way to it, which shows soon
+    except (FileNotFoundError, NotADirectoryError, PermissionError):
         return
     except OSError as error:
         raise CrowdError(f"The {wanted} {printable(path)} cannot be written ({_reason(error)}).") from None
@@ -109,7 +120,10 @@ def _refuse_all_but(wanted: str, path: Path) -> None:
 
 
 def _try(part: Path, path: Path) -> None:
-    """CrowdError if the file system takes no file of the name that the part has, and `path` will have."""
+    """Raise CrowdError if the file system does not take a file of the part's name.
+
+    path: where the file will be, for the message.
+    """
     try:
         part.open("xb").close()
         part.unlink()
@@ -118,7 +132,10 @@ def _try(part: Path, path: Path) -> None:
 
 
 def _hidden_folder(place: Path, stack: ExitStack) -> Path:
-    """A new hidden folder in `place`, which the stack removes; those of runs that were killed are removed now."""
+    """Make a hidden folder in `place`, which the stack removes.
+
+    Hidden folders of killed runs are removed first.
+    """
     with _turn(place):
         _clean(place)
         with interrupt.held():
@@ -137,7 +154,8 @@ def _put_in_place(hidden: Path, place: Path) -> None:
         file_checks.check(part)
         file_checks.sync(part)
     with _turn(place):
-        _clean(place, hidden)  # else what a run killed meanwhile put in place would be taken back over this run's files
+        # else what a run killed meanwhile put in place would be taken back over this run's files
+        _clean(place, hidden)
         for part in parts:
             _refuse_all_but("file", place / part.name)
         with interrupt.held():
@@ -146,7 +164,7 @@ def _put_in_place(hidden: Path, place: Path) -> None:
 
 
 def _move(parts: list[Path], hidden: Path, place: Path) -> None:
-    """Move the parts, files in the hidden folder, into `place`; after an error none of them is there."""
+    """Move the files `parts` into `place`; after an error none of them is there."""
     (hidden / REPLACED).mkdir()
     new = [part.name for part in parts if not os.path.lexists(place / part.name)]
     (hidden / PENDING).write_text(json.dumps(new))
@@ -165,7 +183,10 @@ def _move(parts: list[Path], hidden: Path, place: Path) -> None:
 
 
 def _keep(path: Path, kept: Path) -> None:
-    """Have the file at `kept`, too: it is never missing at its place. On disks without hard links it is, for a moment."""
+    """Keep the file at `kept`, too, so that it is never missing at `path`.
+
+    On disks without hard links it is missing for a moment.
+    """
     try:
         os.link(path, kept)
     except OSError:
@@ -173,7 +194,7 @@ def _keep(path: Path, kept: Path) -> None:
 
 
 def _take_back(hidden: Path, place: Path) -> None:
-    """Undo what _move did, whose files in the hidden folder are still there if they were not moved."""
+    """Undo `_move`: remove the new files that it moved and restore the old ones."""
     with suppress(ValueError):  # it was not written to its end: nothing had been moved
         for name in json.loads((hidden / PENDING).read_text()):
             name = os.path.basename(name)  # whoever may have written it
@@ -186,8 +207,10 @@ def _take_back(hidden: Path, place: Path) -> None:
 
 
 def _clean(place: Path, own: Path | None = None) -> None:
-    """Remove the hidden folders, but for its own, of runs on this machine that were killed, and take back what they put in
-    place half-way."""
+    """Remove hidden folders of killed runs on this machine; undo unfinished moves.
+
+    own: the hidden folder of this run, which stays.
+    """
     for hidden in place.glob(f"{HIDDEN}*/"):
         if hidden == own or hidden.is_symlink():
             continue
@@ -201,17 +224,20 @@ def _clean(place: Path, own: Path | None = None) -> None:
 
 
 def _remove(hidden: Path) -> None:
-    """Remove the folder and its part, unless it still holds what has to be put back."""
+    """Remove the hidden folder and its part files, unless `_take_back` needs them."""
     if not (hidden / PENDING).exists():
-        gone = hidden.with_name(f"{hidden.name}-gone")  # under its own name, work that goes on would fill it meanwhile
+        # under its own name, work that goes on would fill it meanwhile
+        gone = hidden.with_name(f"{hidden.name}-gone")
         with suppress(OSError):
             hidden.rename(gone)
-            hidden.touch()  # where a file is, Blender, still writing while Ctrl-C cleans up, can make no folder
+            # where a file is, Blender, still writing while Ctrl-C cleans up, can make no folder
+            hidden.touch()
         shutil.rmtree(gone, ignore_errors=True)
         shutil.rmtree(hidden, ignore_errors=True)
         with suppress(OSError):
             hidden.unlink()
-        for part in hidden.parent.glob(f"{hidden.name}.*"):  # Blender adds to the name while it writes
+        # Blender adds to the name while it writes
+        for part in hidden.parent.glob(f"{hidden.name}.*"):
             with suppress(OSError):
                 part.unlink()
 
@@ -225,12 +251,12 @@ def _remove_empty(folders: list[Path]) -> None:
 
 
 def _machine() -> bytes:
-    """Its name: file systems in a network may lock files for one machine alone."""
+    """Return the machine's name: network file systems may lock for one machine alone."""
     return platform.node().encode(errors="replace")
 
 
 def _hold(lock: FileIO) -> bool:
-    """Lock the open file until it is closed, if no other process has; whether this one now holds it."""
+    """Lock the open file until it is closed; return whether this process could."""
     lock.seek(0)
     try:
         if sys.platform == "win32":
@@ -248,7 +274,10 @@ def _hold(lock: FileIO) -> bool:
 
 @contextmanager
 def _turn(place: Path) -> Iterator[None]:
-    """Wait until no other process is in such a block for the folder, where the system can lock folders: Windows cannot."""
+    """Wait until no other process is in such a block for this folder.
+
+    Does not wait where the system cannot lock folders, as on Windows.
+    """
     with ExitStack() as stack:
         if sys.platform != "win32":
             import fcntl

@@ -1,4 +1,7 @@
-"""The report of a preview as a web page: one file without scripts, beside its pictures."""
+"""The report of a preview as a web page: one file without scripts.
+
+It stands beside its pictures.
+"""
 
 from collections.abc import Sequence
 from html import escape
@@ -34,7 +37,11 @@ ul { color: var(--dim) } footer { margin-top: 3rem; color: var(--dim); font-size
 
 
 def page(plan: dict, above: str = "contact_sheet.png") -> str:
-    """The page of a preview's plan, as plan.json has it; `above`: the file of the contact sheet. All text is escaped."""
+    """Return the web page of a preview's plan; all text is escaped.
+
+    plan: the content of plan.json.
+    above: the file of the contact sheet.
+    """
     rows, levels = plan["frames"], plan["levels"]
     tints = [_css(tint) for tint in levels["tints"]]
     name = escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
@@ -60,9 +67,9 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
         f"at least what was found, at most its bound; the "
         f"distances are those of the camera {escape(plan['camera'])} at frame {rows[0]['frame']}, and its pixels those of "
         f"renders {' x '.join(map(str, levels['pixels']))} large. Predicted is what the "
-        "bound shows where the LOD begins; measured, how far its rendered outline then lies from the character's, "
-        "the worst of all directions. Picture off is the mean difference there of the two shaded, in their materials' colours and "
-        "images, in percent of white; similar their structural similarity (SSIM), 1 for the same.</p>",
+        "bound shows where the LOD begins; measured, how far its rendered outline lies from the character's there, "
+        "the worst of all directions. Picture off is the mean difference there of the shaded pictures, with materials' colors and "
+        "images, in percent of white; Similar is their structural similarity (SSIM), 1 for equal pictures.</p>",
     ]
     parts += [_character(entry, tints) for entry in levels["characters"]]
     if levels["dropped"]:
@@ -82,7 +89,7 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
 
 
 def _rule(levels: dict) -> str:
-    """How LODs were chosen, in words."""
+    """Return how LODs were chosen, in words."""
     if levels["tolerance"] is not None:
         shading = f", and no shaded picture differs by more than {WITHIN:.0%} of white" if levels.get("shading_counts") else ""
         return f"LODs are chosen so that no surface lies off its character's by more than {levels['tolerance']:g} pixels{shading}."
@@ -132,12 +139,12 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table; the cells are HTML."""
+    """Return an HTML table; `rows` are HTML, `head` is text."""
     top = "".join(f"<th>{escape(text)}</th>" for text in head)
     body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>\n" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
 def _css(linear: Sequence[float]) -> str:
-    """The linear RGB colour as CSS has it."""
+    """Return the linear RGB color as CSS text."""
     return f"rgb({', '.join(str(round(255 * c)) for c in srgb.encoded(np.array(linear)).tolist())})"

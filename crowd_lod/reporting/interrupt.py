@@ -1,8 +1,9 @@
-"""Ctrl-C ends a command at once, and the disk is then as it was, or all of the output is there.
+"""Ctrl-C ends a command at once, with no output in place or all of it.
 
-A signal's Python handler waits for the main thread to come back from C: from a render, from NumPy, from the import of Blender.
-The signal itself does not: it wakes a thread, which removes what is unfinished and ends the process (docs/notes/ctrl_c.md).
-Standard library only, for it is loaded before all else.
+Python runs a signal's handler only when the main thread returns from C: from a render, from NumPy,
+from the import of Blender. The signal itself wakes a thread at once. That thread removes unfinished
+files and ends the process (docs/notes/ctrl_c.md).
+Standard library only, because this module is loaded before all others.
 """
 
 import os
@@ -17,31 +18,40 @@ STOPPED = 128 + signal.SIGINT  # the exit code
 PATIENCE = 0.7  # seconds that a command whose output is complete has to tell so itself
 
 line = ""  # what ends the line that the terminal's cursor is on: "\n" after a progress bar
-_turn = threading.RLock()  # of the thread that puts files in place, or of the one that ends the process
+# of the thread that puts files in place, or of the one that ends the process
+_turn = threading.RLock()
 _unfinished: list[Callable[[], None]] = []
 _late: list[str] = []
 
 
 def heed() -> None:
-    """From now on Ctrl-C ends this process with STOPPED and one line, if it comes before the output is in place; after that
-    the process may end by itself. Main thread only. Where whoever started the process ignores Ctrl-C, so does it."""
+    """Let Ctrl-C end this process with the exit code STOPPED and one line.
+
+    If the output is already in place, the process first gets PATIENCE seconds to end by itself.
+    Call it from the main thread. Does nothing if the parent process made this one ignore Ctrl-C.
+    """
     if signal.getsignal(signal.SIGINT) in (signal.SIG_IGN, _ignore):
         return
     reader, writer = socket.socketpair()
     writer.setblocking(False)
     screen = -1
     with suppress(OSError):  # stderr may be closed: then the last line has no place to go
-        screen = os.dup(2)  # what Blender prints is kept from the screen by other files in its place
+        # what Blender prints is kept from the screen by other files in its place
+        screen = os.dup(2)
     threading.Thread(target=_watch, args=(reader, writer, screen), daemon=True).start()
     signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
     signal.signal(signal.SIGINT, _ignore)
-    if hasattr(signal, "pthread_sigmask"):  # environment.py holds back what comes while Python starts
+    # environment.py holds back what comes while Python starts
+    if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 @contextmanager
 def unfinished(clean: Callable[[], None]) -> Iterator[None]:
-    """`clean` is called however the block ends, and by Ctrl-C from another thread before it ends the process."""
+    """Call `clean` when the block ends, after an error too.
+
+    After Ctrl-C another thread calls it before it ends the process.
+    """
     _unfinished.append(clean)
     try:
         yield
@@ -52,27 +62,38 @@ def unfinished(clean: Callable[[], None]) -> Iterator[None]:
 
 @contextmanager
 def work() -> Iterator[None]:
-    """The work of a command: after it, also where it failed, there is nothing to be taken back."""
+    """Mark the work of a command: once it has ended or failed, nothing can be undone."""
     _late.clear()
     try:
         yield
     finally:
-        too_late("it had come to its end")
+        too_late("the command had already finished")
 
 
 def held() -> AbstractContextManager[bool]:
-    """A context inside which Ctrl-C does not end the process: it waits. Who is ended waits for it, and never comes in."""
+    """Return a context inside which Ctrl-C waits and does not end the process.
+
+    If Ctrl-C is already ending the process, entering the context never returns.
+    """
     return _turn
 
 
 def too_late(why: str) -> None:
-    """From now on there is nothing to be taken back, because of `why`, a part of a sentence. Who is ended does not return."""
+    """Declare that from now on nothing can be undone.
+
+    If Ctrl-C is already ending the process, the call never returns.
+    why: the reason, a part of a sentence.
+    """
     with _turn:
         _late.append(why)
 
 
 def _ignore(*_: object) -> None:
-    """Python's own handler would raise KeyboardInterrupt wherever the main thread is, in Blender's callbacks too."""
+    """Do nothing.
+
+    Python's own handler would raise KeyboardInterrupt wherever the main thread is, even in a
+    callback of Blender.
+    """
 
 
 def _watch(reader: socket.socket, writer: socket.socket, screen: int) -> None:
@@ -84,7 +105,8 @@ def _watch(reader: socket.socket, writer: socket.socket, screen: int) -> None:
         clock.sleep(PATIENCE)
         _turn.acquire()
     try:
-        with suppress(OSError):  # what the main thread says of files that are taken away under its hands
+        # what the main thread says of files that are taken away under its hands
+        with suppress(OSError):
             nowhere = os.open(os.devnull, os.O_WRONLY)
             os.dup2(nowhere, 1)
             os.dup2(nowhere, 2)

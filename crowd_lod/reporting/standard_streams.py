@@ -1,4 +1,4 @@
-"""Standard output and error, which may be closed, full, or without the letters of a name."""
+"""Standard output and error, even if closed, full, or without some letters."""
 
 import contextlib
 import os
@@ -11,8 +11,11 @@ from ..errors import CrowdError
 
 @contextlib.contextmanager
 def ready() -> Iterator[None]:
-    """Inside, what stderr cannot take is lost, and what stdout has no letter for is escaped; no file that is opened gets the
-    number of a stream that is closed. CrowdError if stdout is."""
+    """Make the standard streams safe to use inside the block.
+
+    Text that stderr cannot take is lost. Characters that stdout cannot encode are escaped. The file
+    numbers of closed streams are taken, so that no opened file gets them.
+    """
     for number in range(3):
         try:
             os.fstat(number)
@@ -25,8 +28,11 @@ def ready() -> Iterator[None]:
 
 
 def put(text: str) -> None:
-    """Print the text, or what waits to be printed if it is "". CrowdError if stdout cannot take it; a pipe that nobody reads
-    any more has seen enough."""
+    """Print the text and flush; "" only flushes.
+
+    CrowdError if stdout is closed or cannot be written. A pipe whose reader has left is no error:
+    further output is dropped.
+    """
     if sys.stdout is None:
         raise CrowdError("Standard output is closed: send it to a file, or to /dev/null.")
     try:
@@ -35,11 +41,11 @@ def put(text: str) -> None:
         _to_nowhere(sys.stdout)
     except OSError as error:
         _to_nowhere(sys.stdout)
-        raise CrowdError(f"Standard output cannot be written ({error.strerror}): what was made stays; free space there.") from None
+        raise CrowdError(f"Standard output cannot be written ({error.strerror}): finished files stay; free space there.") from None
 
 
 class _Lossy:
-    """The stream, if any, as one that never fails."""
+    """A stream, or nothing for None, whose writes never fail."""
 
     def __init__(self, stream: TextIO | None) -> None:
         self._stream = stream or open(os.devnull, "w")
@@ -62,5 +68,5 @@ class _Lossy:
 
 
 def _to_nowhere(stream: TextIO) -> None:
-    """Send what follows, and what the stream still holds and would try again at exit, to no file."""
+    """Redirect the stream to no file, with text that it still buffers for its exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -1,4 +1,4 @@
-"""What a run leaves on disk: tables, plans, contact sheets."""
+"""Tables, plans and contact sheets that a run writes."""
 
 import csv
 import io
@@ -12,7 +12,11 @@ PLAN_VERSION = 1
 
 
 def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | float]:
-    """A row of frames.csv; `more` adds milliseconds of stages outside the core, by name."""
+    """Return a row of frames.csv.
+
+    number: of the frame.
+    more: milliseconds of stages outside the core, by name.
+    """
     shown = int(frame.visible.sum())
     counts = {f"lod{k}": int(n) for k, n in enumerate(frame.buckets.counts)}
     unseen = {name: len(b.order) for name, b in (("shadow", frame.shadow), ("mirrored", frame.mirrored)) if b is not None}
@@ -33,7 +37,7 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
 
 
 def to_csv(rows: list[dict]) -> str:
-    """The rows, which share their keys, as CSV with a header."""
+    """Return the rows, which share their keys, as CSV with a header."""
     text = io.StringIO()
     writer = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
     writer.writeheader()
@@ -42,12 +46,17 @@ def to_csv(rows: list[dict]) -> str:
 
 
 def to_json(plan: dict) -> str:
-    """The plan as JSON; floats as they are, NaN refused."""
+    """Return the plan as JSON with floats unrounded; ValueError at NaN or infinity."""
     return json.dumps(plan, indent=2, allow_nan=False) + "\n"
 
 
 def shrink(picture: np.ndarray, width: int) -> np.ndarray:
-    """The picture (rows, columns, 4) uint8 made smaller by a whole factor, by averaging, to at least `width` columns."""
+    """Return the picture made smaller by a whole factor, by averaging.
+
+    The factor is the largest that leaves `width` columns or more, at least 1. Rows and columns that
+    do not fill a last block are cut off.
+    picture: (rows, columns, 4) uint8.
+    """
     factor = max(1, picture.shape[1] // width)
     rows, columns = (n // factor for n in picture.shape[:2])
     blocks = picture[: rows * factor, : columns * factor].reshape(rows, factor, columns, factor, 4)
@@ -55,7 +64,12 @@ def shrink(picture: np.ndarray, width: int) -> np.ndarray:
 
 
 def contact_sheet(pictures: list[np.ndarray], columns: int, gap: int = 6) -> np.ndarray:
-    """The pictures, each (rows, columns, 4) uint8 with the bottom row first, on one dark sheet, read from the top left."""
+    """Return one dark sheet with the pictures, read from the top left.
+
+    pictures: each (rows, columns, 4) uint8, bottom row first, as is the sheet.
+    columns: pictures side by side.
+    gap: pixels between them.
+    """
     height, width = (max(p.shape[axis] for p in pictures) for axis in (0, 1))
     rows = -(-len(pictures) // columns)
     sheet = np.zeros((rows * (height + gap) + gap, columns * (width + gap) + gap, 4), np.uint8)

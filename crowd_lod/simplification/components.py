@@ -90,7 +90,8 @@ def grown(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, wanted: n
     np.maximum.at(reach, part, np.abs(along))
     more = wanted / np.maximum(areas(points, triangles, part[triangles[:, 0]], count), 1e-300) - 1
     more[more < settings.CURRENT.parts_lost] = 0
-    # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc + ca; of what is flat (b + d) (c + d)
+    # as a box grows: (a + d) (b + d) + (b + d) (c + d) + (c + d) (a + d) is 1 + more times ab + bc
+    # + ca; of what is flat (b + d) (c + d)
     (a, b, c), flat = reach.T, reach[:, 0] < settings.CURRENT.parts_flat * reach[:, 2]
     square, line, area = np.where(
         flat, (np.ones(count), b + c, b * c), (np.full(count, 3.0), 2 * (a + b + c), a * b + b * c + c * a)

@@ -86,7 +86,8 @@ def decimating(
     problem = missing_library()
     if problem:
         raise CrowdError(problem)
-    # Of unit size at the origin, and rounded: neither scale nor place decides which of two like edges goes first.
+    # Of unit size at the origin, and rounded: neither scale nor place decides which of two like
+    # edges goes first.
     low, size = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
     unit = np.round((points - low) / size * GRID) / GRID
     joined, held = _join_borders(unit, triangles)

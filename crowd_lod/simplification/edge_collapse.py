@@ -88,15 +88,18 @@ def collapse(points, triangles, quadrics, normals, target: int, poses: Poses | N
     pinches or folds the surface; each part keeps a triangle, or four where it is closed.
     """
     all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
-    own, corners = np.unique(triangles, return_inverse=True)  # of few of them, when most have collapsed before
-    corners = np.ascontiguousarray(corners.reshape(-1, 3).T)  # (3, m): NumPy is several times faster along the long axis
+    # of few of them, when most have collapsed before
+    own, corners = np.unique(triangles, return_inverse=True)
+    # (3, m): NumPy is several times faster along the long axis
+    corners = np.ascontiguousarray(corners.reshape(-1, 3).T)
     points, quadrics, normals, n = points.T.take(own, 1), quadrics.take(own, 1), normals.T.take(own, 1), len(own)
     poses, follows = poses and Poses(poses.skin, [each.take(own, 1) for each in poses.quadrics]), own.copy()
     collapse_map, refused, thorough, facing = np.arange(n), np.zeros(0, np.intp), False, settings.CURRENT.facing
     keys, known, changed = np.zeros(0, np.intp), np.zeros((5, 0)), np.zeros(n, bool)
     while corners.shape[1] > target:
         before, (keys, edges, faces) = keys, edges_of(corners, n)
-        # of each edge where it would collapse to, its cost at rest and, if known, its error in the poses: most stay as they were
+        # of each edge where it would collapse to, its cost at rest and, if known, its error in the
+        # poses: most stay as they were
         known = _taken_over(before, known, keys, changed[edges].any(axis=0))
         new = np.flatnonzero(np.isnan(known[3]))
         known[:3, new], known[3, new] = _place(points, quadrics, *edges.take(new, 1))
@@ -256,7 +259,8 @@ class _PoseErrors:
         known = ~np.isnan(error)
         cost[known] += error[known]
         limit = np.partition(cost, most - 1)[most - 1]
-        for _ in range(2):  # with poses none gets cheaper: what costs more than the limit before stays out
+        # with poses none gets cheaper: what costs more than the limit before stays out
+        for _ in range(2):
             some = np.flatnonzero(~known & (cost <= limit) & (cost < np.inf))
             ends, at = edges.ends.take(some, 1), edges.at.take(some, 1)
             area = self.area.take(ends).sum(axis=0)

@@ -11,21 +11,28 @@ class Settings:
     """How often, how far and how carefully: each field says its unit and why."""
 
     # Bulk: fast-simplification's collapses, cheap but without knowledge of poses.
-    bulk_margin: float = 1.1  # times the triangles wanted, that it leaves at least: the last collapses are chosen better
+    # times the triangles wanted, that it leaves at least: the last collapses are chosen better
+    bulk_margin: float = 1.1
     bulk_part: float = 0.04  # of the source's triangles, that it leaves besides
-    bulk_seamed: int = 30_000  # triangles, that it leaves at least of a mesh with seams, of which it knows nothing
+    # triangles, that it leaves at least of a mesh with seams, of which it knows nothing
+    bulk_seamed: int = 30_000
     bulk_posed: int = 60_000  # the same of a mesh with poses
     bulk_aggression: int = 3  # its care; its own default of 7 errs more
-    bulk_planes: float = 0.5  # weight of the planes that it leaves, of those of the source: a flat face keeps its corners
+    # weight of the planes that it leaves, of those of the source: a flat face keeps its corners
+    bulk_planes: float = 0.5
 
     # Quadrics and collapses.
-    seams_yield: float = 0.1  # part of the triangles: where fewer are wanted and nothing moves, seams weigh less, by its cube
+    # part of the triangles: where fewer are wanted and nothing moves, seams weigh less, by its cube
+    seams_yield: float = 0.1
     seams_posed: float = 0.5  # weight of seams in each pose, of that at rest: they add up
-    area_power: float = 0.9  # of its area, that a collapse's error is divided by: 0 spares large faces, 1 all alike
-    midpoint: float = 1e-9  # weight of an edge's middle against the planes: decides where they leave a choice
+    # of its area, that a collapse's error is divided by: 0 spares large faces, 1 all alike
+    area_power: float = 0.9
+    # weight of an edge's middle against the planes: decides where they leave a choice
+    midpoint: float = 1e-9
     facing: float = 0.2  # least cosine between a triangle's normals before and after a collapse
     facing_last: float = -1.0  # the same where nothing else is left to collapse
-    thinnest: float = 0.001  # twice a triangle's area over its squared sides: no collapse makes a thinner one
+    # twice a triangle's area over its squared sides: no collapse makes a thinner one
+    thinnest: float = 0.001
     round_part: float = 0.15  # of a round's edges, the cheapest, that may collapse in it
     round_passes: int = 6  # choices of edges in a round
 
@@ -33,13 +40,17 @@ class Settings:
     poses: int = 3  # besides the one at rest, that decimation heeds
     pose_triangles: int = 5_000  # triangles that tell poses apart, about
     pose_least: float = 1e-3  # mean change of an edge's turn, below which poses are alike
-    pose_axes: float = 1e-3  # of an edge's length, that the axes count where a vertex's triangles tell nothing
-    pose_gap: float = 2.0  # sizes of the mesh between its copies in the poses: none is nearest to another
-    rest_scale: float = 2.0  # times that the mesh at rest is as large as in its poses: there distances count more
+    # of an edge's length, that the axes count where a vertex's triangles tell nothing
+    pose_axes: float = 1e-3
+    # sizes of the mesh between its copies in the poses: none is nearest to another
+    pose_gap: float = 2.0
+    # times that the mesh at rest is as large as in its poses: there distances count more
+    rest_scale: float = 2.0
 
     # Fit: rounds of moves.
     moves: int = 1_100_000  # samples moved, at least: the work on a small mesh
-    moves_each: float = 17  # samples moved for each of the source's triangles: the work on a large mesh
+    # samples moved for each of the source's triangles: the work on a large mesh
+    moves_each: float = 17
     rounds: tuple[int, int] = (1, 40)  # at least and at most
     steps: int = 8  # moves in a round
     samples: int = 15_000  # of the LOD's surface, about
@@ -48,19 +59,24 @@ class Settings:
     stride: float = 0.8  # part of each move that is made
     damping: float = 0.01  # weight, of all vertices' mean, that holds a vertex in place
     weight_kept: float = 0.8  # part of a sample's weight that it has for the next move
-    weight_power: float = 10.0  # of a sample's distance over the worst near it, which each move adds to its weight
+    # of a sample's distance over the worst near it, which each move adds to its weight
+    weight_power: float = 10.0
     weight_local: float = 0.8  # power of the worst near it, against the worst of all
     halvings: int = 3  # times that a move which turns a triangle is halved before it is left
     near_enough: float = 1e-6  # worst distance below which nothing is moved
-    flip_from: float = 0.6  # of the worst distance, that an edge's triangles are off at least before it is flipped
+    # of the worst distance, that an edge's triangles are off at least before it is flipped
+    flip_from: float = 0.6
     flip_gain: float = 0.9  # of its triangles' distance, that a flip must at least come down to
-    flip_loss: float = 1.05  # times the worst distance that flips together may lead to, or none is made
+    # times the worst distance that flips together may lead to, or none is made
+    flip_loss: float = 1.05
 
     # Fit: looks at what lies between the samples.
     looks: int = 3  # at most
-    looks_gain: float = 1.1  # times farther off than known, that a look must find something for another look
+    # times farther off than known, that a look must find something for another look
+    looks_gain: float = 1.1
     looks_from: float = 0.6  # of the worst distance: near samples as far off, it looks
-    looks_steep: float = 0.5  # cosine between a triangle and what it is nearest to, below which it looks, too
+    # cosine between a triangle and what it is nearest to, below which it looks, too
+    looks_steep: float = 0.5
     looks_few: int = 2  # samples along an edge, up to which it looks at all triangles
     looks_kept: float = 0.9  # of the worst distance: what is as far off is a sample from then on
 
@@ -71,7 +87,8 @@ class Settings:
 
     # Walks to closest points.
     walk_steps: int = 40  # along a surface to the nearest triangle, at most
-    walk_again: float = 0.5  # of the largest distance: beyond it a point's nearest triangle is sought again
+    # of the largest distance: beyond it a point's nearest triangle is sought again
+    walk_again: float = 0.5
     doubt_points: int = 32  # those farthest off, whose walks may have ended at a wrong place
     doubt_rounds: int = 12  # times that such are doubted, at most, while any of them was wrong
 
@@ -79,10 +96,13 @@ class Settings:
     bound_tolerance: float = 0.10  # part of what was measured, by which the bound may lie above it
     bound_floor: float = 5e-5  # of the size: no bound need be lower
     bound_depth: int = 10  # times that pieces are divided, at most
-    bound_pieces: int = 400_000  # of one surface in a pose; where there would be more, the bound is left as it is
-    bound_first: int = 8  # points of each pose that are measured first, those which may be farthest off
+    # of one surface in a pose; where there would be more, the bound is left as it is
+    bound_pieces: int = 400_000
+    # points of each pose that are measured first, those which may be farthest off
+    bound_first: int = 8
     bound_spokes: int = 4  # edges that one side of a piece crosses, at most
-    bound_inside: float = 0.1  # of the way to a piece's middle: where the triangles beneath its corners are sought
+    # of the way to a piece's middle: where the triangles beneath its corners are sought
+    bound_inside: float = 0.1
 
 
 CURRENT = Settings()

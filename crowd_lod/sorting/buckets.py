@@ -1,4 +1,4 @@
-"""LOD sorting: one contiguous bucket of agents a LOD (chapter section 1.4)."""
+"""LOD sorting: one contiguous bucket of agents per LOD (chapter section 1.4)."""
 
 from dataclasses import dataclass
 
@@ -9,8 +9,12 @@ from ..culling.blocks import LEAF, OPEN, Blocks, Decided, edges
 
 @dataclass(frozen=True)
 class Buckets:
-    """Visible agents by LOD. order: (m,) int32, agent indices, finest LOD first; within a LOD in agent order, in a large
-    crowd in that of its blocks (culling/blocks.py). offsets: (n + 1,) intp: LOD k is order[offsets[k]:offsets[k + 1]]."""
+    """Visible agents by LOD.
+
+    order: (m,) int32, agent indices, finest LOD first. Within a LOD they are in agent order; in a
+        large crowd in the order of its blocks (culling/blocks.py).
+    offsets: (n + 1,) intp. LOD k is order[offsets[k]:offsets[k + 1]].
+    """
 
     order: np.ndarray
     offsets: np.ndarray
@@ -30,10 +34,13 @@ class Buckets:
 
 
 def sort(visible: np.ndarray, ids: np.ndarray, count: int, lean: bool = False) -> Buckets:
-    """Buckets of the visible agents. visible: (n,) bool; ids: (n,) uint8 LOD ids below `count`.
+    """Return the buckets of the visible agents.
 
-    One pass: NumPy's stable sort of uint8 is a radix sort, the counting sort of the chapter's future work. lean: agents
-    that all have one LOD are in order as they are.
+    One pass: NumPy's stable sort of uint8 is a radix sort, the counting sort of the chapter's
+    future work.
+    visible: (n,) bool.
+    ids: (n,) uint8, LOD ids below `count`.
+    lean: do not sort agents that all have one LOD.
     """
     agents = np.flatnonzero(visible).astype(np.int32)
     seen = ids[agents]
@@ -45,15 +52,21 @@ def sort(visible: np.ndarray, ids: np.ndarray, count: int, lean: bool = False) -
 
 
 def sort_in_order(levels: np.ndarray, order: np.ndarray, count: int) -> Buckets:
-    """Buckets of agents that come in another order than theirs. order: (n,) int32 agent indices; levels: (n,) uint8, the
-    LOD ids of these, at `count` or above for those culled."""
+    """Return the buckets of agents that are not in agent order.
+
+    order: (n,) int32, agent indices.
+    levels: (n,) uint8, their LOD ids; `count` or above for culled agents.
+    """
     buckets = [order[levels == level] for level in range(count)]
     return Buckets(np.concatenate(buckets), np.cumsum([0, *map(len, buckets)]))
 
 
 def sort_blocks(blocks: Blocks, decided: Decided, group: np.ndarray, count: int) -> tuple[Buckets, np.ndarray]:
-    """(the buckets of agents in blocks, how many agents of each LOD and group (count, G)): blocks of one LOD go as they are. group:
-    (n,) uint8, of all agents."""
+    """Return (buckets of the agents in blocks, their counts (count, G)).
+
+    The counts are by LOD and group. A block whose agents all have one LOD is taken whole.
+    group: (n,) uint8, of all agents.
+    """
     buckets, groups = [], len(blocks.groups) - 1
     differ = decided.leaves == OPEN
     for level in range(count):

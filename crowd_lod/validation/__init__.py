@@ -1,4 +1,6 @@
-"""Judges, which share no formula with what they judge: exact arithmetic, renders, own rasters.
+"""Judges that share no formula with the code they judge.
 
-In: Frames, Cameras, pictures (rows, columns, channels). Out: counts of what was missed, errors in metres or pixels, timings.
+They use exact arithmetic, renders, and rasters of their own.
+In: Frames, Cameras, pictures (rows, columns, channels).
+Out: counts of missed agents, errors in metres or pixels, timings.
 """

@@ -1,4 +1,7 @@
-"""The culling against its judge (validation/exact_frustum.py): agents missed, agents kept for nothing."""
+"""Audit of the culling: agents missed, agents kept for nothing.
+
+The judge is validation/exact_frustum.py.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -19,17 +22,27 @@ LENSES = {
     "orthographic": ("ORTHO", (-1.0, 3.0), 1.0),
     "panoramic": ("PANO", (0.0, 0.0), 0.0),
     "sheared": ("PERSP", (-1.0, 0.5), 0.1),
-    "sheared, Cycles": ("PERSP", (-1.0, 0.5), 0.1),  # its rays may see beyond the planes, so the culling keeps more
+    # its rays may see beyond the planes, so the culling keeps more
+    "sheared, Cycles": ("PERSP", (-1.0, 0.5), 0.1),
 }
 EXACT_DEPTHS = 50  # agents a check whose distance is compared with exact arithmetic
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What `check` found. pairs: of camera and agent. visible: truly, by exact planes. kept: by the culling. missed:
-    visible and not kept. surplus: kept, not visible; grazing: those of them within roundings of a plane. beside: visible by the
-    planes, but the sphere misses the frustum's body, at an edge or corner. doubtful: pairs that float64 could not decide, exact
-    arithmetic did. depth_error: the largest error of a distance, as a part of the bound that levels.assign states."""
+    """The result of `check`.
+
+    pairs: of camera and agent.
+    visible: truly visible, by exact planes.
+    kept: by the culling.
+    missed: visible and not kept.
+    surplus: kept and not visible.
+    grazing: those of the surplus that lie within roundings of a plane.
+    beside: visible by the planes, but at an edge or corner the sphere misses the frustum's body.
+    doubtful: pairs that only exact arithmetic could decide, not float64.
+    depth_error: the largest error of a distance, as a part of the bound that `assign` states
+        (levels/assignment.py).
+    """
 
     pairs: int = 0
     visible: int = 0
@@ -47,7 +60,10 @@ class Verdict:
 
 
 def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
-    """A crowd at the points (n, 3)."""
+    """Return a crowd that stands at the points (n, 3).
+
+    group: (n,) uint8; group 0 for all if None.
+    """
     still = np.zeros(len(points), np.float32)
     none = np.zeros(len(points), np.uint8)
     x, y, z = np.ascontiguousarray(points.T, np.float64)
@@ -55,7 +71,12 @@ def standing(points: np.ndarray, group: np.ndarray | None = None) -> Crowd:
 
 
 def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndarray) -> Verdict:
-    """The culling of spheres of radius[group] at the points (n, 3), judged. radius: (G,), group: (n,) uint8."""
+    """Return the verdict on the culling of spheres of radius[group] at the points.
+
+    points: (n, 3) world metres.
+    radius: (G,) metres.
+    group: (n,) uint8.
+    """
     visible, distance = radar(standing(points, group), camera, np.zeros(len(radius)), radius)
     truly, doubtful = seen(camera, points, radius[group])
     beside = 0
@@ -80,7 +101,10 @@ def check(camera: Camera, points: np.ndarray, radius: np.ndarray, group: np.ndar
 
 
 def random_camera(random: np.random.Generator, lens: str) -> Camera:
-    """A camera with a lens of that name anywhere, turned anyhow, mirrored or not, every fifth with a border."""
+    """Return a camera with the lens `lens` of LENSES at a random place and rotation.
+
+    Some cameras are mirrored; one in five has a render border.
+    """
     kind, (low, high), shift = LENSES[lens]
     matrix = np.eye(4)
     matrix[:3, :3] = np.linalg.qr(random.normal(size=(3, 3)))[0]  # a rotation, mirrored or not
@@ -103,8 +127,12 @@ def random_camera(random: np.random.Generator, lens: str) -> Camera:
 
 
 def audit(lens: str, pairs: int, seed: int = 0, on_planes: float = 0.0, agents: int = 1000) -> Verdict:
-    """Judge `pairs` random pairs of camera and agent for a lens of LENSES; `agents` for each camera, the part `on_planes`
-    of them within roundings of a plane."""
+    """Return the verdict on `pairs` random pairs of camera and agent.
+
+    lens: one of LENSES.
+    on_planes: the part of the agents within roundings of a plane.
+    agents: for each camera.
+    """
     return sum(_audits(lens, pairs, np.random.default_rng(seed), on_planes, agents), Verdict())
 
 

@@ -1,6 +1,7 @@
-"""Error against run time: each way to compute a stage, judged by exact arithmetic and timed.
+"""Error against run time: each way to compute a stage, judged and timed.
 
-Rows are flat dicts that share their keys, for CSV and plots. Times are the median of repeated runs, with least and most.
+The judge is exact arithmetic. Rows are flat dicts that share their keys, for CSV and plots. Times
+are the median of repeated runs, with least and most.
 """
 
 import time as clock
@@ -24,16 +25,21 @@ from ..levels.assignment import LevelPolicy, assign, limits
 from .exact_frustum import seen
 
 MARGINS = (0.0, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0)  # metres of fixed Delta
-OFFSETS = (0.0, 1e5)  # metres by which crowd and camera are moved together, to show what float32 loses far out
+# metres by which crowd and camera are moved together, to show what float32 loses far out
+OFFSETS = (0.0, 1e5)
 LEVEL_OFFSETS = (*OFFSETS, 1e6, 1e7)
 SAMPLES = 100  # distances a view that are compared with exact arithmetic
 View = tuple[Crowd, tuple[Camera, ...]]
-Method = Callable[[Crowd, StateMachine, LabelMap, float], Crowd]  # of behaviour: a step of so many seconds
+# of behaviour: a step of so many seconds
+Method = Callable[[Crowd, StateMachine, LabelMap, float], Crowd]
 Found = TypeVar("Found")
 
 
 def timed(run: Callable[[], object], repeats: int) -> dict[str, float]:
-    """{"ms", "ms_least", "ms_most"} of `repeats` runs, after one that does not count."""
+    """Return the median, least and most milliseconds of `repeats` runs.
+
+    The keys are "ms", "ms_least" and "ms_most". One run before them does not count.
+    """
     run()
     spent = []
     for _ in range(repeats):
@@ -49,7 +55,7 @@ def each(views: Sequence[View], method: Callable[[View], Found]) -> list[Found]:
 
 
 def some(crowd: Crowd, most: int) -> Crowd:
-    """The crowd, or `most` of its agents, evenly taken, if there are more."""
+    """Return the crowd, or `most` of its agents, evenly taken, if there are more."""
     chosen = np.linspace(0, len(crowd) - 1, min(len(crowd), most)).round().astype(np.intp)
     return replace(crowd, **{name: getattr(crowd, name)[chosen] for name in crowd.__dataclass_fields__})
 
@@ -57,9 +63,13 @@ def some(crowd: Crowd, most: int) -> Crowd:
 def behaviour(
     crowd: Crowd, machine: StateMachine, world: LabelMap, frame: float, frames: int = 48, repeats: int = 7
 ) -> Iterator[dict]:
-    """Rows of `step`, `listing` and the exact walk over `frames` frames of `frame` seconds, in an eighth as many steps to
-    eight times as many; the exact walk frame by frame, and, as the reference, in one go. ms: per second of scene. The
-    default takes one step a frame."""
+    """Yield rows of `step`, `listing` and the exact walk, each timed and judged.
+
+    They run for `frames` frames of `frame` seconds. `step` and `listing` take from an eighth as
+    many steps as frames to eight times as many. The exact walk runs frame by frame and, as the
+    reference, in one go. The default takes one step per frame.
+    ms: per second of the scene.
+    """
     seconds = frames * frame
     counts = [max(1, frames * k // 8) for k in (1, 2, 4, 8, 16, 32, 64)]
     methods: tuple[tuple[str, Method, list[int]], ...] = (
@@ -87,7 +97,10 @@ def behaviour(
 
 
 def drifts(most: int = 1_000_000) -> Iterator[dict]:
-    """Rows of `walk.drift`: precision, metres from the origin, steps, mean and worst error."""
+    """Yield rows of `drift` (behaviour/exact_walk.py), at most `most` steps each.
+
+    A row has the precision, the metres from the origin, the steps, and the mean and worst error.
+    """
     for offset in (0.0, 1e4):
         for dtype in (np.float32, np.float64):
             for steps in (n for n in (10_000, 100_000, 1_000_000) if n <= most):
@@ -96,20 +109,27 @@ def drifts(most: int = 1_000_000) -> Iterator[dict]:
 
 
 def pinhole(camera: Camera) -> Camera:
-    """The camera as validation/exact_frustum.py judges it: without blur and pixel filter, and a panoramic one without its cone."""
+    """Return the camera as validation/exact_frustum.py judges it.
+
+    Without blur and pixel filter; a panoramic one without its cone.
+    """
     return replace(camera, pad=0.0, turn=0.0, filtered=0.0, cone=np.pi)
 
 
 def moved(view: View, offset: float) -> View:
-    """The view with crowd and cameras moved by `offset` metres along x and y."""
+    """Return the view with crowd and cameras moved `offset` metres along x and y."""
     crowd, cameras = view
     shift = np.array([offset, offset, 0.0])
     return replace(crowd, x=crowd.x + offset, y=crowd.y + offset), tuple(replace(c, origin=c.origin + shift) for c in cameras)
 
 
 def relative(crowd: Crowd, camera: Camera, centre: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
-    """EXPERIMENT, for the report alone: v = p - c of the spheres' centres, three (n,), "float64"; or narrowed to float32
-    after the difference, "float32 relative"; or before it, "float32 world"."""
+    """Return v = p - c of the spheres' centers: EXPERIMENT, for the report alone.
+
+    Three arrays (n,).
+    way: "float64"; "float32 relative" narrows to float32 after the difference, "float32 world"
+        before it.
+    """
     if way == "float32 world":
         return tuple(p.astype(np.float32) - np.float32(c) for p, c in zip(crowd.places(centre), camera.origin, strict=True))
     v = crowd.places(centre, origin=camera.origin)
@@ -120,7 +140,10 @@ WAYS = ("float64", "float32 relative", "float32 world")
 
 
 def plain(view: View, centre: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
-    """EXPERIMENT, for the report alone: (n,) bool, the six planes with the derived Delta and no bound on rounding."""
+    """Return (n,) bool, visible by the six planes: EXPERIMENT, for the report alone.
+
+    With the derived Delta, and without a bound on rounding.
+    """
     crowd, cameras = view
     mask = np.zeros(len(crowd), bool)
     for camera in cameras:
@@ -136,8 +159,14 @@ def plain(view: View, centre: np.ndarray, radius: np.ndarray, way: str) -> np.nd
 def culling(
     views: Sequence[View], centre: np.ndarray, radius: np.ndarray, margin: float | None = None, repeats: int = 7
 ) -> Iterator[dict]:
-    """Rows of the culling of all `views`: the derived Delta, fixed ones, exact planes; float32 and float64 without a
-    bound on rounding. missed, surplus: agents a view, against exact arithmetic. ms: per view. margin: the default."""
+    """Yield rows of the culling of all `views`, each timed and judged.
+
+    Methods: the derived Delta, fixed ones, exact planes; float32 and float64 without a bound on
+        rounding.
+    missed, surplus: agents per view, against exact arithmetic.
+    ms: per view.
+    margin: that of the scene; its row is marked as the default.
+    """
     views = [(crowd, tuple(map(pinhole, cameras))) for crowd, cameras in views]
 
     def exactly(view: View) -> np.ndarray:
@@ -173,7 +202,11 @@ def culling(
 
 
 def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> list[list[F]]:
-    """levels.limits without rounding, one list a group. PIXELS: for cameras that are not orthographic."""
+    """Return `limits` of levels/assignment.py without rounding, one list per group.
+
+    PIXELS: for cameras that are not orthographic. Tolerance and `finest` of the policy do not
+        count.
+    """
     rows = []
     for g, r in enumerate(radius.tolist()):
         own = dict(enumerate(policy.group_thresholds)).get(g) or policy.thresholds
@@ -185,7 +218,12 @@ def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> lis
 
 
 def exact_levels(crowd: Crowd, camera: Camera, centre: np.ndarray, steps: list[list[F]], radial: bool) -> np.ndarray:
-    """(n,) uint8: LOD ids by rational arithmetic wherever float64, with a bound on its rounding, cannot decide."""
+    """Return (n,) uint8: LOD ids, by rational arithmetic where float64 cannot decide.
+
+    Float64 decides where its bound on rounding allows.
+    steps: from `exact_limits`.
+    radial: distance from the camera, not along the view.
+    """
     v = relative(crowd, camera, centre, "float64")
     distance = (
         np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) if radial else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
@@ -203,13 +241,13 @@ def exact_levels(crowd: Crowd, camera: Camera, centre: np.ndarray, steps: list[l
 
 
 def _vector(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int) -> list[F]:
-    """v of agent i, exactly, but for its centre's height, which is added in float64."""
+    """Return v of agent i, exact but for its center's height, added in float64."""
     z = float(crowd.z[i] + centre[crowd.group[i]])
     return [F(float(p)) - F(float(c)) for p, c in zip((crowd.x[i], crowd.y[i], z), camera.origin, strict=True)]
 
 
 def exact_distance(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int, radial: bool) -> F:
-    """The distance of agent i, exact; with `radial` to 40 digits."""
+    """Return the exact distance of agent i; with `radial` to 40 digits."""
     v = _vector(crowd, camera, centre, i)
     if not radial:
         return sum((p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)), F(0))
@@ -222,8 +260,14 @@ def exact_distance(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int, rad
 def levels(
     views: Sequence[View], centre: np.ndarray, radius: np.ndarray, policies: Sequence[LevelPolicy], metric: str, repeats: int = 7
 ) -> Iterator[dict]:
-    """Rows of the distance and LOD of all agents of `views`, first camera each, for each policy: ids that differ from
-    exact arithmetic, of a million; the worst distance's error in metres. ms: per view. metric: the default's."""
+    """Yield rows of the distances and LODs of all agents, each timed and judged.
+
+    Of each of `views` the first camera counts, with each policy.
+    differ, differ_ppm: ids that differ from exact arithmetic, and how many of a million.
+    worst_m: the largest error of a distance, metres.
+    ms: per view.
+    metric: that of the scene; its row is marked as the default.
+    """
     for policy in policies:
         kinds = {cameras[0].kind for _, cameras in views}
         if policy.metric == "PIXELS" and "ORTHO" in kinds:

@@ -1,4 +1,7 @@
-"""The culling's judge: sphere against frustum in exact rational arithmetic. It shares no formula with the culling."""
+"""The judge of the culling: sphere against frustum in exact rational arithmetic.
+
+It shares no formula with the culling.
+"""
 
 from collections.abc import Callable, Sequence
 from fractions import Fraction as F
@@ -12,8 +15,13 @@ Number = TypeVar("Number", F, float)
 
 
 def sees(camera: Camera, centre: Sequence[float] | np.ndarray, radius: float) -> bool:
-    """Whether the sphere (centre (3,) floats in world metres, radius) lies in or touches all six planes, or the clip
-    range of a panoramic camera, exactly for the float64 numbers given. The camera is a pinhole."""
+    """Return whether a pinhole camera sees the sphere, without rounding.
+
+    The answer is exact for the float64 numbers given. The sphere must lie in or touch all six
+    planes, or the clip range of a panoramic camera.
+    centre: (3,) floats, world metres.
+    radius: metres.
+    """
     v = [F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True)]
     r, near, far = F(float(radius)), F(float(camera.near)), F(float(camera.far))
     if camera.kind == "PANO":
@@ -28,7 +36,10 @@ def sees(camera: Camera, centre: Sequence[float] | np.ndarray, radius: float) ->
 
 
 def _planes(camera: Camera, number: Callable[[float], Number]) -> list[tuple[list[Number], Number]]:
-    """Six (normal, offset), not of unit length, in the arithmetic of `number`: inside is normal . v <= offset."""
+    """Return six (normal, offset), in the arithmetic of `number`.
+
+    Inside is normal . v <= offset. Normals are not of unit length.
+    """
     X, Y, Z = ([number(float(q)) for q in axis] for axis in (camera.X, camera.Y, camera.Z))
     w = camera.window
     found = [([-z for z in Z], -number(float(camera.near))), (Z, number(float(camera.far)))]
@@ -42,15 +53,18 @@ def _planes(camera: Camera, number: Callable[[float], Number]) -> list[tuple[lis
 
 
 def seen(camera: Camera, centres: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(mask, doubtful), each (n,) bool: `sees` for many spheres, centres (n, 3), radius (n,), and which of them float64
-    could not decide and rational arithmetic did.
+    """Return (mask, doubtful), each (n,) bool: `sees` for many spheres.
 
-    Each plane is tested in float64 with a bound, wide by a factor of 10 and more, on all that rounding can do.
+    doubtful: spheres that float64 could not decide and rational arithmetic did. Each plane is
+        tested in float64 with a bound on all rounding that is wide by a factor of 10 and more.
+    centres: (n, 3) world metres.
+    radius: (n,) metres.
     """
     v = centres - camera.origin
     size, loose = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(), 256 * np.finfo(np.float64).eps
     no, maybe = np.zeros(len(v), bool), np.zeros(len(v), bool)
-    tests: list[tuple[np.ndarray, float, float]] = []  # outside by, the scale and the offset that round
+    # outside by, the scale and the offset that round
+    tests: list[tuple[np.ndarray, float, float]] = []
     with np.errstate(over="ignore", under="ignore"):
         if camera.kind == "PANO":
             range_ = np.linalg.norm(v, axis=1)
@@ -72,14 +86,21 @@ def seen(camera: Camera, centres: np.ndarray, radius: np.ndarray) -> tuple[np.nd
 
 
 def depth_error(camera: Camera, centre: Sequence[float] | np.ndarray, distance: float) -> float:
-    """|distance - v.Z| in metres, exactly but for the last rounding, of a sphere with its centre at `centre` (3,)."""
+    """Return |distance - v.Z| in metres, exact but for the last rounding.
+
+    centre: (3,), the center of the sphere.
+    """
     v = (F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True))
     return float(abs(F(float(distance)) - sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True))))
 
 
 def gap(camera: Camera, centres: np.ndarray) -> np.ndarray:
-    """Distances (n,) float64 in metres from centres (n, 3) to the frustum's body, 0 inside: to the nearest of its six
-    faces and twelve edges. A sphere may touch all six planes and still miss the body at an edge or corner."""
+    """Return distances (n,) float64 in metres from centers to the frustum's body.
+
+    They are measured to the nearest of its six faces and twelve edges; 0 inside. A sphere may touch
+    all six planes and still miss the body at an edge or corner.
+    centres: (n, 3) world metres.
+    """
     w, frame = camera.window, np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
     points = []
     for depth in (camera.near, camera.far):
@@ -112,8 +133,11 @@ def gap(camera: Camera, centres: np.ndarray) -> np.ndarray:
 
 
 def scatter(camera: Camera, radius: np.ndarray, random: np.random.Generator, on_planes: float = 0.25) -> np.ndarray:
-    """World points (n, 3) for spheres of `radius` (n,) in, round and beside the camera's view, the part `on_planes` of
-    them within a few roundings of where the sphere touches a plane."""
+    """Return random world points (n, 3) for spheres in, around and beside the view.
+
+    radius: (n,) metres.
+    on_planes: the part of the points within a few roundings of where the sphere touches a plane.
+    """
     count, w = len(radius), camera.window
     depth = random.uniform(-0.2, 1.2, count) * camera.far
     close = random.random(count) < 0.3

@@ -1,4 +1,4 @@
-"""Extreme cases, each with a name: what the culling and the LODs must survive."""
+"""Extreme cases, each with a name, that the culling and the LODs must handle."""
 
 import time as clock
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +14,8 @@ from ..levels.assignment import LevelPolicy, assign, limits
 from .culling_audit import Verdict, check, standing
 from .exact_frustum import scatter
 
-Spheres = tuple[Camera, np.ndarray, np.ndarray, np.ndarray]  # the camera, points (n, 3), radius (G,), group (n,)
+# the camera, points (n, 3), radius (G,), group (n,)
+Spheres = tuple[Camera, np.ndarray, np.ndarray, np.ndarray]
 Maker = Callable[[np.random.Generator], Spheres]
 # The largest case is judged in parts.
 PART = 1_000_000
@@ -30,7 +31,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table. note: what else the case shows."""
+    """A line of the table.
+
+    note: what else the case shows.
+    """
 
     name: str
     verdict: Verdict
@@ -46,7 +50,11 @@ def camera_of(
     direction: tuple[float, float, float] = (0.3, 0.9, -0.2),
     kind: str = "PERSP",
 ) -> Camera:
-    """A camera at (1, -1, 1) x offset that looks in `direction`, `fov` degrees (ORTHO: metres) across, 16 : 9."""
+    """Return a camera, 16 : 9, at (1, -1, 1) x offset that looks in `direction`.
+
+    fov: degrees across; for ORTHO metres.
+    near, far: metres.
+    """
     back = -np.array(direction, np.float64) / np.linalg.norm(direction)
     side = np.cross((0.0, 1.0, 0.0) if abs(back[2]) > 0.9 else (0.0, 0.0, 1.0), back)
     side /= np.linalg.norm(side)
@@ -84,13 +92,16 @@ def _plain(count: int) -> Maker:
 
 
 def _axes(far: float) -> Camera:
-    """Exactly representable: at the origin, along +y, 90 degrees wide and high."""
+    """Return a 90-degree square camera at the origin along +y, with exact numbers."""
     matrix = np.array([[1.0, 0, 0, 0], [0, 0, -1, 0], [0, 1, 0, 0], [0, 0, 0, 1]])
     return Camera("PERSP", *referential(matrix), window(2.0, "AUTO", (1000, 1000)), 1.0, far, (1000, 1000))
 
 
 def cases(most: int = 10_000_000) -> tuple[Case, ...]:
-    """The table. most: agents of its largest case."""
+    """Return the extreme cases.
+
+    most: agents of the largest.
+    """
     steps = [(x, y, z) for y in (1.0, 10.0, 15.0, 40.0, 100.0) for x in (-y, y, 0.0) for z in (-y, y, 0.0)]
     on = [(0, 0, 0), (0, 101, 0), *((x, y, 0) for y in (10.0, 50.0) for x in (-y, y))]
     found = [(f"world offset {o:.0e} m", _spread(camera_of(offset=o))) for o in (1e4, 1e6, 1e8)]
@@ -112,7 +123,10 @@ def cases(most: int = 10_000_000) -> tuple[Case, ...]:
 
 
 def table(most: int = 10_000_000, seed: int = 0) -> Iterator[Row]:
-    """Every case judged; then NaN and infinity, which are refused or dropped."""
+    """Yield a row for each case, and one for NaN and infinity.
+
+    Agents at NaN or infinity are refused or dropped.
+    """
     for case in cases(most):
         camera, points, radius, group = case.make(np.random.default_rng(seed))
         crowd = standing(points, group)
@@ -146,7 +160,10 @@ def _lost(seed: int) -> Row:
 
 
 def table_text(rows: list[Row]) -> str:
-    """The table as lines of text. Surplus: kept for nothing, but for those that graze a plane, within its roundings."""
+    """Return the table as lines of text.
+
+    The column surplus counts agents kept for nothing, without those within roundings of a plane.
+    """
     head = ("case", "agents", "visible", "kept", "missed", "surplus", "grazing", "depth error", "ms")
     lines: list[tuple[str, ...]] = [head]
     for row in rows:

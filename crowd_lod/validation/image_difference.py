@@ -1,4 +1,4 @@
-"""How far two pictures differ, and how far the silhouettes of a frame's LODs may."""
+"""Differences of two pictures, and the predicted shift of silhouettes by LODs."""
 
 from dataclasses import dataclass
 
@@ -14,8 +14,13 @@ VISIBLE = 2 / 255
 
 @dataclass(frozen=True)
 class Difference:
-    """pixels: that differ at all, in any bit. visible: that differ by more than VISIBLE in a linear channel. share: the
-    visible ones' part of the picture. largest, mean, rms: of the absolute difference, over pixels and channels."""
+    """The difference of two pictures.
+
+    pixels: how many differ in value at all.
+    visible: how many differ by more than VISIBLE in a linear channel.
+    share: the visible ones' part of the picture.
+    largest, mean, rms: of the absolute difference, over pixels and channels.
+    """
 
     pixels: int
     visible: int
@@ -26,7 +31,10 @@ class Difference:
 
 
 def between(a: np.ndarray, b: np.ndarray) -> Difference:
-    """The difference of two pictures (rows, columns, channels) float32, linear. Equal are equal bits, or both NaN."""
+    """Return the difference of two linear pictures (rows, columns, channels) float32.
+
+    Values are equal if they compare equal, or if both are NaN.
+    """
     with np.errstate(invalid="ignore"):
         off = np.abs(a - b)
     off[(a == b) | (np.isnan(a) & np.isnan(b))] = 0
@@ -39,14 +47,17 @@ def between(a: np.ndarray, b: np.ndarray) -> Difference:
 
 
 def shift(a: np.ndarray, b: np.ndarray) -> float:
-    """Pixels by which the silhouettes a, b, the coverage (rows, columns) float in [0, 1] of each pixel, lie apart: the
-    largest distance from a pixel that one of them covers by half or more to the nearest that the other touches, both
-    ways, at most FARTHEST. A shift of s pixels shows as s - 1 to s + 1."""
+    """Return by how many pixels two silhouettes lie apart, FARTHEST at most.
+
+    This is the largest distance from a pixel that one covers by half or more to the nearest pixel
+    that the other touches, both ways. A shift of s pixels shows as s - 1 to s + 1.
+    a, b: (rows, columns) float in [0, 1], the coverage of each pixel.
+    """
     return max(_beyond(a, b), _beyond(b, a))
 
 
 def _beyond(one: np.ndarray, other: np.ndarray) -> float:
-    """The largest distance in pixels of a solid pixel of `one` from the touched ones of `other`."""
+    """Return the largest distance in pixels from a solid pixel of `one` to `other`."""
     rest, touched = one >= SOLID, other > TOUCHED
     around = np.arange(-FARTHEST, FARTHEST + 1)
     dx, dy = (each.ravel() for each in np.meshgrid(around, around))
@@ -65,10 +76,14 @@ def _beyond(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def predicted(frame: Frame) -> float | None:
-    """Pixels by which the silhouettes of the frame's visible agents, drawn by LOD, may lie off those of LOD 0, from the
-    groups' bounds of deviation: the most of levels.shown at the nearest that a LOD's surface may be, times sqrt(1 + s^2) at
-    the slope s of the picture's corner: a point at p that moves by e to the depth z' moves by (e.XY - s e.Z) / z'. None
-    where a deviation is not measured, no distance bounds it, or a lens bends the picture."""
+    """Return by how many pixels LODs may shift the silhouettes of the visible agents.
+
+    It follows from the groups' bounds of deviation, against LOD 0: the largest `shown`
+    (levels/assignment.py) at the nearest place of a LOD's surface, times sqrt(1 + s^2) at the slope
+    s of the picture's corner. A point at p that moves by e to the depth z' moves by (e.XY - s e.Z)
+    / z' in the picture.
+    None if a deviation is not measured, if no distance bounds it, or if a lens bends the picture.
+    """
     agents, camera, groups = frame.buckets.order, frame.camera, frame.trajectory.groups
     group, level = frame.crowd.group[agents], frame.buckets.levels
     if camera.kind == "PANO" or not all(len(groups[g].bounds) > level[group == g].max() for g in np.unique(group)):

@@ -1,4 +1,4 @@
-"""How many milliseconds each thing that a scene does not need saves, measured."""
+"""Measured milliseconds that each left out part of the work saves."""
 
 import threading
 import time as clock
@@ -19,10 +19,15 @@ from ..planning.index_cache import blocks_at
 
 @dataclass(frozen=True)
 class Savings:
-    """Medians over repeats, milliseconds. full, lean: a frame's four stages, with one step of behaviour. items: what each
-    thing left out saves when those before it are left out already, so that they add up to about full - lean; but for the
-    height map, which the full pipeline does not have either: what the look-up on a level one would cost. spread: half of
-    the interquartile range of each; a saving below it is below what the clock can tell."""
+    """Medians over repeats, in milliseconds.
+
+    full, lean: the four stages of a frame, with one step of behaviour.
+    items: the saving of each part that is left out while those before it are left out already. They
+        add up to about full - lean. The height map is different, as the full pipeline does not have
+        one either: its entry is the cost of the look-up on a level one.
+    spread: half of the interquartile range of each. A saving below it is below the clock's
+        precision.
+    """
 
     full: float
     lean: float
@@ -38,16 +43,21 @@ def savings(
     *more: Any,
     repeats: int = 9,
 ) -> Savings:
-    """Measures the plan of the frame at `time`, two frames after the first or later; arguments as for frame.plan."""
+    """Return what is saved in the plan of the frame at `time`.
+
+    time: in frames, two or more after the first.
+    The other arguments are those of `plan` (planning/frame.py).
+    """
     start = trajectory.at(time - 1)
     bare = start if trajectory.heights is None else replace(start, z=trajectory.start.z)
 
     def measured(leave: frozenset[LeftOut]) -> tuple[np.ndarray, tuple[LeftOut, ...]]:
-        """(milliseconds of behaviour and of the rest, what was left out) of the frame."""
+        """Return (milliseconds of behaviour and of the rest, what was left out)."""
         settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
         first = time - 2 if settled else time - 1
         shot = replace(trajectory, start=bare, leave=leave, first_frame=first, _kept={}, _lock=threading.Lock())
-        shot.left_out = leave & trajectory.left_out  # of the whole shot, not of what is still to come
+        # of the whole shot, not of what is still to come
+        shot.left_out = leave & trajectory.left_out
         blocks_at(shot, first)  # one making serves many frames
         if settled:
             plan(shot, camera, policy, time - 1, *more)
@@ -75,7 +85,7 @@ def savings(
 
 
 def _look_up(trajectory: Trajectory, repeats: int) -> np.ndarray:
-    """Milliseconds (repeats,) of finding the height of every agent on a height map."""
+    """Return (repeats,) milliseconds of looking up all agents on a height map."""
     level = HeightMap(np.zeros((256, 256), np.float32), trajectory.world.area)
     took = []
     for _ in range(repeats):

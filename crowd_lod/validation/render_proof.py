@@ -1,13 +1,16 @@
-"""What the proof by pictures says: of culling, of LODs, and what it leaves open."""
+"""The text of the proof by renders: culling, LODs, and what is not proved."""
 
 
 def to_text(result: dict) -> str:
-    """Three lines of text from the dict of verify.json: culling, LODs, what was not proved."""
+    """Return three lines from the dict of verify.json: culling, LODs, not proved."""
     return "\n".join((_culling(result["frames"], result["bounces"]), _levels(result["frames"]), _left_open(result)))
 
 
 def _culling(rows: list[dict], bounces: int) -> str:
-    """The pixels that differ where nobody is left out, and where those are who only cast shadows or are mirrored."""
+    """Return how many pixels the culling changes.
+
+    With and without the agents kept for their shadows or mirror images alone.
+    """
     wrong = [row["frame"] for row in rows if not row["culling_ok"]]
     differ, bare = (sum(row[f"{name}_pixels"] for row in rows) for name in ("b", "bare"))
     if wrong:
@@ -16,7 +19,7 @@ def _culling(rows: list[dict], bounces: int) -> str:
         said = f"Culling: {differ:,} pixels differ in {_frames(rows)}, by {max(row['b_largest'] for row in rows):.1g} at most"
     else:
         said = f"Culling: no pixel differs in {_frames(rows)}"
-    said += f" ({bare:,} would without those kept for shadows and mirrors)." if bare > differ else "."
+    said += f" ({bare:,} would differ without the agents kept for shadows and mirrors)." if bare > differ else "."
     if bounces:
         row = max(rows, key=lambda row: row["b_bounces_share"])
         said += f" With the sky and {bounces} bounces up to {row['b_bounces_share']:.2%} differ visibly (frame {row['frame']})."
@@ -24,7 +27,7 @@ def _culling(rows: list[dict], bounces: int) -> str:
 
 
 def _levels(rows: list[dict]) -> str:
-    """How far silhouettes shift, against what was predicted, and how many pixels show it or another shading."""
+    """Return how far silhouettes shift, as predicted and found, and what differs."""
     wrong = [row["frame"] for row in rows if not row["lod_ok"]]
     judged = [row for row in rows if row["predicted_shift"] is not None]
     if judged:
@@ -34,7 +37,7 @@ def _levels(rows: list[dict]) -> str:
     else:
         said = "LODs: silhouettes were not judged"
     row = max(rows, key=lambda row: row["c_share"])
-    said += f"; {row['c_share']:.2%} of the pixels differ visibly, with the shading, by {row['c_mean']:.2g} on average"
+    said += f"; {row['c_share']:.2%} of the pixels differ visibly, shading included, by {row['c_mean']:.2g} on average"
     return f"{said} (frame {row['frame']}; not predicted)."
 
 
@@ -43,7 +46,7 @@ def _left_open(result: dict) -> str:
 
 
 def _frames(found: list) -> str:
-    """Frames as words: their number, or of those given by number the first ones."""
+    """Return the count of rows, or the first few of frame numbers, as words."""
     if found and isinstance(found[0], dict):
         return f"{len(found)} frame{'s' * (len(found) > 1)}"
     rest = f" and {len(found) - 5} more" if len(found) > 5 else ""

@@ -1,4 +1,7 @@
-"""Pictures of a body as a renderer shows it from afar: lit, in its colours and images; and how alike two of them are."""
+"""Pictures of a body as a renderer shows it from afar, and how alike two are.
+
+A body is lit, in its colors and images.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,22 +12,31 @@ from .. import srgb
 from ..simplification import rasterizer
 
 SUPERSAMPLING = 3  # pixels drawn across one of the picture
-LIGHT = np.array([0.35, 0.45, 0.82]) / np.linalg.norm((0.35, 0.45, 0.82))  # right, up, towards the eye
+# right, up, towards the eye
+LIGHT = np.array([0.35, 0.45, 0.82]) / np.linalg.norm((0.35, 0.45, 0.82))
 SKY = 0.3  # of the light: that from everywhere
 PAPER = 0.18  # linear grey behind the body
 MARGIN = 6  # pixels about the body, half a window of `likeness`
 WINDOW = np.exp(-0.5 * (np.arange(-5, 6) / 1.5) ** 2)
 WINDOW /= WINDOW.sum()
 STEADY = 0.01**2, 0.03**2  # the constants of structural similarity
-WITHIN = 0.02  # of white: the mean difference of two pictures that counts as none, five steps of a byte's 255
+# of white: the mean difference of two pictures that counts as none, five steps of a byte's 255
+WITHIN = 0.02
 LARGEST = 256  # pixels of a character's diagonal at which its LODs' pictures are compared
 HALVINGS = 6  # of these, for pictures as they look from farther off
 
 
 @dataclass(frozen=True)
 class Body:
-    """points: (n, 3) metres; triangles: (m, 3); of each triangle's corners normals (m, 3, 3), of length 1, and uvs (m, 3, 2); of each
-    triangle its linear colour (m, 3), and the number (m,) of the image that takes its place, or -1."""
+    """A body to draw.
+
+    points: (n, 3) metres.
+    triangles: (m, 3).
+    normals: (m, 3, 3), of each triangle's corners, of length 1.
+    uvs: (m, 3, 2), of each triangle's corners.
+    colours: (m, 3), linear color of each triangle.
+    image: (m,), the number of the image that replaces the color, or -1.
+    """
 
     points: np.ndarray
     triangles: np.ndarray
@@ -35,15 +47,21 @@ class Body:
 
 
 def pictures(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
-    """Pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1, as `lit` has their light."""
+    """Return pictures (rows, columns, 3) float64 of the bodies, sRGB from 0 to 1.
+
+    The arguments are those of `lit`, which gives the linear values.
+    """
     return [srgb.encoded(each).clip(0, 1) for each in lit(bodies, images, flat, axes)]
 
 
 def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], axes: np.ndarray) -> list[np.ndarray]:
-    """Pictures (rows, columns, 3) float64 of the bodies, linear, all of the same window, which holds them all.
+    """Return linear pictures (rows, columns, 3) float64 of the bodies.
 
-    images: (i, size, size, 4) uint8, sRGB, bottom row first; flat: of each body (n, 3) where its points are in the picture: x right and y
-    up in pixels, and depth; axes: (3, 3) right, up and towards the eye."""
+    All have the same window, which holds all bodies.
+    images: (i, size, size, 4) uint8, sRGB, bottom row first.
+    flat: for each body (n, 3), its points in the picture: x right and y up in pixels, and depth.
+    axes: (3, 3), the directions right, up and toward the camera.
+    """
     low = np.min([at[:, :2].min(axis=0) for at in flat], axis=0) - MARGIN
     columns, rows = np.ceil(np.max([at[:, :2].max(axis=0) for at in flat], axis=0) + MARGIN - low).astype(int)
     found = []
@@ -61,10 +79,14 @@ def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], 
 
 
 def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
-    """The mean differences of two pictures of `lit`, as they are and HALVINGS times halved, each pixel the mean of four: as they look from
-    twice as far, and so on."""
+    """Return the mean differences of two pictures, at full size and halved.
+
+    one, other: from `lit`. They are halved HALVINGS times, each pixel the mean of four; each time
+        they look as from twice as far.
+    """
     pad, found = 2 ** (HALVINGS + 1), []
-    sides = [(pad, pad + -length % pad) for length in one.shape[:2]]  # what stays empty about the smallest
+    # what stays empty about the smallest
+    sides = [(pad, pad + -length % pad) for length in one.shape[:2]]
     one, other = (np.pad(each, [*sides, (0, 0)], constant_values=PAPER) for each in (one, other))
     for _ in range(HALVINGS + 1):
         found.append(likeness(*(srgb.encoded(each).clip(0, 1) for each in (one, other)))[0])
@@ -73,7 +95,7 @@ def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
 
 
 def _colours(body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Linear colours (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
+    """Return linear colors (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
     colours, image = body.colours[triangle], body.image[triangle]
     some = np.flatnonzero(image >= 0)
     if len(some):
@@ -85,9 +107,14 @@ def _colours(body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.n
 
 
 def likeness(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
-    """(mean absolute difference, mean structural similarity) of two pictures (rows, columns, 3) where either shows something: at the
-    pixels that differ from their first one, which is empty. Source: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from
-    error visibility to structural similarity", 2004."""
+    """Return (mean absolute difference, mean structural similarity) of two pictures.
+
+    The means are over pixels where either shows something: where it differs from its first pixel,
+    which is empty. Without such pixels the result is (0, 1).
+    one, other: (rows, columns, 3).
+    Source: Wang, Bovik, Sheikh, Simoncelli, "Image quality assessment: from error visibility to
+        structural similarity", 2004.
+    """
     shown = (np.abs(one - one[0, 0]) > 1e-9).any(axis=2) | (np.abs(other - other[0, 0]) > 1e-9).any(axis=2)
     if not shown.any():
         return 0.0, 1.0
@@ -99,7 +126,7 @@ def likeness(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:
 
 
 def _blurred(values: np.ndarray) -> np.ndarray:
-    """The weighed mean (rows, columns) of the WINDOW about each of `values` (rows, columns); the border goes on beyond."""
+    """Return the mean by WINDOW about each of `values`, with the border repeated."""
     for axis in (0, 1):
         wide = np.pad(values, [(5, 5) if k == axis else (0, 0) for k in (0, 1)], mode="edge")
         values = sum(w * np.roll(wide, -k, axis=axis) for k, w in enumerate(WINDOW))

@@ -1,4 +1,7 @@
-"""The silhouette error: how far a LOD's outline lies from the character's in the picture, rendered from all around."""
+"""The silhouette error: how far a LOD's outline lies from the character's.
+
+It is measured in pixels of the picture, in masks rendered from all around.
+"""
 
 import numpy as np
 
@@ -7,17 +10,20 @@ from ..simplification import rasterizer
 
 AROUND, ABOVE = 8, 4  # directions at eye level, and from ABOVE_DEGREES above it
 ABOVE_DEGREES = 35.0
-MASK_PIXELS = 4  # pixels of the masks across a pixel of the picture, and across the error that is expected, if that is less
+# pixels of the masks across a pixel of the picture, and across the error that is expected, if that
+# is less
+MASK_PIXELS = 4
 MOST_PIXELS = 1500  # of a mask's side: a larger one is rendered coarser
-# Pixels by which a distance between masks errs at most: a point of an area lies within 1.5 pixels of the centre of a pixel of its
-# mask, and each such centre within 0.71 of a point of the area.
+# Pixels by which a distance between masks errs at most: a point of an area lies within 1.5 pixels
+# of the centre of a pixel of its mask, and each such centre within 0.71 of a point of the area.
 ERROR = 2.2
 NEAR = 15  # times that error: more is not looked at closer
-CLOSER, TILE, MOST_TILES = 12, 48, 12  # times finer, at most, where outlines are farthest apart, in tiles of so many pixels
+# times finer, at most, where outlines are farthest apart, in tiles of so many pixels
+CLOSER, TILE, MOST_TILES = 12, 48, 12
 
 
 def directions() -> np.ndarray:
-    """(AROUND + ABOVE, 3) unit vectors from the character to the camera."""
+    """Return (AROUND + ABOVE, 3) unit vectors from the character to the camera."""
     level = 2 * np.pi * np.arange(AROUND) / AROUND
     raised = 2 * np.pi * (np.arange(ABOVE) + 0.5) / ABOVE
     azimuth, elevation = np.append(level, raised), np.radians([0.0] * AROUND + [ABOVE_DEGREES] * ABOVE)
@@ -25,8 +31,12 @@ def directions() -> np.ndarray:
 
 
 def project(points: np.ndarray, centre: np.ndarray, towards: np.ndarray, distance: float, camera: Camera) -> np.ndarray:
-    """(n, 3): x right and y up in pixels from the picture's middle, depth in metres, of points (n, 3) seen by a camera
-    with the lens of `camera` that looks at `centre` (3,) from `distance` metres in the direction `towards` (3,)."""
+    """Return points as a camera sees them: (n, 3), pixels right and up, and depth.
+
+    Pixels count from the picture's middle; depth is in metres. The camera has the lens of `camera`
+    and looks at `centre` (3,) from `distance` metres in the direction `towards` (3,).
+    points: (n, 3) metres.
+    """
     right = np.array([-towards[1], towards[0], 0.0])
     right = right / np.linalg.norm(right)
     v = points - centre
@@ -36,17 +46,20 @@ def project(points: np.ndarray, centre: np.ndarray, towards: np.ndarray, distanc
 
 
 def outline_distance(one: np.ndarray, other: np.ndarray) -> float:
-    """The largest distance in pixels, between centres, from a pixel that one mask covers and the other does not, to the
-    nearest that the other covers: how far the outline of one lies outside the other's. Masks: (rows, columns) bool.
+    """Return how far, in pixels, one mask's outline lies outside the other's at most.
 
-    It is the Hausdorff distance of the two areas, not of their outlines: where a gap closes that is narrower than a pixel,
-    no outline moves by more than half of it, while the gap's own outline may be anywhere else. Infinite for one empty mask.
+    This is the largest distance between pixel centers, from a pixel that one mask covers and the
+    other does not to the nearest that the other covers. It is the Hausdorff distance of the two
+    areas, not of their outlines: if a gap narrower than a pixel closes, no outline moves by more
+    than half of it, while the gap's own outline may be anywhere else. Infinite if one mask alone is
+    empty.
+    one, other: (rows, columns) bool.
     """
     return float(max(_off(*pair)[2].max(initial=0.0) for pair in ((one, other), (other, one))))
 
 
 def _off(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(row (k,), column (k,), distance (k,) to the nearest pixel of `other`) of the pixels of `one` that `other` has not."""
+    """Return (row, column, distance to `other`), each (k,), of pixels in `one` only."""
     row, column = np.nonzero(one & ~other)
     if not len(row) or not other.any():
         return row, column, np.full(len(row), np.inf)
@@ -64,7 +77,7 @@ def _off(one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _along_rows(area: np.ndarray) -> np.ndarray:
-    """(rows, columns) float64: the distance to the nearest pixel of `area` in the same row, infinite without one."""
+    """Return the distance to the nearest pixel of `area` in the same row, else inf."""
     place = np.broadcast_to(np.arange(area.shape[1], dtype=np.float64), area.shape)
     left = np.maximum.accumulate(np.where(area, place, -np.inf), axis=1)
     right = np.minimum.accumulate(np.where(area, place, np.inf)[:, ::-1], axis=1)[:, ::-1]
@@ -74,12 +87,17 @@ def _along_rows(area: np.ndarray) -> np.ndarray:
 def error(
     one: tuple, other: tuple, centre: np.ndarray, distance: float, camera: Camera, expected: float = 1.0
 ) -> tuple[float, float]:
-    """Between which two numbers of pixels of the picture the largest `outline_distance` between two surfaces' silhouettes over all
-    `directions` lies.
+    """Return (least, most), in pixels, between which the silhouette error lies.
 
-    one, other: (points (n, 3) metres, triangles (m, 3)); the camera looks at centre (3,) from `distance` metres, and must
-    be outside both. expected: about how many pixels it will be. Masks are MASK_PIXELS than the picture, and than what is expected, but
-    coarser for more than MASK_PIXELS, and up to MOST_PIXELS; where outlines are farthest apart, up to CLOSER times finer.
+    The error is the largest `outline_distance` between two surfaces' silhouettes over all
+    `directions`.
+    one, other: (points (n, 3) metres, triangles (m, 3)).
+    centre: (3,), the point that the camera looks at.
+    distance: metres from the camera to it. The camera must be outside both surfaces.
+    expected: about how many pixels the error will be.
+    Masks have MASK_PIXELS pixels across a pixel of the picture; across the expected error, if that
+    is less; coarser for an expected error above MASK_PIXELS. A side has MOST_PIXELS at most. Where
+    outlines are farthest apart, they are up to CLOSER times finer.
     """
     least = most = 0.0
     wanted = MASK_PIXELS / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
@@ -98,8 +116,11 @@ def error(
 
 
 def _interval(one: np.ndarray, other: np.ndarray, mask: np.ndarray, other_mask: np.ndarray, least: float) -> tuple[float, float]:
-    """(least, most) pixels that the area of triangles `one` (m, 3, 2) reaches out of that of `other`, whose masks are these. Where
-    it is more than `least`, the farthest places are looked at closer."""
+    """Return (least, most) pixels by which the area `one` reaches out of `other`.
+
+    one, other: (m, 3, 2), corners of triangles, with their masks. If the area may reach out by more
+        than `least`, the farthest places are examined at higher resolution.
+    """
     row, column, off = _off(mask, other_mask)
     most = off.max(initial=0.0)
     if not most or most + ERROR <= least or most > NEAR * ERROR:
@@ -118,7 +139,8 @@ def _interval(one: np.ndarray, other: np.ndarray, mask: np.ndarray, other_mask: 
             each = each - (tile - margin)
             inside = ((each.max(axis=1) >= 0) & (each.min(axis=1) <= size)).all(axis=1)
             windows.append(_mask(each[inside] * closer, (size * closer, size * closer)))
-        near = np.zeros((size, size), bool)  # only the places that are farthest, and what lies about them
+        # only the places that are farthest, and what lies about them
+        near = np.zeros((size, size), bool)
         x, y = (far[of_tile.ravel() == k] - tile + margin + around).reshape(-1, 2).T.clip(0, size - 1)
         near[y, x] = True
         windows[0] &= near.repeat(closer, axis=0).repeat(closer, axis=1)
@@ -127,8 +149,11 @@ def _interval(one: np.ndarray, other: np.ndarray, mask: np.ndarray, other_mask: 
 
 
 def _mask(corners: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """The silhouette of triangles, see raster.mask, with those that are seen edge on: a sheet that one shows so, and the other
-    slantwise, is no error of its width."""
+    """Return the silhouette of triangles, those seen edge on included.
+
+    See `mask` in simplification/rasterizer.py. A sheet that one mesh shows edge on and the other at
+    a slant is then no error of its width.
+    """
     mask = rasterizer.mask(corners, shape)
     mask[rasterizer.edges(corners, shape)] = True
     return mask

@@ -1,4 +1,5 @@
-"""Runs over many frames that leave files: preview, proof by renders, reports.
+"""Runs over many frames that write files: preview, proof by renders, reports.
 
-In: a scene, frames, a folder. Out: pictures, tables and pages in that folder, all or none.
+In: a scene, frames, a folder.
+Out: pictures, tables and pages in that folder, all or none.
 """

@@ -1,4 +1,4 @@
-"""The reports: error against run time of a scene, the culling's audit, the extreme cases."""
+"""Reports: error against run time of a scene, audit of culling, extreme cases."""
 
 import os
 import platform
@@ -28,8 +28,14 @@ VIEWS = 5  # frames of the scene, at even distances
 
 
 def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[float, None, dict[str, Any]]:
-    """Write tables and plots of error against run time of `scene` into the folder, all or none; yields the progress and
-    returns a dict: machine, tables by name, files, and `without`, why there are no plots, or ""."""
+    """Write tables and plots of error against run time of `scene` into `folder`.
+
+    Yields the progress, 0 to 1. The folder gets all files or none. Returns a dict:
+    machine: where the times were measured, and how.
+    tables: for each name, its rows.
+    files: names of the files.
+    without: why there are no plots, or "".
+    """
     with outputs.staged(folder) as stage:
         cameras.active_camera(scene)
         store_groups(scene.crowd_lod, measure_groups(scene))
@@ -74,7 +80,10 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
 
 
 def _policies(policy: LevelPolicy) -> list[LevelPolicy]:
-    """The scene's policy under each metric; thresholds of the other kind are made up, and there every group has the same."""
+    """Return the scene's policy under each metric.
+
+    Where its own thresholds do not fit a metric, example thresholds are used, equal for all groups.
+    """
     parts = policy.thresholds if policy.metric != "PIXELS" else tuple((k + 1) / policy.count for k in range(policy.count - 1))
     sizes = (
         policy.thresholds
@@ -99,7 +108,7 @@ def _plots(folder: Path, tables: dict, caption: str) -> str:
 
 
 def machine_name() -> str:
-    """What the times were taken on."""
+    """Return the machine and the versions that times are measured with, as one line."""
     versions = (
         f"Python {platform.python_version()}, NumPy {np.__version__}, Blender {bpy.app.version_string}, Crowd LOD {__version__}"
     )
@@ -115,8 +124,11 @@ def _processor() -> str:
 
 
 def cases(most: int, seed: int, out: Path | None = None) -> Generator[float, None, list[extreme_cases.Row]]:
-    """The extreme cases, each judged, and written to `out` as a Markdown file, if given; yields the progress and returns
-    a list of extremes.Row."""
+    """Judge the extreme cases: yield the progress, return extreme_cases.Row each.
+
+    most: the largest count of agents.
+    out: the Markdown file to write, or None.
+    """
     with nullcontext() if out is None else outputs.staged_file(out) as part:
         rows, count = [], len(extreme_cases.cases(most)) + 1
         for row in extreme_cases.table(most, seed):
@@ -139,7 +151,11 @@ def _cases_text(name: str, rows: list[extreme_cases.Row]) -> str:
 
 
 def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]]:
-    """About `pairs` random pairs of camera and agent over all lenses; yields the progress and returns rows of dicts."""
+    """Audit culling with about `pairs` random pairs of camera and agent.
+
+    The pairs are spread over all lenses. Yields the progress, 0 to 1, and returns a dict for each
+    lens.
+    """
     rows = []
     for lens in culling_audit.LENSES:
         v = culling_audit.audit(lens, -(-pairs // len(culling_audit.LENSES)), seed)
@@ -151,12 +167,16 @@ def lenses(pairs: int, seed: int) -> Generator[float, None, list[dict[str, Any]]
 
 
 def lenses_text(rows: list[dict]) -> str:
-    """The audit as lines of text."""
+    """Return the rows of `lenses` as lines of text."""
     head = f"{'lens':16} {'pairs':>11} {'visible':>11} {'missed':>6} {'surplus %':>9} {'beside %':>9}"
     lines = [
         f"{r['lens']:16} {r['pairs']:11,} {r['visible']:11,} {r['missed']:6} {r['surplus_percent']:9.4f} {r['beside_percent']:9.3f}"
         for r in rows
     ]
     return "\n".join(
-        [head, *lines, "surplus: of those kept, not visible; beside: of those visible by the planes, beside the frustum's body"]
+        [
+            head,
+            *lines,
+            "surplus: part of the kept agents that are not visible; beside: part of the agents visible by the planes that miss the frustum's body",
+        ]
     )

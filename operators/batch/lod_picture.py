@@ -1,4 +1,7 @@
-"""The picture of a character's LODs, side by side: as meshes with their edges, and tinted by the distance to the source."""
+"""The picture of a character's LODs, side by side.
+
+One row shows the meshes with their edges, the other is tinted by the distance to the source.
+"""
 
 from collections.abc import Sequence
 
@@ -16,24 +19,30 @@ GAP = 22  # pixels
 LETTER = 15  # pixels high
 PAPER, INK = (0.94, 0.945, 0.955), (0.13, 0.14, 0.17)
 CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
-DECADES = 3  # of distances that the colours tell apart, by their logarithm: a fine LOD's show beside a coarse one's
+# of distances that the colours tell apart, by their logarithm: a fine LOD's show beside a coarse
+# one's
+DECADES = 3
 LIGHT = np.array([0.35, 0.45, 0.82])  # right, up, towards the eye
 # viridis, which reads alike for colour-blind eyes and in grey (van der Walt, Smith)
 RAMP = np.array([(68, 1, 84), (72, 40, 120), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98), (173, 220, 48), (253, 231, 37)]) / 255  # fmt: skip
 
 
 def ramp(part: np.ndarray) -> np.ndarray:
-    """Colours (n, 3) for values (n,) from 0 to 1."""
+    """Return colors (n, 3) for values (n,) from 0 to 1."""
     return np.stack([np.interp(part, np.linspace(0, 1, len(RAMP)), channel) for channel in RAMP.T], axis=1)
 
 
 def draw_lods(
     character: Surface, levels: Sequence[Surface], captions: Sequence[str], azimuth: float, metres: float = 1.0
 ) -> tuple[np.ndarray, float]:
-    """(the picture (rows, columns, 4) uint8 with the bottom row first, metres that its brightest colour stands for).
+    """Draw all LODs of a character; return (picture, metres of the brightest color).
 
-    levels: each LOD's surface in the pose of `character`; captions: a line each; azimuth: radians, from where the eye looks;
-    metres: that a unit of length is.
+    The picture is (rows, columns, 4) uint8, bottom row first.
+
+    levels: each LOD's surface in the pose of `character`.
+    captions: a line for each LOD.
+    azimuth: radians, direction from the character to the eye.
+    metres: metres in a unit of length of the surfaces.
     """
     towards = np.array([np.cos(azimuth) * 0.985, np.sin(azimuth) * 0.985, 0.17])
     right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
@@ -74,8 +83,13 @@ def draw_lods(
 
 
 def _look(at: np.ndarray, surface: Surface, shape: tuple[int, int]) -> tuple:
-    """(pixel, triangle, weights, shade, edge), see raster.nearest: shade (k,) of a lit surface, edge (k,) how much of the
-    line along a triangle's edge lies there. at: (n, 3) of the surface's points in pixels, the third towards the eye."""
+    """Rasterize a surface: return (pixel, triangle, weights, shade, edge).
+
+    at: (n, 3) the surface's points in pixels, the third towards the eye.
+    pixel, triangle, weights: see rasterizer.nearest.
+    shade: (k,) of a lit surface.
+    edge: (k,) strength of the line along a triangle's edge there.
+    """
     corners = at[surface.triangles]
     pixel, triangle, weights = rasterizer.nearest(corners[..., :2], -corners[..., 2], shape)
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -88,12 +102,16 @@ def _look(at: np.ndarray, surface: Surface, shape: tuple[int, int]) -> tuple:
     doubled = np.abs(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
     heights = doubled[:, None] / np.maximum(opposite, 1e-12)
     line = (weights * heights[triangle]).min(axis=1) < 0.5 * SUPERSAMPLING
-    strength = np.clip(np.sqrt(doubled) / (9 * SUPERSAMPLING), 0.1, 0.85)  # lines of a dense mesh must not hide its shape
+    # lines of a dense mesh must not hide its shape
+    strength = np.clip(np.sqrt(doubled) / (9 * SUPERSAMPLING), 0.1, 0.85)
     return pixel, triangle, weights, shade[triangle].clip(0, 1), line * strength[triangle]
 
 
 def _distances(character: Surface, surface: Surface, pixel, triangle, weights) -> np.ndarray:
-    """Metres (k,) from what each pixel shows of `surface` to `character`."""
+    """Return the distance (k,) of what each pixel shows to `character`.
+
+    It is in the surfaces' unit of length.
+    """
     same = np.array_equal(character.points, surface.points) and np.array_equal(character.triangles, surface.triangles)
     if same or not len(pixel):
         return np.zeros(len(pixel))
@@ -101,7 +119,13 @@ def _distances(character: Surface, surface: Surface, pixel, triangle, weights) -
 
 
 def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colours: np.ndarray, shape: tuple[int, int]) -> None:
-    """Put the drawn pixels (k,), SUPERSAMPLING than the picture, with colours (k, 3), over the sheet."""
+    """Paste drawn pixels over the sheet, reduced by SUPERSAMPLING.
+
+    row, left: the lower left corner in the sheet.
+    pixel: (k,) numbers of the drawn pixels, finer than the sheet by SUPERSAMPLING.
+    colours: (k, 3).
+    shape: (rows, columns) in the sheet.
+    """
     fine = np.repeat(np.repeat(sheet[row : row + shape[0], left : left + shape[1]], SUPERSAMPLING, axis=0), SUPERSAMPLING, axis=1)
     fine.reshape(-1, 3)[pixel] = colours
     blocks = fine.reshape(shape[0], SUPERSAMPLING, shape[1], SUPERSAMPLING, 3)
@@ -109,8 +133,11 @@ def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colours: n
 
 
 def write(sheet: np.ndarray, words: str, x: float, y: float, tall: float, align: str = "LEFT") -> None:
-    """Write `words` over the sheet (rows, columns, 3), from x or about it, on the line y, in letters `tall` pixels high, in
-    Blender's own font."""
+    """Write `words` over the sheet (rows, columns, 3) in Blender's own font.
+
+    x, y: pixels: the left end, or the middle by `align`, and the base line.
+    tall: size of the letters, pixels.
+    """
     curve = bpy.data.curves.new("Crowd LOD words", "FONT")
     curve.body, curve.align_x, curve.size = words, align, tall
     item = bpy.data.objects.new(curve.name, curve)

@@ -1,4 +1,4 @@
-"""What the user is told of every character's LODs: a table with predicted and measured silhouette errors, a picture."""
+"""The table and pictures of LODs, with predicted and measured silhouette errors."""
 
 import re
 from collections.abc import Generator, Sequence
@@ -26,16 +26,22 @@ AZIMUTH = np.radians(35)  # of the picture's eye, from where the character faces
 def tables(
     scene: bpy.types.Scene, groups: Sequence[Group], camera: Camera, begins: np.ndarray, folder: Path, progress=(0.0, 1.0)
 ) -> Generator[float, None, list[dict[str, Any]]]:
-    """A dict for each of `groups`, whose LODs begin at `begins` (G, n - 1) metres from `camera`, see levels.limits; yields
-    the progress, within `progress`. A LOD that a group repeats, for want of coarser ones, is told of once. Pictures
-    levels_NAME.png of the first MOST_SHOWN go into the folder."""
+    """Describe the LODs of all groups: yield the progress, return a dict per group.
+
+    A LOD that a group repeats, because others have more, has one row. Pictures levels_NAME.png of
+    the first MOST_SHOWN groups are written to `folder`. Silhouettes are measured for these alone.
+
+    begins: (G, n - 1) metres from `camera` where each group's LODs begin (see assignment.limits).
+    progress: (first, last) of the progress to yield.
+    """
     found, taken = [], set()
     characters, settings, metres = characters_of(scene), scene.crowd_lod, scene_data.metres(scene)
     finest = policy_of(settings).finest or [0] * len(groups)
     start, span = progress[0], (progress[1] - progress[0]) / min(len(groups), MOST_SHOWN)
     for g, (group, (_, objects, origin)) in enumerate(zip(groups, characters, strict=True)):
         every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
-        meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]  # the last may be repeated
+        # the last may be repeated
+        meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]
         rows = [_row(group, k, each, camera, begins[g], metres) for k, each in enumerate(meshes)]
         rows[-1]["to_lod"] = len(every) - 1
         entry = {
@@ -99,7 +105,7 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
 
 
 def _seen(posed: Posed, k: int, looks: Looks, centre: np.ndarray, distance: float, camera: Camera) -> dict:
-    """How the picture of LOD k differs from the character's, as they are posed, from `distance` metres."""
+    """Return how LOD k's picture differs from the character's at `distance` metres."""
     depsgraph = posed.stage.view_layers[0].depsgraph
     bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
     if None in bodies:
@@ -109,19 +115,22 @@ def _seen(posed: Posed, k: int, looks: Looks, centre: np.ndarray, distance: floa
 
 
 def _known(number) -> float | None:
-    """The number, if it is finite: JSON has no other."""
+    """Return the number if it is finite, else None: JSON has no infinity or NaN."""
     return float(number) if np.isfinite(number) else None
 
 
 def _distance(camera: Camera, begin: float, radius: float) -> float | None:
-    """Metres from which a LOD that begins at `begin` is looked at; None where there is no such place outside the sphere."""
+    """Return from how many metres to look at a LOD that begins at `begin`, or None.
+
+    None where it never begins, or begins inside the bounding sphere.
+    """
     if camera.kind == "ORTHO" and begin < np.inf:
         return 10 * radius  # the picture is the same from anywhere
     return float(begin) if radius < begin < np.inf else None
 
 
 def _file_name(name: str, g: int, taken: set[str]) -> str:
-    """levels_NAME.png for a group's name, which may hold anything, another for each."""
+    """Return a file name levels_NAME.png for a group, different for each."""
     safe = re.sub(r"[^A-Za-z0-9._-]+", "_", name).strip("._")[:60] or "group"
     while safe.casefold() in taken:
         safe = f"{safe}_{g}"

@@ -1,4 +1,4 @@
-"""The plots of `crowd-lod report error`. The only file that needs matplotlib."""
+"""Plots of `crowd-lod report error`. Only this file needs matplotlib."""
 
 from itertools import groupby
 from pathlib import Path
@@ -14,7 +14,7 @@ MARKERS = "osD^v<>"
 
 
 def draw_plots(folder: Path, tables: dict[str, list[dict]], caption: str) -> None:
-    """error_behaviour.png, error_culling.png, error_levels.png in `folder`."""
+    """Write error_behaviour.png, error_culling.png and error_levels.png to `folder`."""
     figure = _figure("Behaviour: distance from the exact walk", caption)
     _behaviour(figure.add_subplot(1, 2, 1), tables["behaviour"])
     _drift(figure.add_subplot(1, 2, 2), tables["drift"])
@@ -43,7 +43,7 @@ def _save(figure: Figure, path: Path) -> None:
 
 
 def _axes(axes, floor: float, x: str, y: str) -> None:
-    """Log axes with units; zero drawn at `floor`, which says so."""
+    """Set log axes with labels, and mark `floor` as the line where zeros are drawn."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.axhline(floor, color="#999999", lw=0.8, ls=":")
@@ -57,7 +57,7 @@ def _axes(axes, floor: float, x: str, y: str) -> None:
 
 
 def _points(axes, rows: list[dict], value, floor: float, **style) -> None:
-    """ms across with its spread, value up."""
+    """Plot value(row) against milliseconds, with their range as bars."""
     ms = [r["ms"] for r in rows]
     spread = [[r["ms"] - r["ms_least"] for r in rows], [r["ms_most"] - r["ms"] for r in rows]]
     y = [max(value(r), floor) for r in rows]
@@ -69,7 +69,7 @@ def _star(axes, row: dict, value, floor: float) -> None:
 
 
 def _shared_legend(axes) -> None:
-    """One legend under both plots of the figure."""
+    """Draw one legend under both plots of the figure."""
     axes.figure.legend(*axes.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=4, frameon=False)
 
 
@@ -85,9 +85,9 @@ def _behaviour(axes, rows: list[dict]) -> None:
         if name == "exact walk":
             says = "the reference"
         elif found[-1]["apart"] > 0.001:
-            says = f"order {order:.2f}, no limit: {found[-1]['apart']:.1%} end over a cell apart"
+            says = f"order {order:.2f}, does not converge: {found[-1]['apart']:.1%} of agents end over a cell away"
         else:
-            says = "exact but for rounding" if order != order else f"order {order:.2f}"
+            says = "exact up to rounding" if order != order else f"order {order:.2f}"
         for k, (what, line) in enumerate((("mean", "-"), ("median", "--"), ("worst", ":"))):
             label = f"{name}, mean ({says})" if k == 0 else f"{name}, {what}"
             if name == "exact walk":
@@ -152,7 +152,7 @@ def _culling(axes, rows: list[dict], what: str, legend: bool) -> None:
 
 
 def _distances(axes, rows: list[dict]) -> None:
-    """The worst error of a distance against ms, each metric and precision."""
+    """Plot the worst error of distances against time, by metric and precision."""
     floor = min((r["worst_m"] for r in rows if r["worst_m"]), default=1.0) / 5
     for row in rows:
         away = f", {row['offset_m'] / 1000:g} km away" if row["offset_m"] else ""
@@ -167,7 +167,7 @@ def _distances(axes, rows: list[dict]) -> None:
 
 
 def _ids(axes, rows: list[dict]) -> None:
-    """The LOD ids that differ against the crowd's distance from the world's origin, each metric and precision."""
+    """Plot the LOD ids that differ against the crowd's distance from the origin."""
     floor = 0.2e6 / rows[0]["of"]
     kinds = {}
     for row in rows:

@@ -1,4 +1,4 @@
-"""The batch preview: two pictures and a row of figures for each frame, a plan, a contact sheet."""
+"""Batch preview: two pictures and a table row per frame, plan, contact sheet."""
 
 import contextlib
 import hashlib
@@ -52,7 +52,8 @@ COLOR_MODES = ("LOD", "MATERIAL")  # that every engine has
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
 SIZE = "resolution_x", "resolution_y", "resolution_percentage"
-LEVELS, PREPARED, DRAWN = 0.1, 0.02, 0.9  # of the progress: LODs made or measured, the crowd built, all frames drawn
+# of the progress: LODs made or measured, the crowd built, all frames drawn
+LEVELS, PREPARED, DRAWN = 0.1, 0.02, 0.9
 GREY = (0.55, 0.58, 0.62)  # the sky of the tinted pictures, linear
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
@@ -60,8 +61,13 @@ THUMBNAIL = 480  # pixels wide, at least
 
 @dataclass(frozen=True)
 class Preview:
-    """What to preview. frames: increasing. width: of the pictures, pixels. engine: of ENGINES. colour: of COLOR_MODES, with the
-    engine OVERLAY of the setting overlay_colour."""
+    """What to preview.
+
+    frames: increasing.
+    width: of the pictures, pixels.
+    engine: one of ENGINES.
+    colour: one of COLOR_MODES; with the engine OVERLAY, a value of the setting overlay_color.
+    """
 
     frames: list[int]
     folder: Path
@@ -71,14 +77,17 @@ class Preview:
 
 
 def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Generator[float, None, dict[str, Any]]:
-    """Write the preview of `scene` into the wanted folder; yields the progress, 0 to 1, and returns the plan's dict.
+    """Write the preview of `scene`: yield the progress, return the plan's dict.
 
-    All is made in a copy of the scene that is gone afterwards; the folder gets its files at the end, all or none.
-    command: what plan.json says the run was started with.
+    All is made in a copy of the scene, which is removed afterwards. The folder gets its files at
+    the end, all or none.
+
+    command: the command line of the run, for plan.json.
     """
     with files.staged(wanted.folder) as folder, cleanup.scratch(), contextlib.ExitStack() as opened:
         started = clock.perf_counter()
-        cameras.active_camera(scene), characters_of(scene)  # what is missing is named in the user's own scene
+        # what is missing is named in the user's own scene
+        cameras.active_camera(scene), characters_of(scene)
         drawn = wanted.engine == "OVERLAY"
         if drawn:
             need_gpu()
@@ -90,7 +99,8 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
         layer.update()
         store_groups(stage.crowd_lod, measure_groups(stage))
         yield from standing(approach(trajectory_of(stage), scene_data.time_of(stage)), 0.0)
-        frame_of(stage, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
+        # whatever is wrong with the scene is said before the work begins
+        frame_of(stage, layer.depsgraph)
         ready = 0.0
         if stage.crowd_lod.levels is None or deviations(groups_of(stage.crowd_lod), policy_of(stage.crowd_lod)) is None:
             ready = LEVELS
@@ -156,7 +166,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
 
 
 class Rendered:
-    """Pictures of a stage of the preview, rendered by Blender with the built crowd."""
+    """Pictures of the preview that Blender renders from the built crowd."""
 
     notes = ()
 
@@ -186,8 +196,11 @@ class Rendered:
 
 
 def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
-    """A copy of `scene`, its objects shared, set to render the wanted pictures, without the user's own build, and without the
-    characters themselves if they are not kept."""
+    """Return a copy of `scene` set to render the wanted pictures.
+
+    It shares the objects. The user's own build is left out. So are the characters themselves,
+    unless they are kept in renders.
+    """
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
     stage.timeline_markers.clear()  # they would take the camera back in the picture from above
@@ -214,7 +227,8 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     render.use_stamp = render.use_stamp_labels = True
     render.stamp_font_size = max(8, wanted.width // 60)
     render.stamp_background = (0, 0, 0, 0.6)
-    stage.display.render_aa = "FXAA"  # one pass; Workbench draws the whole scene anew for every other sample
+    # one pass; Workbench draws the whole scene anew for every other sample
+    stage.display.render_aa = "FXAA"
     if wanted.engine == "OVERLAY":
         stage.crowd_lod.overlay_color = wanted.colour
     if wanted.colour != "MATERIAL":
@@ -227,13 +241,13 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
 
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
-    """Whether the characters themselves, which renders of `scene` show, are not in the pictures."""
+    """Return whether the pictures leave out characters that renders of `scene` show."""
     return not scene.crowd_lod.keep_characters and shows_characters(scene)
 
 
 @contextlib.contextmanager
 def _sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[None]:
-    """Renders are of this size, (width, height) pixels; afterwards as they were."""
+    """Set the size of renders, (width, height) pixels, and restore it afterwards."""
     before = [getattr(render, name) for name in SIZE]
     try:
         render.resolution_x, render.resolution_y, render.resolution_percentage = *size, 100
@@ -244,7 +258,7 @@ def _sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[
 
 
 def _world() -> bpy.types.World:
-    """An even light grey sky, in every engine."""
+    """Return a world with an even light gray sky, in every engine."""
     world = bpy.data.worlds.new("Crowd LOD preview")
     world.color = GREY
     world.use_nodes = True
@@ -254,7 +268,7 @@ def _world() -> bpy.types.World:
 
 
 def _tint_material() -> bpy.types.Material:
-    """A material in each object's own colour."""
+    """Return a material that shows each object's own color."""
     material = bpy.data.materials.new("Crowd LOD tint")
     material.use_nodes = True
     tree = material.node_tree
@@ -276,7 +290,8 @@ def _shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
 
 def _render(stage: bpy.types.Scene, path: Path, engine: str) -> None:
     own, stage.render.engine, stage.render.filepath = stage.render.engine, engine, str(path)
-    # by override: with the operator's own argument `scene`, Blender renders the frame of the scene in the window
+    # by override: with the operator's own argument `scene`, Blender renders the frame of the scene
+    # in the window
     with image_data.writing(path), bpy.context.temp_override(scene=stage):
         bpy.ops.render.render(write_still=True)
     stage.render.engine = own  # the plan is that of the scene's own renders
@@ -289,7 +304,11 @@ def _caption(frame: Frame) -> str:
 
 
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
-    """Main picture and picture from above side by side, two frames a row; of a long shot, frames at even distances."""
+    """Return the contact sheet, two frames in a row.
+
+    Each has its main picture and the picture from above. Of a long shot it has MOST_IN_SHEET
+    frames, evenly spaced.
+    """
     chosen = evenly(pictures, MOST_IN_SHEET)
     shrunk = [tables.shrink(image_data.load_pixels(path), THUMBNAIL) for pair in chosen for path in pair]
     return tables.contact_sheet(shrunk, columns=4 if len(chosen) > 1 else 2)
@@ -298,7 +317,10 @@ def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:
 def _plan(  # noqa: PLR0913 - the parts of what the file tells
     stage, scene, wanted: Preview, size: tuple[int, int], command: list[str], rows: list[dict], characters: list[dict], notes
 ) -> Generator[float, None, dict[str, Any]]:
-    """A generator that returns the dict of all that is needed to repeat the run, and of what came of it."""
+    """Make plan.json's dict: all that is needed to repeat the run, and its results.
+
+    Yields between the steps and returns the dict.
+    """
     settings, trajectory, policy = stage.crowd_lod, trajectory_of(stage), policy_of(stage.crowd_lod)
     machine = machine_of(settings)
     labels = trajectory.world.labels
@@ -370,8 +392,10 @@ def _plan(  # noqa: PLR0913 - the parts of what the file tells
 
 
 def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Generator[float, None, list[dict[str, Any]]]:
-    """A generator that returns a dict each for what the scene did not need: why, and the milliseconds that this saves in the last
-    frame, where they are measured."""
+    """List what the scene did not need: yield between the steps, return dicts.
+
+    Each has the reason and, where measured, the milliseconds saved in the last frame.
+    """
     number, stage.render.engine = wanted.frames[-1], ENGINES[wanted.engine]
     trajectory, settings = trajectory_of(stage), stage.crowd_lod
     stage.frame_set(number)
@@ -389,7 +413,7 @@ def _left_out(stage: bpy.types.Scene, wanted: Preview) -> Generator[float, None,
 
 
 class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
-    """Render pictures by LOD and from above, with a table and a plan, into a folder"""
+    """Render pictures from the camera and from above, with a report, into a folder"""
 
     bl_idname = "crowd_lod.preview"
     bl_label = "Preview"

@@ -1,4 +1,4 @@
-"""The picture from above: every agent as an arrowhead, the camera's frustum and LOD ranges as lines."""
+"""The picture from above: agents as arrowheads, frustum and LOD ranges as lines."""
 
 import bpy
 import numpy as np
@@ -16,7 +16,7 @@ ARROW_METRES = 0.7
 
 
 def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.types.Object:
-    """A new orthographic camera in `stage` that looks straight down on the area and the camera."""
+    """Add an orthographic camera that looks straight down on `area` and `camera`."""
     x = np.array([area.x_min, area.x_max, camera.origin[0]])
     y = np.array([area.y_min, area.y_max, camera.origin[1]])
     width, height = 1.06 * np.ptp(x), 1.06 * np.ptp(y)
@@ -51,7 +51,7 @@ def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
 
 
 def _pixel(view: Camera, points: np.ndarray) -> np.ndarray:
-    """Size in metres (n,) of a pixel of `view` at the points (n, 3)."""
+    """Return the size (n,) metres of a pixel of `view` at the points (n, 3)."""
     extent = view.window.right - view.window.left
     if view.kind != "ORTHO":
         extent = extent * np.maximum((points - view.origin) @ view.Z, view.near)
@@ -59,8 +59,10 @@ def _pixel(view: Camera, points: np.ndarray) -> np.ndarray:
 
 
 def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3, 3) float64 corners of an arrowhead an agent, and its colour (n, 3). Culled agents come first, finest LODs
-    last, a little nearer to the view each, so that what counts lies on top."""
+    """Return corners (n, 3, 3) float64 and color (n, 3) of an arrowhead per agent.
+
+    Each is raised towards `view` by its LOD: culled agents lie lowest, the finest LOD on top.
+    """
     crowd = frame.crowd
     at = np.stack(crowd.places(frame.trajectory.spheres.centre), axis=1)
     rank = np.where(frame.visible, len(TINTS) - frame.levels.astype(int), 0)
@@ -76,7 +78,10 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 4, 3) corners of ribbons that face `view`, and their colours (m, 3): the overlay's lines, made solid."""
+    """Return ribbons for the overlay's lines: corners (m, 4, 3) and colors (m, 3).
+
+    The ribbons face `view`.
+    """
     ends, colours = frustum_lines(frame.camera, frame.begins)
     along = ends[:, 1] - ends[:, 0]
     aside = np.cross(along, view.Z)

@@ -1,4 +1,4 @@
-"""What culling and LOD change in the picture: the same frames rendered with and without them, and compared."""
+"""Proof by renders: the same frames with and without culling and LOD, compared."""
 
 from collections.abc import Generator
 from contextlib import ExitStack
@@ -27,26 +27,36 @@ from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_grou
 from ..lod_meshes.make_lods import make_levels
 from .preview import Preview, set_up
 
-# The pictures of a frame. The third is the culled one without those whom the camera does not see itself.
+# The pictures of a frame. The third is the culled one without those whom the camera does not see
+# itself.
 PICTURES = {
-    "a": "everyone, full detail",
+    "a": "all agents, full detail",
     "b": "culled, full detail",
     "bare": "culled, without shadows and reflections from outside the picture",
     "c": "culled, with LODs",
 }
 AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
 SILHOUETTE_SAMPLES = 16  # a pixel
-PAIRS = bpy.app.version >= (5, 2, 0)  # Blender 4.5 does not read back the values that it writes of two eyes
+# Blender 4.5 does not read back the values that it writes of two eyes
+PAIRS = bpy.app.version >= (5, 2, 0)
 LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
-DISPLACED = 1e-3  # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its instances stands
+# of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its
+# instances stands
+DISPLACED = 1e-3
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
 
 
 @dataclass(frozen=True)
 class Verify:
-    """What to verify. frames: increasing. width: of the pictures, pixels. samples: a pixel. bounces: with more than 0 each
-    picture is rendered once more, with the sky's light and so many bounces of light and reflections."""
+    """What to verify.
+
+    frames: increasing.
+    width: of the pictures, pixels.
+    samples: per pixel.
+    bounces: above 0, each picture is rendered a second time, with the light of the sky and this
+        many bounces of light and reflections.
+    """
 
     frames: list[int]
     folder: Path
@@ -56,10 +66,12 @@ class Verify:
 
 
 def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Generator[float, None, dict[str, Any]]:
-    """Write the proof for `scene` into the wanted folder; yields the progress, 0 to 1, and returns the dict of verify.json.
+    """Write the proof for `scene`: yield the progress, return verify.json's dict.
 
-    The scene itself is stepped and rendered, for no copy has all that its frames show; afterwards it is as it was. The folder
-    gets its files at the end, all or none.
+    The scene itself is stepped and rendered, because a copy lacks some of what its frames show.
+    Afterwards it is restored. The folder gets its files at the end, all or none.
+
+    command: the command line of the run, for verify.json.
     """
     own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
     with ExitStack() as opened:
@@ -70,17 +82,20 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         lent = scene.render, scene.render.image_settings, scene.cycles, scene.display, scene.view_settings, own, *scene.view_layers
         opened.enter_context(cleanup.lent(*lent, *filter(None, (own.build, own.characters))))
         opened.callback(setattr, scene, "world", scene.world)
-        cameras.active_camera(scene), characters_of(scene)  # what is missing is named before anything is set
+        # what is missing is named before anything is set
+        cameras.active_camera(scene), characters_of(scene)
         left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
         _set_up(scene, wanted)
         layer.update()
         store_groups(own, measure_groups(scene))
         trajectory = trajectory_of(scene)
         yield from standing(approach(trajectory, scene_data.time_of(scene)), 0.0)
-        frame_of(scene, layer.depsgraph)  # whatever is wrong with the scene is said before the work begins
+        # whatever is wrong with the scene is said before the work begins
+        frame_of(scene, layer.depsgraph)
         if own.levels is None:
             yield from share(make_levels(scene), 0.0, 0.05)
-        every = [range(2**31)] * policy_of(own).count  # also of LODs that are left out to save memory: they are what is proved
+        # also of LODs that are left out to save memory: they are what is proved
+        every = [range(2**31)] * policy_of(own).count
         yield from share(render_setup.build(scene, every), 0.05, 0.1)
         bake.mark(scene, wanted.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
@@ -106,8 +121,12 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
 
 
 def _set_up(scene: bpy.types.Scene, wanted: Verify) -> None:
-    """Have Cycles' picture of the scene depend on what its rays meet and on nothing else: one seed, no samples saved where the
-    picture is smooth, no lamp drawn by its share of the light, no denoiser. The pixel filter stays the scene's own."""
+    """Set up `scene` so that Cycles' pictures depend only on what its rays meet.
+
+    That is: one seed, and no adaptive sampling, light tree, path guiding, fast GI, time limit or
+    denoiser. The scene's own pixel filter stays. The user's own build is hidden, and so are the
+    characters if renders hide them.
+    """
     if hides_characters(scene):
         scene.crowd_lod.characters.hide_render = True
     if scene.crowd_lod.build is not None:
@@ -129,7 +148,10 @@ def _set_up(scene: bpy.types.Scene, wanted: Verify) -> None:
 
 
 def _light(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
-    """Light the stage by its lamps alone, or with so many bounces and the sky, too: worlds are (sky, dark sky)."""
+    """Light `stage` by its lamps alone, or with sky and `bounces` of light, too.
+
+    worlds: (sky, dark sky); see _dark.
+    """
     cycles = stage.cycles
     cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
     cycles.transmission_bounces = cycles.volume_bounces = bounces
@@ -137,8 +159,11 @@ def _light(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
 
 
 def _dark(world: bpy.types.World | None) -> bpy.types.World | None:
-    """A copy of the world that the camera sees and that lights nothing: agents out of the picture keep some of the sky's
-    light from every place in it, and no bucket holds them all."""
+    """Return a copy of the world that the camera sees but that lights nothing.
+
+    Agents outside the picture block some of the sky's light everywhere in it, and no bucket holds
+    all of them.
+    """
     if world is None:
         return None
     dark = world.copy()
@@ -148,8 +173,11 @@ def _dark(world: bpy.types.World | None) -> bpy.types.World | None:
 
 
 def _twin(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
-    """Put a second of each instance of the build into the stage, which no ray meets. Cycles rounds a mesh differently where
-    it is instanced once and where it is more often; so every mesh is, however many agents show it."""
+    """Add a second instance of each instance of the build, invisible to all rays.
+
+    Cycles rounds a mesh differently if it has one instance than if it has more. With the twins
+    every mesh has more, however many agents show it.
+    """
     for points in render_setup.points_of(top).values():
         tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
         tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
@@ -165,7 +193,10 @@ def _twin(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
 
 
 def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
-    """A scene of nothing but the build, whose pictures' alpha is the crowd's silhouette; sharp, as LODs are measured."""
+    """Return a scene of the build alone: its alpha is the crowd's silhouette.
+
+    It has no motion blur and a box pixel filter: the deviation of LODs is of sharp silhouettes.
+    """
     outline = stage.copy()
     outline.timeline_markers.clear()
     for child in outline.collection.children:
@@ -180,7 +211,7 @@ def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Sce
 
 
 def _film(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Have `outline` filmed by the cameras of `scene` as `depsgraph` has them."""
+    """Put still copies of the cameras of `scene`, as in `depsgraph`, into `outline`."""
     for item in [item for item in outline.collection.objects if item.type == "CAMERA"]:
         outline.collection.objects.unlink(item)
     for camera in [item for item in scene.objects if item.type == "CAMERA"]:
@@ -193,7 +224,10 @@ def _film(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types
 def _frame(  # noqa: PLR0913 - the run's scenes and where it stands
     scene, at: frame_stepping.At, top, outline, number: int, wanted: Verify, folder: Path, done: int
 ) -> Generator[float, None, tuple[dict[str, Any], list[np.ndarray]]]:
-    """One frame: yields the progress of the whole run and returns (its row, its pictures on the contact sheet)."""
+    """Verify one frame: yield the run's progress, return (its row, its pictures).
+
+    The pictures are those of the contact sheet.
+    """
     trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
     film, around, shutter = lights.read_moment(scene, time, at)
     depsgraph = at((), time)
@@ -247,7 +281,10 @@ def _frame(  # noqa: PLR0913 - the run's scenes and where it stands
 
 
 def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: int, held: Held) -> None:
-    """Write the agents of the frame's buckets to the point objects in `home`, where with motion blur they move."""
+    """Write the agents of the frame's buckets to the point objects in `home`.
+
+    With motion blur, the points also get velocities.
+    """
     points = render_setup.points_of(home)
     for name, agents in members(frame).items():
         library = render_setup.library_of(home, points[name], trajectory.gaits)
@@ -256,7 +293,11 @@ def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: 
 
 
 def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
-    """The frames of PICTURES: of the plan, and of the same with the finest LOD for those that the camera does not see."""
+    """Return a Frame for each of PICTURES.
+
+    planned: the frame's plan.
+    full: the same, with the finest LOD also for agents that the camera does not see itself.
+    """
     count = len(planned.buckets.counts)
     finest = np.zeros(len(planned.crowd), np.uint8)
     nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
@@ -271,7 +312,7 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
 
 
 def _views(render: bpy.types.RenderSettings) -> list[str]:
-    """What the files of the picture's views, the eyes of stereo among them, are called after the picture's name."""
+    """Return the file suffixes of the picture's views, such as the eyes of stereo."""
     if not render.use_multiview:
         return [""]
     stereo = render.views_format == "STEREO_3D"
@@ -279,8 +320,10 @@ def _views(render: bpy.types.RenderSettings) -> list[str]:
 
 
 def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
-    """Render the picture to the PNG `path`; (rows, columns, 4) float32 of its own linear values, bottom row first; the
-    views of a stereo picture side by side."""
+    """Render to the PNG `path`; return the linear values, (rows, columns, 4) float32.
+
+    The bottom row is first. The views of a stereo picture stand side by side.
+    """
     render, settings = stage.render, stage.render.image_settings
     stem = path.with_suffix("")
     with console.quiet(), bpy.context.temp_override(scene=stage):
@@ -306,7 +349,10 @@ def _render(stage: bpy.types.Scene, path: Path) -> np.ndarray:
 
 
 def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The difference of two pictures as (rows, columns, 4) uint8: black is none, however small."""
+    """Return the amplified difference of two pictures, (rows, columns, 4) uint8.
+
+    Black is no difference. Any other is at least FAINTEST.
+    """
     off = np.abs(a - b)
     shown = np.rint(255 * (AMPLIFIED * off).clip(0, 1)).astype(np.uint8)
     shown[off > 0] = np.maximum(shown[off > 0], FAINTEST)
@@ -315,17 +361,20 @@ def _amplified(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _never_shown(scene: bpy.types.Scene) -> list[str]:
-    """What the pictures cannot prove of a render of `scene` as it is set, a sentence each."""
+    """Return sentences on what the pictures cannot show as renders of `scene` do."""
     render, said = scene.render, []
     if render.use_motion_blur and render.motion_blur_shutter > LONGEST_SHUTTER:
         said.append(f"The shutter was open for {LONGEST_SHUTTER:g} frames, not {render.motion_blur_shutter:g}.")
     if render.use_multiview and not PAIRS:
-        said.append("One eye was looked at: this Blender does not read back pictures of two.")
+        said.append("Only one eye was rendered: this Blender version cannot read stereo pictures back.")
     return said + list(filter(None, [frame_stepping.unbaked(scene)]))
 
 
 def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
-    """What no picture of this run proves of a render of `scene`, in a few words each; asked before the scene is set up."""
+    """Return short phrases for what this run does not prove of a render of `scene`.
+
+    Call it before the scene is set up.
+    """
     render, (width, height) = scene.render, cameras.image_size(scene.render)
     found = ["other frames"]
     if wanted.bounces:
@@ -335,14 +384,14 @@ def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
     if width != wanted.width:
         found.append(f"pictures of {width} x {height} pixels")
     if render.engine != "CYCLES":
-        found.append(f"what {render.engine.removeprefix('BLENDER_')} makes of shading, its pixel filter, and displacement")
+        found.append(f"shading, pixel filter and displacement in {render.engine.removeprefix('BLENDER_')}")
     if render.use_compositing or render.use_sequencer:
         found.append("compositing and sequencer")
     return found + ["denoising"] * (render.engine == "CYCLES" and scene.cycles.use_denoising)
 
 
 def _displaced(scene: bpy.types.Scene) -> list[str]:
-    """The materials of the scene whose nodes displace meshes in Cycles, and do not only shade them so."""
+    """Return names of materials that displace meshes in Cycles, not only as bumps."""
     slots = (slot for item in scene.crowd_lod.characters.all_objects for slot in item.material_slots)
     worn = {slot.material for slot in slots if slot.material is not None and slot.material.node_tree is not None}
     return sorted(each.name for each in worn if each.displacement_method != "BUMP" and _has_displacement(each.node_tree))
@@ -353,7 +402,7 @@ def _has_displacement(tree: bpy.types.NodeTree) -> bool:
 
 
 def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
-    """What the pictures do not prove, a sentence each."""
+    """Return sentences on what the pictures left unjudged."""
     said = []
     if any(row["predicted_shift"] is None for row in rows):
         said.append(
@@ -367,12 +416,12 @@ def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[
         )
     mirrors = lights.read_surroundings(scene, scene.view_layers[0].depsgraph, scene_data.time_of(scene)).mirrors
     if wanted.bounces > 1 and len(mirrors) > 1:
-        said.append("What one mirror shows in another is not looked for: there pixels may differ.")
+        said.append("Reflections of one mirror in another are not checked: pixels may differ there.")
     return said
 
 
 def _result(rows: list[dict], wanted: Verify, command: list[str], left_out: list[str], not_proved: list[str]) -> dict:
-    """The dict of verify.json."""
+    """Return the dict of verify.json."""
     return {
         "version": 1,
         "command": command,

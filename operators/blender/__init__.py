@@ -1,5 +1,7 @@
-"""Adapters between Blender and NumPy: images, meshes, cameras, scenes, and Blender's own habits.
+"""Adapters between Blender and NumPy.
 
-In: data-blocks. Out: arrays (world metres, float32 or float64) and plain values; back into data-blocks. Nothing here knows what
-a crowd is.
+They cover images, meshes, cameras, scenes and Blender's quirks.
+
+In: data-blocks. Out: arrays (world metres, float32 or float64) and plain values; and back into
+data-blocks. No module here knows about crowds.
 """

@@ -1,4 +1,4 @@
-"""Blender's cameras -> the core's. With image_data.py and mesh_data.py what copies between bpy and NumPy."""
+"""Reads Blender's cameras as Camera objects of the core."""
 
 from collections.abc import Sequence
 
@@ -12,30 +12,36 @@ from .frame_stepping import At, stage, stepped
 from .ownership import is_ours
 from .scene_data import EEVEE, remapped
 
-OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}  # the part of the shutter that comes before the frame
-# The reach of Cycles' pixel filters from a pixel's middle, in parts of their width (film.cpp, filter_table).
+# the part of the shutter that comes before the frame
+OPENS = {"START": 0.0, "CENTER": 0.5, "END": 1.0}
+# The reach of Cycles' pixel filters from a pixel's middle, in parts of their width (film.cpp,
+# filter_table).
 REACHES = {"GAUSSIAN": 1.5, "BLACKMAN_HARRIS": 1.0}
 CYLINDER = "central_cylindrical_range"
 
 
 def image_size(render: bpy.types.RenderSettings) -> tuple[int, int]:
-    """Width and height of the rendered image in pixels."""
+    """Return width and height of the rendered image in pixels."""
     percent = render.resolution_percentage
     return max(1, render.resolution_x * percent // 100), max(1, render.resolution_y * percent // 100)
 
 
 def active_camera(scene: bpy.types.Scene) -> bpy.types.Object:
-    """The scene's active camera object."""
+    """Return the scene's active camera; CrowdError if it has none or it is no camera."""
     if scene.camera is None:
         raise CrowdError(f"The scene {scene.name} has no active camera: add one, or set one in the scene's properties.")
     if scene.camera.type != "CAMERA":
-        raise CrowdError(f"{scene.camera.name}, the active camera of {scene.name}, is no camera: choose a camera object.")
+        raise CrowdError(f"{scene.camera.name}, the active camera of {scene.name}, is not a camera: choose a camera object.")
     return scene.camera
 
 
 def bound_camera(scene: bpy.types.Scene, time: float) -> bpy.types.Object:
-    """The camera that films `time`: that of the last marker with a camera up to it, of the first such marker before
-    them all, or the active one. Blender makes it the active one when it comes to the frame (BKE_scene_camera_switch_find)."""
+    """Return the camera that films `time`, by the timeline's markers.
+
+    It is the camera of the last marker at or before `time`, else of the first marker, or without
+    markers the active camera. Markers whose camera is hidden in renders do not count. Blender makes
+    it the active camera when it comes to the frame (BKE_scene_camera_switch_find).
+    """
     markers = [m for m in scene.timeline_markers if m.camera is not None and not m.camera.hide_render]
     if not markers:
         return active_camera(scene)
@@ -44,13 +50,21 @@ def bound_camera(scene: bpy.types.Scene, time: float) -> bpy.types.Object:
 
 
 def read_cameras(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
-    """The cameras that film the scene's picture, as `depsgraph` has evaluated them: the active one, or the eyes of a
-    stereo or multi-view picture. With the setting cull_to_border, only the render border is filmed."""
+    """Return the cameras that film the scene, as `depsgraph` evaluated them.
+
+    They are the active camera, or the eyes of a stereo or multi-view picture. With the setting
+    cull_to_border, they film only the render border.
+    """
     return cameras_from(scene, active_camera(scene), depsgraph)
 
 
 def cameras_from(scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> tuple[Camera, ...]:
-    """The eyes of `scene` when `camera` films it, as `depsgraph`, of any scene with these cameras, has evaluated them."""
+    """Return the cameras of `scene` when `camera` films it.
+
+    One camera, or the eyes of a stereo or multi-view picture.
+
+    depsgraph: of any scene that contains these cameras.
+    """
     render = scene.render
     views = [view for view in render.views if view.use] if render.use_multiview else []
     if not views:
@@ -67,7 +81,10 @@ def cameras_from(scene: bpy.types.Scene, camera: bpy.types.Object, depsgraph: bp
 
 
 def _view_camera(scene: bpy.types.Scene, camera: bpy.types.Object, suffix: str) -> bpy.types.Object:
-    """The camera of the multi-view picture's view `suffix`: the active one's name with its own suffix exchanged."""
+    """Return the camera of a multi-view suffix, found by the active camera's name.
+
+    Its name is that of `camera` with the suffix replaced; `camera` itself if there is none.
+    """
     own = max((v.camera_suffix for v in scene.render.views if camera.name.endswith(v.camera_suffix)), key=len, default=None)
     return camera if own is None else scene.objects.get(camera.name.removesuffix(own) + suffix, camera)
 
@@ -75,12 +92,18 @@ def _view_camera(scene: bpy.types.Scene, camera: bpy.types.Object, suffix: str) 
 def camera_from(
     camera: bpy.types.Object, render: bpy.types.RenderSettings, depsgraph: bpy.types.Depsgraph, side: str | None = None
 ) -> Camera:
-    """`camera` as `depsgraph` has evaluated it, filming with `render`: itself, or its `side`, left or right, in stereo."""
+    """Return `camera`, as `depsgraph` evaluated it, as a Camera.
+
+    CrowdError unless 0 <= clip start < clip end.
+
+    render: the settings it films with.
+    side: None for the camera itself, or "left" or "right" for its eye in stereo.
+    """
     evaluated = camera.evaluated_get(depsgraph)
     data, matrix = evaluated.data, np.array(evaluated.matrix_world, np.float64)
     if not 0 <= data.clip_start < data.clip_end:
         raise CrowdError(
-            f"The camera {camera.name} clips from {data.clip_start:g} to {data.clip_end:g} m: the end must lie behind the start."
+            f"The camera {camera.name} clips from {data.clip_start:g} to {data.clip_end:g} m: the end must exceed the start."
         )
     kind = data.type if data.type in ("PERSP", "ORTHO") else "PANO"
     eyes = stereo.Stereo(
@@ -126,8 +149,13 @@ def camera_from(
 
 
 def filter_reach(render: bpy.types.RenderSettings) -> float:
-    """Pixels by which the pixel filter of the scene of `render` reaches past the picture's edges: its reach from the middle
-    of a pixel, without the half pixel up to the edge. That of a box ends there; Workbench's mixes what is in the picture."""
+    """Return by how many pixels the pixel filter reaches past the picture's edges.
+
+    This is the filter's reach from the middle of a pixel, less the half pixel to the edge. It is 0
+    for a box filter, which ends there, and for Workbench, which mixes only pixels of the picture.
+
+    render: of the scene whose engine and filter count.
+    """
     if render.engine == "CYCLES":
         cycles = render.id_data.cycles
         return max(REACHES.get(cycles.pixel_filter_type, 0.0) * cycles.filter_width - 0.5, 0.0)
@@ -135,11 +163,14 @@ def filter_reach(render: bpy.types.RenderSettings) -> float:
 
 
 def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> tuple[float, float]:
-    """(cone in radians, pixels per radian in the picture's middle, along the finer of its axes) of a panoramic camera whose
-    sensor takes up `film`, millimetres.
+    """Return (cone in radians, pixels per radian) of a panoramic camera.
 
-    Fisheyes end at half their field of view from the axis; of the others every direction is taken for seen. A CUSTOM
-    camera's shader may do anything with its rays' directions; that it moves their origins is not foreseen.
+    The pixels per radian are those in the picture's middle, along the axis that has more. A fisheye
+    sees up to half its field of view from the axis; the others count as seeing every direction. A
+    CUSTOM camera's shader may change the directions of its rays in any way; moved ray origins are
+    not supported.
+
+    film: the sensor's window in millimetres.
     """
     width, height = pixels
     half = min(np.pi, data.fisheye_fov / 2)
@@ -147,7 +178,8 @@ def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> 
     across, up = (abs(getattr(data, f"{name}_max") - getattr(data, f"{name}_min")) for name in ("longitude", "latitude"))
     round_, tall = (abs(getattr(data, f"{CYLINDER}_{a}_max") - getattr(data, f"{CYLINDER}_{a}_min")) for a in "uv")
     types = {
-        "FISHEYE_EQUIDISTANT": (half, max(pixels) / data.fisheye_fov),  # an ellipse that fills the picture
+        # an ellipse that fills the picture
+        "FISHEYE_EQUIDISTANT": (half, max(pixels) / data.fisheye_fov),
         "FISHEYE_EQUISOLID": (half, per_millimetre * data.fisheye_lens),
         "FISHEYE_LENS_POLYNOMIAL": (half, per_millimetre / max(abs(data.fisheye_polynomial_k1), 1e-6)),
         "EQUIRECTANGULAR": (np.pi, max(width / max(across, 1e-6), height / max(up, 1e-6))),
@@ -163,7 +195,10 @@ def _panorama(data: bpy.types.Camera, pixels: tuple[int, int], film: Window) -> 
 
 
 def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgraph) -> Camera:
-    """`film` with the depth of field of `data`, as Cycles has it (blender_camera_from_object)."""
+    """Return `film` with the depth of field of `data`, as Cycles has it.
+
+    Source: Cycles, blender_camera_from_object.
+    """
     dof = data.dof
     aperture = (1.0 if film.kind == "ORTHO" else data.lens * 1e-3) / (2 * max(dof.aperture_fstop, 1e-5))
     focus = dof.focus_distance if dof.focus_object is None else _focus(dof, depsgraph, film.origin, film.Z)
@@ -171,7 +206,7 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
 
 
 def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
-    """Metres from `origin` (3,) along `ahead` (3,) to the object that is in focus."""
+    """Return metres from `origin` (3,) along `ahead` (3,) to the object in focus."""
     target = dof.focus_object.evaluated_get(depsgraph)
     place = target.matrix_world
     if dof.focus_subtarget and target.pose and dof.focus_subtarget in target.pose.bones:
@@ -180,15 +215,23 @@ def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph, ori
 
 
 def camera_at(scene: bpy.types.Scene, time: float, at: At | None = None) -> tuple[Camera, ...]:
-    """The scene's cameras, as `read_cameras`, as they will be at `time` (see scene.time_of). at: of an open stepping.stepped,
-    here and below; where the scene must not be stepped, in a render and while it is played, of a stepping.stage."""
+    """Return the scene's cameras at `time`, as `read_cameras` gives them.
+
+    time: in frames of the animation, see scene_data.time_of.
+    at: here and below, the value of an open frame_stepping.stepped. Where the scene must not be
+        stepped (in a render, during playback), that of a frame_stepping.stage. None opens one of
+        them.
+    """
     return cameras_at(scene, [time], at=at)[0]
 
 
 def cameras_at(
     scene: bpy.types.Scene, times: Sequence[float], camera: bpy.types.Object | None = None, at: At | None = None
 ) -> list[tuple[Camera, ...]]:
-    """`camera_at` for several times, filmed by `camera` or by the one bound to each."""
+    """Return `camera_at` for several times.
+
+    camera: films all times; None for the camera bound to each time.
+    """
     films = [camera or bound_camera(scene, time) for time in times]
     eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
     if at is None:
@@ -198,7 +241,10 @@ def cameras_at(
 
 
 def _stands(camera: bpy.types.Object) -> bool:
-    """Whether nothing that a file holds moves the camera: the scene need not be stepped to see it."""
+    """Return whether nothing in the file moves the camera.
+
+    The scene need not be stepped to find such a camera.
+    """
     data, handlers = camera.data, bpy.app.handlers
     scripts = [f for f in (*handlers.frame_change_pre, *handlers.frame_change_post) if not is_ours(f)]
     moved = camera.animation_data or data.animation_data or camera.parent or camera.constraints or camera.rigid_body
@@ -206,7 +252,10 @@ def _stands(camera: bpy.types.Object) -> bool:
 
 
 def still(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Object:
-    """A new camera that stands in any scene, at any time, as `depsgraph` has evaluated `camera`."""
+    """Return a new camera that keeps the pose of `camera` in any scene at any time.
+
+    depsgraph: gives the pose and the settings of `camera`. A focus object becomes a focus distance.
+    """
     evaluated = camera.evaluated_get(depsgraph)
     data = evaluated.data.copy()
     data.animation_data_clear()
@@ -221,7 +270,10 @@ def still(camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types
 
 
 def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
-    """With motion blur, when the shutter of the frame at `time` opens, is half open and closes; else nothing."""
+    """Return the times when the shutter opens, is half open and closes around `time`.
+
+    Empty without motion blur.
+    """
     render = scene.render
     if not render.use_motion_blur or render.motion_blur_shutter <= 0:
         return []
@@ -231,9 +283,15 @@ def shutter_times(scene: bpy.types.Scene, time: float) -> list[float]:
 
 
 def read_shutter(scene: bpy.types.Scene, time: float, at: At | None = None) -> list[tuple[float, tuple[Camera, ...]]]:
-    """With motion blur, what camera.opened makes of the cameras while the shutter of the frame at `time` is open: at its
-    beginning, middle and end, as Cycles samples them; else nothing. A marker that switches the camera while it is open
-    does not count: a frame is filmed by one."""
+    """Return (time, cameras) at the start, middle and end of the open shutter.
+
+    The samples are those of Cycles. The cameras are those of crowd_lod.culling.camera.opened. Empty
+    without motion blur. A marker that switches the camera while the shutter is open does not count:
+    one camera films a frame.
+
+    time: of the frame, see scene_data.time_of.
+    at: see camera_at.
+    """
     times = shutter_times(scene, time)
     if not times:
         return []

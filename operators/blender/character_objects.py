@@ -1,19 +1,24 @@
-"""Which objects of a character group are its shape."""
+"""The objects of a character group that have a shape."""
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
 
-GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}  # kinds of objects whose shape may be a mesh
+# kinds of objects whose shape may be a mesh
+GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}
 
 
 def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those of the `objects` of the character group `owner` that have a shape: what is hidden in renders is left out,
-    unless all is, and so are the shapes of bones."""
+    """Return the objects of the character group `owner` that have a shape.
+
+    Left out: objects hidden in renders, unless all are hidden; and objects that are custom shapes
+    of bones.
+    CrowdError if a data-block is missing, or an object is a metaball or instances a collection.
+    """
     for block in (owner, *objects, *(item.data for item in objects if item.data is not None)):
         if block.is_missing:
             path = block.library.filepath if block.library else "its library"
-            raise CrowdError(f"{block.name}, of the character group {owner.name}, is missing: bring back {path}, or link it anew.")
+            raise CrowdError(f"{block.name}, of the character group {owner.name}, is missing: restore {path}, or link it again.")
     for item in objects:
         if item.type == "META":
             raise CrowdError(
@@ -33,5 +38,5 @@ def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.type
 
 
 def may_have_faces(item: bpy.types.Object) -> bool:
-    """Whether the object's shape may have faces: a modifier may make them."""
+    """Return whether the object may have faces, also those that a modifier makes."""
     return item.type != "MESH" or len(item.data.polygons) > 0 or len(item.modifiers) > 0

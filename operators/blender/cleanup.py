@@ -1,4 +1,4 @@
-"""Put back or removed afterwards: data-blocks and settings."""
+"""Context managers that remove data-blocks or restore settings afterwards."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -11,7 +11,7 @@ from .console import quiet
 
 @contextmanager
 def scratch() -> Iterator[None]:
-    """Everything that is made inside, of whatever kind, is gone afterwards, also after an error."""
+    """Remove all data-blocks made inside, of any kind, at the end or after an error."""
     before = set(bpy.data.user_map())
     try:
         yield
@@ -21,7 +21,7 @@ def scratch() -> Iterator[None]:
 
 @contextmanager
 def all_or_nothing() -> Iterator[None]:
-    """Everything that is made inside, of whatever kind, is gone again if it ends with an error, or is closed early."""
+    """Remove all data-blocks made inside if the block raises or is closed early."""
     before = {block.session_uid for block in bpy.data.user_map()}
     try:
         yield
@@ -32,7 +32,10 @@ def all_or_nothing() -> Iterator[None]:
 
 @contextmanager
 def lent(*owners: bpy.types.bpy_struct) -> Iterator[None]:
-    """What is set in `owners`, of their own values, is afterwards as it was."""
+    """Restore the settings of `owners` at the end.
+
+    Restored are each owner's own writable properties, except collections.
+    """
     with quiet():  # asked for its device, Cycles looks for all that there are, and says so
         own = ((owner, prop) for owner in owners for prop in owner.bl_rna.properties)
         names = [(owner, prop.identifier) for owner, prop in own if not prop.is_readonly and prop.type != "COLLECTION"]

@@ -1,9 +1,10 @@
-"""What Blender's undo leaves stale: the caches of collections.
+"""Renews the caches of collections, which Blender's undo leaves stale.
 
-A collection caches the objects in it and in all collections below it. Undo and redo read only data-blocks that
-changed. An unchanged collection keeps its cache, even where a collection below it got other objects: the cache then
-holds objects that are freed. Whatever reads it crashes Blender: `Collection.all_objects`, or a Collection Info node
-when Blender builds the dependency graph. See docs/notes/undo.md.
+A collection caches the objects in it and in all collections below it. Undo and redo read only
+data-blocks that changed. An unchanged collection keeps its cache, even if a collection below it got
+other objects: the cache then holds freed objects. Reading it crashes Blender:
+`Collection.all_objects` reads it, and so does a Collection Info node when Blender builds the
+depsgraph. See docs/notes/undo.md.
 """
 
 import bpy
@@ -13,16 +14,18 @@ CHANGES = "crowd_lod_changes"  # of a collection of the build: how often somethi
 
 @bpy.app.handlers.persistent
 def renew(*_) -> None:
-    """undo_post, redo_post: let Blender forget the caches of all collections, before it reads one of them."""
+    """Make Blender drop the caches of all collections (undo_post, redo_post handler)."""
     item = next((item for item in bpy.data.objects if item.library is None), None)
     if item is not None:
-        item.hide_render = item.hide_render  # setting it, also to what it is, is what makes Blender forget
+        # setting it, also to what it is, is what makes Blender forget
+        item.hide_render = item.hide_render
 
 
 def note_change(*collections: bpy.types.Collection) -> None:
-    """Change `collections`, each of which holds a collection that got other objects: undo then reads them, too.
+    """Mark `collections` as changed, so that undo reads them again.
 
-    It is `renew` for files that are opened where Crowd LOD, and so its handlers, are not.
+    Each of them holds a collection that got other objects. This does the work of `renew` in a
+    Blender without Crowd LOD's handlers.
     """
     for collection in collections:
         collection[CHANGES] = collection.get(CHANGES, 0) + 1

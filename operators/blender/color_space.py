@@ -1,4 +1,4 @@
-"""sRGB and linear colours."""
+"""Conversion between sRGB and linear colors."""
 
 import numpy as np
 
@@ -6,10 +6,13 @@ from ...crowd_lod import srgb
 
 
 def linear(encoded: np.ndarray) -> np.ndarray:
-    """Linear RGB or RGBA (..., 3 or 4) of sRGB."""
+    """Return linear RGB or RGBA (..., 3 or 4) from sRGB; alpha stays."""
     return np.concatenate([srgb.linear(encoded[..., :3]), encoded[..., 3:]], axis=-1)
 
 
 def encoded(linear: np.ndarray) -> np.ndarray:
-    """sRGB from linear RGBA (..., 4) float32, as Blender's own shaders and text take it."""
+    """Return sRGB from linear RGBA (..., 4) float32.
+
+    This is what Blender's own shaders and text take.
+    """
     return np.concatenate([srgb.encoded(linear[..., :3]), linear[..., 3:]], axis=-1)

@@ -1,4 +1,4 @@
-"""What Blender writes to standard output and error."""
+"""Blender's output to stdout and stderr."""
 
 import ctypes
 import os
@@ -12,17 +12,21 @@ NOISE = b"EGL Error (0x3009)"
 
 
 def flush() -> None:
-    """Let go what Python and what Blender's C library hold back."""
+    """Flush the streams of Python and of Blender's C library."""
     for stream in filter(None, (sys.stdout, sys.stderr)):
-        with suppress(OSError):  # where it is full: what is to be read there is printed by streams.put
+        # where it is full: what is to be read there is printed by streams.put
+        with suppress(OSError):
             stream.flush()
     (ctypes.cdll.ucrtbase if os.name == "nt" else ctypes.CDLL(None)).fflush(None)
 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Blender's own lines of progress, which it writes past Python and through it, go nowhere: stdout is the command's.
-    What it writes to stderr comes out afterwards, but for NOISE."""
+    """Discard stdout inside the block, and write stderr at its end, except NOISE.
+
+    Blender writes lines of progress to stdout, past Python and through it. stdout is for the
+    command's own output.
+    """
     flush()
     kept = [os.dup(1), os.dup(2)]
     with open(os.devnull, "w") as nowhere, tempfile.TemporaryFile() as errors:

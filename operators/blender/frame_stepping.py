@@ -1,4 +1,4 @@
-"""Objects at other times than their scene's."""
+"""Evaluates objects at other times than their scene's current frame."""
 
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -11,9 +11,13 @@ At = Callable[[Iterable[bpy.types.Object], float], bpy.types.Depsgraph]
 
 @contextmanager
 def stage(kept: list[bpy.types.Scene] | None = None) -> Iterator[At]:
-    """Objects at other times than their scene's, in one made for it when first asked, and gone afterwards; with `kept` it stays
-    there, for the next. One for all that is asked: whenever a scene is made or goes, Blender works out anew what depends on
-    what in all others."""
+    """Yield a function `At` that evaluates objects in a temporary scene.
+
+    The scene is made at the first call and removed at the end. Use one stage for many calls:
+    whenever a scene is added or removed, Blender rebuilds the dependencies of all others.
+
+    kept: a list that keeps the scene for the next stage; the caller removes it.
+    """
     made = [] if kept is None else kept
 
     def at(objects: Iterable[bpy.types.Object], time: float) -> bpy.types.Depsgraph:
@@ -35,16 +39,22 @@ _stepped: set[int] = set()  # the session_uids of the scenes that are stepped no
 
 
 def is_stepped(scene: bpy.types.Scene) -> bool:
-    """Whether the scene goes through frames that are read, not shown: its build has no need to follow."""
+    """Return whether the scene is stepped through frames only to read them.
+
+    Its build need not follow such frames.
+    """
     return scene.session_uid in _stepped
 
 
 @contextmanager
 def stepped(scene: bpy.types.Scene) -> Iterator[At]:
-    """The objects of `scene` at other times, by its own frame changes, as in a playback and in a render: with all that
-    drivers, physics and other add-ons make of them, which a `stage` does not show. Afterwards the scene is back at its frame.
+    """Yield a function `At` that evaluates objects by changing the scene's frame.
 
-    Rigid bodies have no place at a frame before those up to it were played, in order; so they are, where no cache is baked.
+    As in playback and renders, drivers, physics and other add-ons take effect; in a `stage` they do
+    not. At the end the scene is back at its frame.
+
+    Rigid bodies without a baked cache need every frame up to the asked one, played in order. So
+    those frames are played.
     """
     render, was = scene.render, (scene.frame_current, scene.frame_subframe)
     outer, now, world = is_stepped(scene), None, scene.rigidbody_world
@@ -71,12 +81,12 @@ def stepped(scene: bpy.types.Scene) -> Iterator[At]:
 
 
 def unbaked(scene: bpy.types.Scene) -> str:
-    """What is to be known of rigid bodies that are not baked, a sentence, or nothing."""
+    """Return a sentence about the scene's unbaked rigid bodies, or "" without any."""
     world = scene.rigidbody_world
     if world is None or not world.enabled or world.collection is None or world.point_cache.is_baked:
         return ""
     start = world.point_cache.frame_start
     return (
-        f"The rigid bodies of {scene.name} are as played from frame {start} on: bake their cache, or render from that frame on, "
-        "for renders to show the same."
+        f"The rigid bodies of {scene.name} are unbaked, played from frame {start}: bake their cache, or render from that frame on, "
+        "so that renders show the same."
     )

@@ -1,4 +1,4 @@
-"""Images: bpy <-> NumPy."""
+"""Copies images between bpy and NumPy."""
 
 import time as clock
 from collections.abc import Iterator
@@ -16,16 +16,23 @@ from .console import quiet
 # The values last read of each image, and when.
 _values: dict[int, tuple[np.ndarray, float]] = scene_cache.kept({})
 MOST_IMAGES = 8
-LOOK_AGAIN = 1.0  # seconds between two looks at what has no cheap mark of change, where a look at each frame would take too long
+# seconds between two looks at what has no cheap mark of change, where a look at each frame would
+# take too long
+LOOK_AGAIN = 1.0
 
 
 def read_values(image: bpy.types.Image) -> np.ndarray:
-    """The image's own values as (rows, columns, channels) float32, bottom row first, read-only: the same array as before
-    if they are the same. CrowdError if it has no pixels, or is more than one picture."""
+    """Return the image's own values, bottom row first.
+
+    (rows, columns, channels) float32. The array is read-only, and the same array as before if the
+    values are equal. While an animation plays, the values may be up to LOOK_AGAIN seconds old.
+    CrowdError if the image has no pixels, or is not a single still (tiles, movie, sequence,
+    render).
+    """
     if image.source not in ("FILE", "GENERATED"):
         kind = {"TILED": "made of UDIM tiles", "MOVIE": "a movie", "SEQUENCE": "a sequence"}.get(image.source, "a render")
         raise CrowdError(
-            f"The image {image.name} is {kind}, where a still is needed: set its Source to Single Image, or choose another image."
+            f"The image {image.name} is {kind}, not a still image: set its Source to Single Image, or choose another image."
         )
     width, height = image.size
     if not width * height or not image.has_data and not len(image.pixels):
@@ -48,13 +55,15 @@ def read_values(image: bpy.types.Image) -> np.ndarray:
 
 
 def playing() -> bool:
-    """Whether an animation is played in a window."""
+    """Return whether an animation plays in a window."""
     return any(window.screen.is_animation_playing for window in bpy.context.window_manager.windows)
 
 
 def read_pixels(image: bpy.types.Image) -> np.ndarray:
-    """The image's own values as (rows, columns, 4) uint8, bottom row first; CrowdError if it has no pixels, or some at NaN
-    or infinity."""
+    """Return the image's own values, (rows, columns, 4) uint8, bottom row first.
+
+    CrowdError as in read_values, or if a color value is NaN or infinite.
+    """
     values = read_values(image)
     check_finite(image, values[..., :3])
     height, width, channels = values.shape
@@ -66,17 +75,20 @@ def read_pixels(image: bpy.types.Image) -> np.ndarray:
 
 
 def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
-    """CrowdError if one of the image's `values` (rows, columns, channels) is NaN or infinite, which in bytes none can be."""
+    """Raise CrowdError if one of the image's values is NaN or infinite.
+
+    values: (rows, columns, channels). Byte images cannot hold such values and are not checked.
+    """
     if image.is_float and not np.isfinite(values).all():
         wrong = np.argwhere(~np.isfinite(values).all(axis=2))
         raise CrowdError(
             f"The image {image.name} holds {len(wrong)} pixels at NaN or infinity, the first at column {wrong[0][1]}, row "
-            f"{wrong[0][0]} from the bottom: paint them anew."
+            f"{wrong[0][0]} from the bottom: paint them again."
         )
 
 
 def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
-    """A new packed image from (rows, columns, 3) uint8, bottom row first."""
+    """Return a new packed image of pixels (rows, columns, 3) uint8, bottom row first."""
     rows, columns = pixels.shape[:2]
     image = bpy.data.images.new(name, columns, rows)
     values = np.ones((rows, columns, 4), np.float32)
@@ -88,7 +100,10 @@ def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
 
 
 def save_png(path: Path, pixels: np.ndarray) -> None:
-    """Write (rows, columns, 4) uint8, bottom row first, as a PNG with these very values."""
+    """Write a PNG with exactly these values.
+
+    pixels: (rows, columns, 4) uint8, bottom row first.
+    """
     rows, columns = pixels.shape[:2]
     image = bpy.data.images.new("Crowd LOD", columns, rows, alpha=True)
     try:
@@ -102,7 +117,10 @@ def save_png(path: Path, pixels: np.ndarray) -> None:
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """In this block Blender writes the file `path`; CrowdError if it leaves nothing or a part, with or without saying so."""
+    """Check, after the block, that Blender wrote the file `path` completely.
+
+    CrowdError if the file is missing or incomplete, whether or not Blender raised an error.
+    """
     try:
         with quiet():
             yield
@@ -113,7 +131,10 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def load_pixels(path) -> np.ndarray:
-    """The picture in the file `path` as (rows, columns, 4) uint8, bottom row first."""
+    """Return the pixels of an image file.
+
+    (rows, columns, 4) uint8, bottom row first.
+    """
     image = bpy.data.images.load(str(path))
     try:
         return read_pixels(image)

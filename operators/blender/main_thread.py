@@ -1,5 +1,8 @@
-"""Work for Blender's main thread. A render in a window asks for its frames from a thread of its own, where whatever makes,
-changes or removes data may meet the main thread drawing it, and crash."""
+"""Runs work in Blender's main thread.
+
+A render in a window asks for its frames from its own thread. If that thread makes, changes or
+removes data while the main thread draws it, Blender may crash.
+"""
 
 import queue
 import threading
@@ -12,12 +15,16 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import Made
 
 PAUSE = 0.01  # seconds between two looks at what there is to do
-PATIENCE = 20.0  # seconds; the main thread may itself wait for the render to end, when it is stopped
+# seconds; the main thread may itself wait for the render to end, when it is stopped
+PATIENCE = 20.0
 _waiting: queue.SimpleQueue[tuple[Future, Callable]] = queue.SimpleQueue()
 
 
 def on_main_thread(work: Callable[[], Made]) -> Made:
-    """What `work()` returns or raises, done in the main thread; CrowdError if that finds no time for it."""
+    """Run `work()` in the main thread and return its result, or raise its error.
+
+    CrowdError if the main thread does not start it within PATIENCE seconds.
+    """
     if threading.current_thread() is threading.main_thread():
         return work()
     task: Future[Made] = Future()

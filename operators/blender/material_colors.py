@@ -1,4 +1,4 @@
-"""What materials look like to the overlay: a base colour, or the image that gives it."""
+"""Material colors for the overlay: a base color, or the image that gives it."""
 
 import bpy
 import numpy as np
@@ -11,14 +11,17 @@ SIZE = 1024  # most pixels of an image along a side
 
 
 class Looks:
-    """Collects the materials of one character. found: their images."""
+    """Collects the looks of one character's materials.
+
+    found: the materials' images.
+    """
 
     def __init__(self):
         self.found: list[bpy.types.Image] = []
         self._pictures = np.empty((0, 1, 1, 4), np.uint8)
 
     def of(self, material: bpy.types.Material | None) -> tuple[float, float, float, float]:
-        """Linear base colour, and the layer of `images` that takes its place, or -1."""
+        """Return linear base color, and the layer of `images` that replaces it, or -1."""
         if material is None:
             return *GREY, -1.0
         socket = _base_colour(material)
@@ -32,14 +35,18 @@ class Looks:
         return 1.0, 1.0, 1.0, float(self.found.index(image))
 
     def images(self) -> np.ndarray:
-        """The images as (n, size, size, 4) uint8, sRGB, bottom row first: all as large as the largest, up to SIZE."""
+        """Return the images, (n, size, size, 4) uint8, sRGB, bottom row first.
+
+        size: the longest side of all images, at most SIZE.
+        """
         if len(self._pictures) == len(self.found):
             return self._pictures
         size = min(SIZE, max((max(image.size) for image in self.found), default=1))
         pictures = np.full((len(self.found), size, size, 4), 255, np.uint8)
         for picture, image in zip(pictures, self.found, strict=True):
             values = image_data.read_values(image)[..., : 3 if image.channels > 2 else 1]
-            # the nearest pixel of each; a scaled copy of the image would lack what is painted and not yet saved
+            # the nearest pixel of each; a scaled copy of the image would lack what is painted and
+            # not yet saved
             rows, columns = ((np.arange(size) + 0.5) * n // size for n in values.shape[:2])
             values = values[rows.astype(int)[:, None], columns.astype(int)]
             picture[..., :3] = np.rint(255 * (encoded(values) if _is_linear(image) else values).clip(0, 1))
@@ -48,13 +55,13 @@ class Looks:
 
 
 def _is_linear(image: bpy.types.Image) -> bool:
-    """Whether the image's own values are linear, and not sRGB."""
+    """Return whether the image's own values are linear, not sRGB."""
     space = image.colorspace_settings
     return image.is_float or space.is_data or space.name.startswith("Linear")
 
 
 def _base_colour(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
-    """The socket that gives the material's colour, if its surface is one shader."""
+    """Return the socket of the material's color, or None if no shader gives one."""
     if material.node_tree is None:
         return None
     output = material.node_tree.get_output_node("ALL")
@@ -65,7 +72,7 @@ def _base_colour(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
 
 
 def _image_behind(socket: bpy.types.NodeSocket) -> bpy.types.Image | None:
-    """The first image with pixels that the socket's links lead back to."""
+    """Return the first image with pixels that the socket's links reach, or None."""
     waiting, seen = [socket], set()
     while waiting:
         for link in waiting.pop(0).links:

@@ -1,12 +1,17 @@
-"""Meshes and points: bpy <-> NumPy."""
+"""Copies meshes and points between bpy and NumPy."""
 
 import bpy
 import numpy as np
 
 
 def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(points (n, 3) float32, triangles (m, 3) int32 vertex indices, corners (m, 3) int32 loop indices, faces (m,) int32
-    polygon index of each triangle) of the mesh, in its own space."""
+    """Return (points, triangles, corners, faces) of the mesh, in its own space.
+
+    points: (n, 3) float32.
+    triangles: (m, 3) int32 vertex indices.
+    corners: (m, 3) int32 loop indices.
+    faces: (m,) int32, the polygon index of each triangle.
+    """
     points = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.vertices.foreach_get("co", points.ravel())
     mesh.calc_loop_triangles()
@@ -20,14 +25,14 @@ def read_triangles(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.nda
 
 
 def new_mesh(name: str, points: np.ndarray, triangles: np.ndarray) -> bpy.types.Mesh:
-    """A mesh from points (n, 3) and triangles (m, 3)."""
+    """Return a new mesh of points (n, 3) and triangles (m, 3)."""
     mesh = bpy.data.meshes.new(name)
     fill_mesh(mesh, points, triangles)
     return mesh
 
 
 def fill_mesh(mesh: bpy.types.Mesh, points: np.ndarray, triangles: np.ndarray) -> None:
-    """Make `mesh` hold points (n, 3) and triangles (m, 3), and nothing else."""
+    """Replace the geometry of `mesh` by points (n, 3) and triangles (m, 3)."""
     mesh.clear_geometry()
     mesh.vertices.add(len(points))
     mesh.vertices.foreach_set("co", np.ascontiguousarray(points, np.float32).ravel())
@@ -44,13 +49,20 @@ SHOWN = ("hide_render", "hide_viewport", "visible_camera", "visible_diffuse", "v
 
 
 def shows_plainly(item: bpy.types.Object) -> bool:
-    """Whether nothing of SHOWN, its colour left out, is set, so that its mesh shows alike as another object's."""
+    """Return whether all properties of SHOWN but the color have their defaults.
+
+    The mesh of such an object looks the same on another such object.
+    """
     properties = bpy.types.Object.bl_rna.properties
     return all(getattr(item, name) == properties[name].default for name in SHOWN if name != "color")
 
 
 def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
-    """An object of `mesh` that shows as `item` does, which is of another kind: a text or a curve cannot hold a mesh."""
+    """Return a new object of `mesh` that looks like `item`.
+
+    `item` is of another kind, such as a text or a curve, and cannot hold a mesh. Copied are the
+    properties of SHOWN, custom properties and materials linked to the object.
+    """
     copy = bpy.data.objects.new(item.name, mesh)
     for name in SHOWN:
         setattr(copy, name, getattr(item, name))
@@ -66,8 +78,11 @@ KINDS = {(np.dtype(np.float32), 1): "FLOAT", (np.dtype(np.int32), 1): "INT", (np
 
 
 def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
-    """Make `mesh` one loose vertex for each row of `columns` (m,) or (m, 3), float32 or int32, with the point attributes
-    that they name; "position" (m, 3) is the vertices' own, in the mesh's space."""
+    """Replace the geometry of `mesh` by loose vertices with point attributes.
+
+    columns: attribute name to values (m,) or (m, 3), float32 or int32, one row per vertex.
+        "position" (m, 3) is the vertices' own position, in the mesh's space.
+    """
     mesh.clear_geometry()
     mesh.vertices.add(len(columns["position"]))
     for name, values in columns.items():
@@ -81,7 +96,10 @@ def write_points(mesh: bpy.types.Mesh, columns: dict[str, np.ndarray]) -> None:
 
 
 def world_points(evaluated: bpy.types.Object) -> np.ndarray:
-    """Vertices (n, 3) float64 of an evaluated object's mesh, world space; none where it has no mesh, as hair has not."""
+    """Return the vertices of an evaluated object's mesh in world space.
+
+    (n, 3) float64, empty if the object has no mesh, as with hair.
+    """
     try:
         mesh = evaluated.to_mesh()
     except RuntimeError:
@@ -96,8 +114,13 @@ def world_points(evaluated: bpy.types.Object) -> np.ndarray:
 
 
 def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """(points (n, 3) float64, triangles (m, 3) int32) of an evaluated object's mesh, world space; none where it has no
-    mesh, as hair has not."""
+    """Return (points, triangles) of an evaluated object's mesh in world space.
+
+    Empty if the object has no mesh, as with hair.
+
+    points: (n, 3) float64.
+    triangles: (m, 3) int32.
+    """
     try:
         mesh = evaluated.to_mesh()
     except RuntimeError:
@@ -111,7 +134,12 @@ def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray
 
 
 def world_polygons(evaluated: bpy.types.Object, matrix: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(points (n, 3) float64 in the world, each face's vertex indices) of an evaluated object with this matrix (4, 4)."""
+    """Return (points, faces) of an evaluated object's mesh, placed by `matrix`.
+
+    points: (n, 3) float64, in world space.
+    faces: the vertex indices of each face.
+    matrix: (4, 4), object to world space.
+    """
     mesh = evaluated.to_mesh()
     try:
         points = np.empty((len(mesh.vertices), 3), np.float32)

@@ -1,4 +1,4 @@
-"""What every operator does alike."""
+"""Base classes of the operators."""
 
 import time as clock
 
@@ -9,7 +9,10 @@ TICK = 0.1  # seconds of work between two drawings of the window
 
 
 def left_words(progress: float, seconds: float) -> str:
-    """How long the rest will about take, if `seconds` brought the work as far as `progress`, 0 to 1; "" in the first two."""
+    """Return a text with the estimated time left, or "" in the first two seconds.
+
+    progress: 0 to 1, reached in `seconds`; "" at 0 too.
+    """
     if seconds < 2 or not progress > 0:
         return ""
     left = seconds * (1 - progress) / progress
@@ -18,8 +21,11 @@ def left_words(progress: float, seconds: float) -> str:
 
 
 class Reporting:
-    """Mix-in: `run(context)` does the work and returns the message for the status bar; an ordinary fault is
-    reported and the operator is cancelled."""
+    """Mix-in for operators that report their result or an error.
+
+    `run(context)` does the work and returns the message for the status bar. One of FAULTS is
+    reported, and the operator is canceled.
+    """
 
     bl_options = {"REGISTER", "UNDO"}
 
@@ -34,9 +40,12 @@ class Reporting:
 
 
 class Stepwise(Reporting):
-    """Mix-in for work of more than two seconds: `steps(context)` is a generator that yields its progress from 0 to 1
-    and returns the message. In a window it runs a step at each timer tick, with a progress bar, and Esc ends it: the
-    generator's own clean-up must leave the scene as it was. Without a window it runs in one go."""
+    """Mix-in for operators that take more than two seconds.
+
+    `steps(context)` is a generator that yields its progress, 0 to 1, and returns the message. In a
+    window the steps run in a timer, with a progress bar, and Esc cancels. The generator's own
+    cleanup must then leave the scene as it was. Without a window the steps run in one go.
+    """
 
     def run(self, context) -> str:
         return finished(self.steps(context))
@@ -79,7 +88,7 @@ class Stepwise(Reporting):
         return {"RUNNING_MODAL"}
 
     def cancel(self, context) -> None:
-        """Blender's window is closed amid the work: afterwards there is no scene left to clean up."""
+        """End the steps when Blender's window closes; no scene is left to clean up."""
         self._end(context)
 
     def _end(self, context) -> None:

@@ -1,4 +1,7 @@
-"""What is Crowd LOD's own: what it made, and may remove, and its handlers."""
+"""Ownership marks on data-blocks and handlers that belong to Crowd LOD.
+
+Crowd LOD may remove what it made.
+"""
 
 from collections.abc import Callable, Sequence
 
@@ -9,13 +12,18 @@ PACKAGE = __package__.rpartition(".")[0]  # that all our handlers are from
 
 
 def is_ours(handler: Callable) -> bool:
-    """Whether the `handler` of one of bpy.app.handlers is Crowd LOD's."""
+    """Return whether `handler`, from one of bpy.app.handlers, belongs to Crowd LOD."""
     return getattr(handler, "__module__", "").startswith(PACKAGE)
 
 
 def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection] = ()) -> None:
-    """Remove the collection `top` and all that Crowd LOD made in it; what the user put there moves up into the scene.
-    Whatever refers to a child of `top`, such as a build, then refers to the heir in its place."""
+    """Remove the collection `top` and everything in it that Crowd LOD made.
+
+    The user's own collections and objects in it move up to the scene.
+
+    heirs: one for each child of `top`, in order; whatever refers to a child, such as a build, then
+        refers to its heir.
+    """
     inside, left = {top}, [top]
     while left:
         ours = {child for child in left.pop().children if child.get(OWNED)} - inside
@@ -34,11 +42,13 @@ def remove_owned(top: bpy.types.Collection, heirs: Sequence[bpy.types.Collection
     objects = [o for o in top.all_objects if o.get(OWNED)]
     data = {o.data for o in objects if o.data is not None and o.data.get(OWNED)}
     users = bpy.data.user_map(subset=data)
-    data = [block for block in data if users[block].issubset(objects)]  # the user may have taken one
+    # the user may have taken one
+    data = [block for block in data if users[block].issubset(objects)]
     doomed = [*objects, *data, *inside]
     for child, heir in zip(list(top.children), heirs, strict=False):
         child.user_remap(heir)
     bpy.data.batch_remove(doomed)
-    for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):  # each may hold the next
+    # each may hold the next
+    for kind in (bpy.data.actions, bpy.data.materials, bpy.data.node_groups, bpy.data.images):
         while unused := [block for block in kind if block.get(OWNED) and not block.users]:
             bpy.data.batch_remove(unused)

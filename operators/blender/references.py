@@ -1,4 +1,4 @@
-"""What an object makes use of that is not in its place: what its nodes, particles and instances name."""
+"""Data-blocks that an object uses through nodes, particles and instances."""
 
 from collections.abc import Iterator
 
@@ -6,8 +6,10 @@ import bpy
 
 
 def reached(item: bpy.types.Object) -> set[bpy.types.ID]:
-    """The node groups, materials, objects and collections that `item` may show in its own place or instance, and what
-    those make use of in turn."""
+    """Return all data-blocks that `item` shows or instances, also indirectly.
+
+    These are node groups, materials, objects and collections.
+    """
     found, left = set(), list(_named(item))
     while left:
         block = left.pop()
@@ -40,7 +42,7 @@ def _named(block: bpy.types.ID) -> Iterator[bpy.types.ID]:
 
 
 def _inputs(modifier: bpy.types.NodesModifier) -> Iterator[bpy.types.ID]:
-    """What is chosen in the inputs of the modifier's node group."""
+    """Yield the data-blocks chosen in the inputs of the modifier's node group."""
     if bpy.app.version >= (5, 2, 0):
         values = (getattr(each, "value", None) for each in _members(modifier.properties.inputs))
     else:

@@ -1,4 +1,7 @@
-"""Objects as renders evaluate them: what the viewport alone hides is shown, modifiers are those of renders."""
+"""Evaluates objects as in renders.
+
+Objects hidden only in the viewport show, and modifiers have their render settings.
+"""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -16,8 +19,11 @@ OF_RENDERS = {render: viewport for viewport, render in PAIRS.items()}
 def as_rendered(
     objects: Iterable[bpy.types.Object],
 ) -> Iterator[tuple[bpy.types.Scene, dict[bpy.types.Object, bpy.types.Object]]]:
-    """(a scene, the object in it that stands for each of `objects`): itself where viewport and renders show it alike, else a
-    copy. Scene and copies are gone afterwards."""
+    """Yield (a temporary scene, the object in it that stands for each of `objects`).
+
+    An object stands for itself if viewport and renders show it alike; else a copy stands for it.
+    Scene and copies are removed at the end.
+    """
     stage, made, actors = bpy.data.scenes.new("Crowd LOD stage"), [], {}
     made.append(stage)
     try:
@@ -34,14 +40,17 @@ def _pairs(modifier: bpy.types.Modifier) -> list[tuple[str, str]]:
 
 
 def _curves(item: bpy.types.Object, player) -> list[bpy.types.FCurve]:
-    """The curves that `player` plays on the object, or its drivers, of what viewport and renders may have apart."""
+    """Return the F-curves or drivers that animate viewport or render settings.
+
+    player: plays the F-curves; None for drivers.
+    """
     curves = item.animation_data.drivers if player is None else curves_of(player)
     apart = {"hide_viewport", *PAIRS, *OF_RENDERS}
     return [curve for curve in curves if curve.data_path.rpartition(".")[2] in apart]
 
 
 def _players(item: bpy.types.Object) -> list:
-    """What plays actions on the object itself, and None for its drivers."""
+    """Return what plays actions on the object itself, and None for its drivers."""
     return [None, *(each for each in players_of([item]) if each.id_data == item)] if item.animation_data else []
 
 
@@ -53,12 +62,16 @@ def _alike(item: bpy.types.Object) -> bool:
 
 
 def _copy(item: bpy.types.Object, made: list[bpy.types.ID]) -> bpy.types.Object:
-    """A copy of the object, put into `made` with its actions, that a viewport shows as renders show the object."""
+    """Return a copy that shows in the viewport as the object does in renders.
+
+    The copy and its actions are appended to `made`.
+    """
     copy = item.copy()
     made.append(copy)
     if copy.override_library:
         copy.make_local()
-    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+    # Blender puts a copy of a rigid body into the simulation
+    for collection in copy.users_collection:
         collection.objects.unlink(copy)
     copy.hide_viewport = False
     for modifier in copy.modifiers:

@@ -1,4 +1,4 @@
-"""What moves a character: its armatures, parents and targets, their actions and how they stand."""
+"""What moves a character: armatures, parents, targets, actions, settings."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -17,7 +17,8 @@ PLACE = "location", "rotation_mode", "rotation_euler", "rotation_quaternion", "r
 DELTAS = "delta_location", "delta_rotation_euler", "delta_rotation_quaternion", "delta_scale"
 POSING = *PLACE, "bbone_", "ik_", "lock_ik", "use_ik"
 RESTING = "bbone_", "envelope", "head_r", "tail_r", "inherit", "use_"
-# How an action is played on its owner, what a shape key does, and what a key of a curve is: (name, numbers in it, their type).
+# How an action is played on its owner, what a shape key does, and what a key of a curve is: (name,
+# numbers in it, their type).
 PLAYED = "action_blend_type", "action_extrapolation", "action_influence", "use_nla"
 SHAPED = "name", "value", "mute", "vertex_group", "interpolation"
 KEYS = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"))
@@ -29,7 +30,7 @@ BEZIERS = (("co", 3, "f4"), ("handle_left", 3, "f4"), ("handle_right", 3, "f4"),
 
 
 def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """The armatures that deform `objects`, by modifier or parent."""
+    """Return the armatures that deform `objects`, by modifier or parent."""
     found = {}
     for item in objects:
         for armature in (item.parent, *(m.object for m in item.modifiers if m.type == "ARMATURE")):
@@ -39,14 +40,20 @@ def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
-    """The first and the last frame of the actions and NLA strips that move `objects`, their armatures and shape keys, or else
-    whatever these follow; 1 and 1 without any."""
+    """Return the first and last frame of the animation that moves `objects`.
+
+    It spans the actions and NLA strips of the objects, their armatures and shape keys. If they have
+    none, it spans those of everything they follow. (1, 1) if there is no animation at all.
+    """
     spans = list(_spans([*objects, *armatures_of(objects)])) or list(_spans(movers_of(objects)))
     return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (1.0, 1.0)
 
 
 def movers_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
-    """`objects` and all that they follow: parents, and what modifiers, constraints and drivers name, of bones, too."""
+    """Return `objects` and everything they follow.
+
+    They follow parents, and the targets of modifiers, constraints (of bones too) and drivers.
+    """
     found = dict.fromkeys(objects)
     left = list(found)
     while left:
@@ -63,7 +70,7 @@ def movers_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def _targets(struct) -> Iterator[bpy.types.Object]:
-    """The objects that a modifier, a constraint or a driver's variable names."""
+    """Yield the objects that a modifier, a constraint or a driver's variable names."""
     for holder in (struct, *getattr(struct, "targets", ())):
         for value in (getattr(holder, name) for name, kind in holder.bl_rna.properties.items() if kind.type == "POINTER"):
             if isinstance(value, bpy.types.Object):
@@ -71,26 +78,26 @@ def _targets(struct) -> Iterator[bpy.types.Object]:
 
 
 def _tracks(data: bpy.types.AnimData) -> list[bpy.types.NlaTrack]:
-    """The NLA tracks that play: one alone that is solo, or those that are not muted."""
+    """Return the NLA tracks that play: the solo one, or all that are not muted."""
     tracks = list(data.nla_tracks) if data.use_nla else []
     return [track for track in tracks if track.is_solo] or [track for track in tracks if not track.mute]
 
 
 def _strips(strips: Iterable[bpy.types.NlaStrip]) -> Iterator[bpy.types.NlaStrip]:
-    """The strips, and those within meta strips."""
+    """Yield the strips, and the strips within meta strips."""
     for strip in strips:
         yield strip
         yield from _strips(strip.strips)
 
 
 def _animated(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData]:
-    """The animation of `items`, of their data and of their shape keys."""
+    """Return the animation data of `items`, of their data and of their shape keys."""
     blocks = dict.fromkeys(b for item in items for b in (item, item.data, getattr(item.data, "shape_keys", None)) if b is not None)
     return [block.animation_data for block in blocks if getattr(block, "animation_data", None) is not None]
 
 
 def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
-    """(first, last) frame of each action, as far as its slot is theirs, and NLA strip of `items`."""
+    """Yield (first, last) frame of each action and each NLA strip of `items`."""
     for data in _animated(items):
         if data.action is not None and data.action.use_frame_range:
             yield tuple(data.action.frame_range)
@@ -103,7 +110,7 @@ def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
 
 
 def players_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:
-    """What plays actions on `items`."""
+    """Return the animation data and NLA strips that play actions on `items`."""
     return [player for data in _animated(items) for player in _players(data)]
 
 
@@ -113,7 +120,7 @@ def _players(data: bpy.types.AnimData) -> list[bpy.types.AnimData | bpy.types.Nl
 
 
 def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types.FCurve]:
-    """The curves that it plays of its action: those of its slot, in whatever layer."""
+    """Return the F-curves of the action's slot that `player` plays, from all layers."""
     layers = player.action.layers if player.action is not None else ()
     strips = (strip for layer in layers for strip in layer.strips if strip.type == "KEYFRAME")
     bags = (bag for strip in strips for bag in strip.channelbags if bag.slot_handle == player.action_slot_handle)
@@ -121,7 +128,7 @@ def curves_of(player: bpy.types.AnimData | bpy.types.NlaStrip) -> list[bpy.types
 
 
 def _run(curve: bpy.types.FCurve) -> tuple:
-    """How the curve runs: its keys, or samples, and modifiers."""
+    """Return what shapes the curve: its keys or samples, and its modifiers."""
     return (
         curve.data_path,
         curve.array_index,
@@ -134,7 +141,10 @@ def _run(curve: bpy.types.FCurve) -> tuple:
 
 
 def read_columns(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[str, int, str]]) -> list[bytes]:
-    """The `columns` of the points."""
+    """Return the bytes of each of the `columns` of `points`.
+
+    columns: (property, numbers per point, NumPy type).
+    """
     found = []
     for name, width, kind in columns:
         values = np.empty(width * len(points), kind)
@@ -144,13 +154,16 @@ def read_columns(points: bpy.types.bpy_prop_collection, columns: Iterable[tuple[
 
 
 def _driver(curve: bpy.types.FCurve) -> tuple:
-    """What the driver makes of what."""
+    """Return the driver's type, expression, variables and curve."""
     variables = [(variable.name, variable.type, [_read(t) for t in variable.targets]) for variable in curve.driver.variables]
     return curve.driver.type, curve.driver.expression, variables, _run(curve)
 
 
 def _read(target: bpy.types.DriverTarget) -> tuple:
-    """What the driver's variable reads, with its value if that is a custom property which nothing animates."""
+    """Return what a driver's variable reads.
+
+    Includes the value if it is a custom property that nothing animates.
+    """
     block, path, value = target.id, target.data_path.replace("'", '"'), None
     if block is not None and path.endswith('"]'):
         data = block.animation_data
@@ -163,8 +176,11 @@ def _read(target: bpy.types.DriverTarget) -> tuple:
 
 
 def stance(*items: bpy.types.Object) -> list:
-    """How `items` and all that they follow stand and move, and what those are shaped like, as far as no frame of an action changes
-    it: what prints alike moves alike."""
+    """Return how `items` and everything they follow are set up, to compare as text.
+
+    The list holds poses, settings, shapes and animation, except values that animation or drivers
+    change. Rigs whose lists print alike move alike.
+    """
     found = []
     for mover in movers_of(list(items)):
         data = _animated([mover])
@@ -196,7 +212,7 @@ def stance(*items: bpy.types.Object) -> list:
 
 
 def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
-    """The custom properties of the object: names, and values as text."""
+    """Return (name, value as text) of the object's custom properties, sorted."""
 
     def plain(value) -> Any:
         told = getattr(value, "to_dict", None) or getattr(value, "to_list", None)
@@ -206,7 +222,7 @@ def custom(item: bpy.types.Object) -> list[tuple[str, str]]:
 
 
 def _shape(data: bpy.types.ID) -> Iterator[list[bytes]]:
-    """The points of a mesh, a lattice or a curve."""
+    """Yield the points of a mesh, a lattice or a curve, as bytes."""
     if isinstance(data, bpy.types.Mesh):
         yield read_columns(data.vertices, POINTS)
     elif isinstance(data, bpy.types.Lattice):
@@ -232,8 +248,11 @@ def _bone(bone: bpy.types.PoseBone, rest: bpy.types.Bone, moved: set[tuple[str, 
 
 
 def _settings(struct, moved: set[tuple[str, int]] = frozenset(), some: tuple[str, ...] = ()) -> tuple:
-    """The settings of a modifier, a constraint and the like, or `some`, by what their names begin with; of those at the paths and
-    indices `moved` nothing."""
+    """Return the settings of a struct, such as a modifier or a constraint.
+
+    moved: (path, index) of animated values; None stands for each of these.
+    some: prefixes of the names to take; () takes all but those that change no shape.
+    """
     path = ""
     with suppress(ValueError):
         path = struct.path_from_id() if moved else ""

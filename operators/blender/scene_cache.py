@@ -1,6 +1,7 @@
-"""What modules keep of scenes, to be made again where it is gone: caches, never the truth.
+"""A registry of the caches that modules keep about scenes.
 
-All are emptied when another file is read, for their keys may then come to mean other data-blocks.
+Caches are never the truth: what is gone is made again. All are cleared before another file is
+loaded, because their keys may then mean other data-blocks.
 """
 
 from typing import TypeVar
@@ -12,13 +13,17 @@ _caches: list[tuple] = []
 
 
 def kept(cache: Cache, by_scene: bool = False) -> Cache:
-    """`cache`, which is cleared with all others; by_scene: its keys are scenes' session_uids, and go with them."""
+    """Register `cache`, to be cleared with all others, and return it.
+
+    by_scene: whether its keys are session_uids of scenes; then `tidy` drops the keys of scenes that
+        are gone.
+    """
     _caches.append((cache, by_scene))
     return cache
 
 
 def tidy() -> None:
-    """Drop what is kept of scenes that are gone."""
+    """Drop what is cached for scenes that are gone."""
     alive = {scene.session_uid for scene in bpy.data.scenes}
     for cache in (cache for cache, by_scene in _caches if by_scene):
         for gone in cache.keys() - alive:
@@ -27,6 +32,6 @@ def tidy() -> None:
 
 @bpy.app.handlers.persistent
 def forget(*_) -> None:
-    """load_pre."""
+    """Clear all caches (load_pre handler)."""
     for cache, _ in _caches:
         cache.clear()

@@ -1,4 +1,7 @@
-"""What a file holds of ours, read back: a script, a hand or another version may have put anything there."""
+"""Reads and checks values that Crowd LOD stored in a file.
+
+A script, a user or another version may have put anything there.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -15,8 +18,15 @@ INF = float("inf")
 def read(
     block: bpy.types.ID | IDPropertyGroup, key: str, kind: type, remedy: str, counts: Sequence[int] = (), bounds=(-INF, INF)
 ) -> Any:
-    """The custom property `key` of `block`: a value of the `kind` (str, int, float, bool), or a list of as many as one of
-    `counts` says; numbers within `bounds`. CrowdError, which ends with the `remedy`, if it is missing or anything else."""
+    """Return the custom property `key` of `block`.
+
+    CrowdError if it is missing or not as asked.
+
+    kind: str, int, float or bool.
+    remedy: what the user can do; ends the error message.
+    counts: allowed lengths of a list of values; () for a single value.
+    bounds: least and greatest number allowed.
+    """
     value = block.get(key)
     values = value.to_list() if isinstance(value, IDPropertyArray) else value
     if not counts and _is(values, kind, bounds):
@@ -43,15 +53,20 @@ def _range(least: float, most: float) -> str:
 
 
 def check(settings: bpy.types.PropertyGroup, names: Sequence[str] = ()) -> None:
-    """CrowdError if a setting, of these `names` or of all, has a value that Blender would let nobody set: one out of its range,
-    NaN, a choice or a kind of data that there is not. What was measured of groups is not looked at: see populate.groups_of."""
+    """Raise CrowdError if a setting has a value that Blender does not allow.
+
+    Such a value is out of range, NaN, not a choice of the enum, or data of a wrong type. What was
+    measured of the groups is not checked here: see scene_crowd.groups_of.
+
+    names: the settings to check; () for all.
+    """
     known = settings.bl_rna.properties
     for setting in [known[name] for name in names] or known[1:]:  # the first is Blender's own
         where = f"The setting {setting.name} of {settings.id_data.name}"
         try:
             value = getattr(settings, setting.identifier)
         except UnicodeDecodeError:
-            raise CrowdError(f"{where} holds bytes that are no text: set it anew.") from None
+            raise CrowdError(f"{where} holds bytes that are not text: set it again.") from None
         if setting.type == "ENUM" and value not in setting.enum_items:
             raise CrowdError(f"{where} has no known value: choose one of {', '.join(item.name for item in setting.enum_items)}.")
         elif setting.type in NUMBERS:

@@ -1,5 +1,8 @@
-"""The render set-up: point objects a bucket whose instances show characters in their phase classes, for any engine.
+"""The render setup: point objects that instance the characters, for any engine.
 
-In: the scene with LOD meshes. Out: collections, rigs and node groups in the file; a live build follows each frame that is
-rendered, a bake holds all its frames' points. What either costs is told before.
+There is one point object per bucket. Its instances show the characters of their phase classes.
+
+In: the scene with LOD meshes. Out: collections, rigs and node groups in the file. A live build
+follows each rendered frame; a bake holds the points of all its frames. An estimate tells the cost
+of both before.
 """

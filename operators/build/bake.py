@@ -1,4 +1,7 @@
-"""The build without its handler: all frames' points in the file, and node groups that show those of the scene's frame."""
+"""The build without a handler: the points of all frames, in the file.
+
+Node groups show those of the scene's frame.
+"""
 
 from collections.abc import Generator, Sequence
 
@@ -19,17 +22,22 @@ from .hidden_characters import HIDDEN, shows_characters
 from .phase_characters import Cast, make_cast, read_library
 from .render_setup import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
 
-LONGEST = 1.0  # frames: shutters of this length and longer overlap, and baked points show one frame at a time
-MOST_POINTS = 200_000_000  # in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
+# frames: shutters of this length and longer overlap, and baked points show one frame at a time
+LONGEST = 1.0
+# in one bucket over all frames; a mesh counts its vertices in 31 bits, and memory ends before
+MOST_POINTS = 200_000_000
 
 
 def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, Cast]:
-    """Build `scene` and put its points of `frames`, increasing frames of the timeline, into the build, which then shows
-    nobody at other frames, and needs no Crowd LOD to be rendered. Yields the progress; closed early, it leaves the scene
-    as it was.
+    """Build `scene` with the points of all `frames` in the file.
 
-    With motion blur on, the points also have the velocities from which each is where it is when the shutter opens and
-    closes.
+    frames: increasing frames of the timeline. At other frames the build shows no agents. It renders
+        without Crowd LOD. With motion blur the points also have the velocities from where each is
+        when the shutter opens and closes.
+
+    Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
+
+    CrowdError if the shutter is open for a frame (LONGEST) or longer.
     """
     scene_data.check_own(scene)
     check_levels(scene)
@@ -58,15 +66,18 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None
 
 
 def mark(scene: bpy.types.Scene, frames: Sequence[int]) -> None:
-    """Say of the build of `scene` that it is baked, and how its points' frames are those of the timeline."""
+    """Mark the build of `scene` as baked, and relate its frames to the timeline."""
     render = scene.render
     rate = render.frame_map_new / render.frame_map_old
     scene.crowd_lod.build[BAKED] = [rate, opening(render), float(frames[0]), float(frames[-1])]
 
 
 def keep_what_renders(scene: bpy.types.Scene) -> str:
-    """Take out of the file what renders of the baked `scene` do not need: the LOD meshes, and the characters, if they are hidden and
-    nothing else uses them; a sentence on it. The scene cannot be built again then."""
+    """Remove from the file what renders of the baked `scene` do not need.
+
+    These are the LOD meshes, and the characters if they are hidden and nothing else uses them. The
+    scene cannot be built again afterwards. Returns a sentence on it.
+    """
     settings = scene.crowd_lod
     if not scene_data.shared(scene, "levels"):
         remove_owned(settings.levels)
@@ -80,11 +91,14 @@ def keep_what_renders(scene: bpy.types.Scene) -> str:
                 parent.children.unlink(characters)
     bpy.data.orphans_purge(do_local_ids=True, do_linked_ids=True, do_recursive=True)
     stay = f" The characters are still in it: {needed}." if needed else ""
-    return f"The file holds what its frames render; to build it again, take the one that it was baked from.{stay}"
+    return f"The file holds only what its frames need to render; to build again, open the file that it was baked from.{stay}"
 
 
 def _used(characters: bpy.types.Collection) -> str:
-    """What else than their collections and scenes uses the `characters`, or their objects; "" if nothing does."""
+    """Return what else uses the `characters` or their objects; "" if nothing does.
+
+    Their own collections and scenes do not count.
+    """
     inside = {characters, *characters.children_recursive, *characters.all_objects}
     homes = bpy.types.Collection | bpy.types.Scene | bpy.types.Screen | bpy.types.WindowManager
     users = {user for each in bpy.data.user_map(subset=inside).values() for user in each} - inside
@@ -93,7 +107,10 @@ def _used(characters: bpy.types.Collection) -> str:
 
 
 def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) -> list[np.ndarray]:
-    """Of each LOD the characters (k,) intp, rising, that `rows` show; rows then name them by their place among these."""
+    """Return the characters that `rows` show, for each LOD (k,) intp, increasing.
+
+    Changes `rows`: they then name characters by their place among these.
+    """
     kept = [np.empty(0, np.intp)] * policy_of(scene.crowd_lod).count
     for bucket in buckets_of(scene):
         shown = [columns["pose"] for columns in rows[bucket.name]]
@@ -107,7 +124,10 @@ def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) 
 def _rows(
     scene: bpy.types.Scene, library: Library, frames: Sequence[int]
 ) -> Generator[float, None, dict[str, list[dict[str, np.ndarray]]]]:
-    """The points of each bucket, by its name, frame by frame, that show characters of the `library`. Yields the progress."""
+    """Compute the points of each bucket, by its name, frame by frame.
+
+    library: the characters that the points show. Yields the progress.
+    """
     render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
     rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}
     points = dict.fromkeys(rows, 0)
@@ -132,8 +152,11 @@ def _rows(
 def columns_in_time(
     trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library, tilt: bool
 ) -> dict[str, np.ndarray]:
-    """The point attributes of `agents` (m,) for the tree of build/nodes/baked.py: follow.columns_of, the frame's `number` and,
-    from what it holds, velocities."""
+    """Return the point attributes of `agents` (m,) for the group of nodes/baked.py.
+
+    They are those of frame_update.columns_of, the frame's `number` and, from what the frame holds,
+    velocities.
+    """
     columns = columns_of(trajectory, held.crowd, held, agents, library, tilt)
     moving = {"frame": np.full(len(agents), number, np.int32)}
     for part, crowd in held.ends:
@@ -147,7 +170,10 @@ def columns_in_time(
 
 
 def _turn(now: dict[str, np.ndarray], then: dict[str, np.ndarray]) -> np.ndarray:
-    """(m, 3) float32: by how many radians roll, pitch and heading change from `now` to `then`, the short way round."""
+    """Return the turn of roll, pitch, heading from `now` to `then`, (m, 3) float32.
+
+    Radians, the short way round.
+    """
     change = np.zeros((len(now["id"]), 3), np.float32)
     for axis, name in enumerate(("roll", "pitch", "heading")):
         if name in now:

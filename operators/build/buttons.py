@@ -1,4 +1,4 @@
-"""The buttons of the render set-up: Build, Bake, Remove."""
+"""The operators of the render setup: Build, Bake, Remove Build."""
 
 from collections.abc import Callable, Generator
 
@@ -18,8 +18,13 @@ from .render_setup import build, remove_build, told_of_cast
 
 
 def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]]) -> Generator[float, None, Made]:
-    """`work()`, a build or a bake of `scene`, with all that comes before where it is not done yet: the groups' measures
-    and the LOD meshes. Yields the progress and returns what the work returns; closed early, the scene is as it was."""
+    """Run `work()`, a build or a bake of `scene`, after the steps that it needs.
+
+    The groups are measured and LOD meshes made, if that is not done yet.
+
+    Yields the progress and returns the result of the work. Closed early, it leaves the scene as it
+    was.
+    """
     settings, layer = scene.crowd_lod, scene.view_layers[0]
     layer.update()
     known, made, dropped = groups_of(settings), settings.levels is None, settings.dropped
@@ -48,7 +53,7 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, M
 
 
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
-    """Build the render set-up: instances of each LOD's collections that follow camera and frame"""
+    """Build the crowd for rendering: instances that follow the camera and the frame"""
 
     bl_idname = "crowd_lod.build"
     bl_label = "Build"
@@ -64,7 +69,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
-    """Build, with the points of all the scene's frames in the file: it then renders where Crowd LOD is not installed"""
+    """Build all frames into the file, so that it renders without Crowd LOD installed"""
 
     bl_idname = "crowd_lod.bake"
     bl_label = "Bake"
@@ -78,7 +83,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
 
 
 class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
-    """Remove the render set-up; LOD meshes and settings stay"""
+    """Remove the render setup; LOD meshes and settings stay"""
 
     bl_idname = "crowd_lod.remove_build"
     bl_label = "Remove Build"

@@ -1,4 +1,4 @@
-"""Whether a build still shows what it would be made from: then its characters stay as they are."""
+"""Detects whether a build is up to date: then its characters stay as they are."""
 
 from collections.abc import Iterable
 
@@ -13,8 +13,10 @@ CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all t
 
 
 def made_of(homes: Iterable[bpy.types.Collection], played: list[float]) -> str:
-    """A hash of what the characters of a build are made from, the LODs in `homes`, and of how rigs play, but for what is in the meshes:
-    LODs and build share those."""
+    """Return a hash of the inputs of a build's characters, and of how rigs play.
+
+    homes: the collections of the LODs. The mesh data is left out: LODs and build share it.
+    """
     items = {item: None for home in homes for item in home.objects}
     looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), _slots(item), _properties(item)] for item in items]
     places = [(home.name, tuple(home.instance_offset), [item.name for item in home.objects]) for home in homes]
@@ -22,7 +24,7 @@ def made_of(homes: Iterable[bpy.types.Collection], played: list[float]) -> str:
 
 
 def shown_by(top: bpy.types.Collection) -> str:
-    """A hash of the collections and objects in the build `top`, and of what its rigs play."""
+    """Return a hash of the build `top`: collections, objects, and what its rigs play."""
     inside = [(child.name, [item.name for item in child.objects]) for child in top.children_recursive]
     items = {item: None for child in top.children_recursive for item in child.objects}
     actions = {player.action: player for player in players_of(items) if player.action is not None}
@@ -40,7 +42,7 @@ def shown_by(top: bpy.types.Collection) -> str:
 
 
 def _holds(item: bpy.types.Object) -> tuple:
-    """Where the object stands, what it shows, and what moves it."""
+    """Return where the object stands, its data, and what moves it."""
     modifiers = [(m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None)) for m in item.modifiers]
     named = [(*each, other and other.name) for *each, other in modifiers]
     sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()

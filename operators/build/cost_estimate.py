@@ -1,4 +1,4 @@
-"""What builds of a scene would cost: at full detail, with LODs by ratio, and by tolerance."""
+"""The cost of builds of a scene: full detail, LODs by ratio, LODs by tolerance."""
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import nullcontext, suppress
@@ -29,12 +29,16 @@ from .scaled_textures import bytes_of, shown_images
 
 FULL = "Full Detail"
 CHOICES = {"BY_RATIO": "By Ratio", "BY_TOLERANCE": "By Tolerance"}
-COVERS = 0.15  # of the square about its bounding sphere in the picture that a character covers, roughly
+# of the square about its bounding sphere in the picture that a character covers, roughly
+COVERS = 0.15
 
 
 @dataclass(frozen=True)
 class Choice:
-    """LODs that a scene may have. triangles: (G, K) float64, of each group's LODs."""
+    """LODs that a scene may have.
+
+    triangles: (G, K) float64, of each group's LODs.
+    """
 
     policy: LevelPolicy
     triangles: np.ndarray
@@ -42,8 +46,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Estimate:
-    """works: of each choice of LODs, by its name in the interface, what its build gives the `engine` to do in the frames
-    `looked_at`, of those of the shot, `frames`."""
+    """The work that builds give the engine, for each choice of LODs.
+
+    works: the choice's name in the interface -> the work that its build gives the `engine` in the
+        frames `looked_at`.
+    frames: those of the shot.
+    looked_at: those of them that were planned.
+    """
 
     works: dict[str, Work]
     engine: str
@@ -52,12 +61,15 @@ class Estimate:
 
     @cached_property
     def prices(self) -> dict[str, Price]:
-        """What each choice costs."""
+        """Return the cost of each choice."""
         return {name: price(work, self.engine) for name, work in self.works.items()}
 
     @property
     def rows(self) -> list[tuple[str, str, str, str]]:
-        """(choice, memory, file, time) of each, as text; time as a part of that at full detail."""
+        """Return (choice, memory, file, time) of each choice as text.
+
+        The time is a part of that at full detail.
+        """
         whole = self.prices[FULL]
         return [
             (name, f"{figure(own.memory / 1e6)} MB", f"{figure(own.file / 1e6)} MB", f"{own.share(whole).seconds:.0%}")
@@ -66,7 +78,7 @@ class Estimate:
 
     @property
     def as_json(self) -> dict:
-        """The prices as plain data: MB, and time as a part of that at full detail."""
+        """Return the prices as plain data: MB, and time as a part of that at full detail."""
         whole = self.prices[FULL]
         return {
             name: {
@@ -79,7 +91,7 @@ class Estimate:
 
     @property
     def table(self) -> str:
-        """The rows under their heads, a line each, columns between tabs."""
+        """Return the rows under their heads as text: a line each, tabs between columns."""
         head = f"{NAMES[self.engine]}, {self.frames[0]} to {self.frames[-1]}", "Memory", "File", "Time"
         return "\n".join("\t".join(row) for row in (head, *self.rows))
 
@@ -90,8 +102,11 @@ class Estimate:
 
 
 def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
-    """The choices of LODs of `scene`, by their names: none, those by its settings' ratios, and those of the LOD meshes that there
-    are by its tolerance. CrowdError if LOD meshes are not made."""
+    """Return the choices of LODs of `scene`, by their names.
+
+    They are: full detail; by ratio, from its settings; and by tolerance, with the LOD meshes that
+    there are. CrowdError if LOD meshes are not made.
+    """
     settings, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
     made = [group.triangles for group in groups]
     if not made or not all(made):
@@ -99,7 +114,8 @@ def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
     full = np.array([each[0] for each in made], np.float64)[:, None]
     found = {FULL: Choice(LevelPolicy(()), full)}
     for choice, name in CHOICES.items():
-        with nullcontext() if choice == settings.choice else suppress(CrowdError):  # the other's settings may be anything
+        # the other's settings may be anything
+        with nullcontext() if choice == settings.choice else suppress(CrowdError):
             policy = policy_of(settings, choice)
             if choice == settings.choice or (choice == "BY_TOLERANCE" and deviations(groups, policy) is not None):
                 found[name] = Choice(policy, np.array([each[: policy.count] for each in made], np.float64))
@@ -109,9 +125,15 @@ def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
 
 
 def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
-    """Plan up to MOST_FRAMES of the `frames` (those that the scene renders, if none) with each choice of LODs, and find what
-    their builds cost the scene's engine; yields the progress and returns the Estimate. known: of a bake of these frames; else of
-    builds that may show any frame, and, of the scene's own choice, of a bake, too, which holds less."""
+    """Estimate what builds with each choice of LODs cost the scene's engine.
+
+    frames: the frames of the shot; if empty, those that the scene renders. Up to MOST_FRAMES of
+        them are planned.
+    known: estimate a bake of these frames. Otherwise estimate builds that may show any frame, and
+        for the scene's own choice also a bake, which holds less.
+
+    Yields the progress and returns the Estimate.
+    """
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = evenly(frames, MOST_FRAMES)
@@ -135,7 +157,8 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
     works, mine, pictures = {}, CHOICES[scene.crowd_lod.choice], shown_images(scene)
     full = [(image, 0) for own in pictures.values() for image, _ in own]
     for name, choice in choices.items():
-        stored = float((choice.triangles[:, 1:] * (np.diff(choice.triangles, axis=1) != 0)).sum())  # a last LOD is stored once
+        # a last LOD is stored once
+        stored = float((choice.triangles[:, 1:] * (np.diff(choice.triangles, axis=1) != 0)).sum())
         actors = Actors(
             choice.triangles,
             owner,
@@ -153,7 +176,10 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
 
 
 def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -> np.ndarray:
-    """(K, N) how many agents of the frame show each LOD, of `count`, of each character."""
+    """Return how many agents of the frame show each LOD of each character, (K, N).
+
+    count: the number K of LODs.
+    """
     size = int(library.first(trajectory.gaits)[-1])
     found = np.zeros((count, size), np.int64)
     for name, agents in members(frame).items():
@@ -164,8 +190,12 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
 
 
 def _images(scene: bpy.types.Scene, pictures: dict, held: np.ndarray, owner: np.ndarray) -> Iterator[tuple[bpy.types.Image, int]]:
-    """The images of `pictures`, of each LOD's object, that a build of `scene` shows which holds the LODs `held` (K, N) of characters
-    of the groups `owner` (N,)."""
+    """Yield the images of `pictures` that a build of `scene` shows.
+
+    pictures: LOD object -> its images.
+    held: (K, N) bool, the LODs of characters that the build holds.
+    owner: (N,), the characters' groups.
+    """
     for g, (name, _, _) in enumerate(characters_of(scene)):
         for k in np.flatnonzero(held[:, owner == g].any(axis=1)):
             for item in home_of(scene.crowd_lod.levels.children[k], g, name).objects:
@@ -177,7 +207,7 @@ def _samples(scene: bpy.types.Scene) -> int:
 
 
 def covered(frame: Frame, scene: bpy.types.Scene) -> float:
-    """Pixels of the picture that the frame's agents cover, about."""
+    """Return roughly how many pixels of the picture the frame's agents cover."""
     camera, crowd, agents = frame.camera, frame.crowd, frame.buckets.order
     render = scene.render
     pixels = render.resolution_x * render.resolution_y * (render.resolution_percentage / 100) ** 2
@@ -189,7 +219,7 @@ def covered(frame: Frame, scene: bpy.types.Scene) -> float:
 
 
 class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
-    """Find what builds at full detail, by ratio and by tolerance cost: memory, file, and time, of the frames that are rendered"""
+    """Estimate memory, file size and render time for each way to choose LODs"""
 
     bl_idname = "crowd_lod.estimate"
     bl_label = "Estimate Cost"

@@ -1,4 +1,4 @@
-"""The build follows frame and camera: each frame's agents are written to its points."""
+"""The live build: each frame's agents are written to its points."""
 
 import sys
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_
 
 
 def members(frame: Frame) -> dict[str, np.ndarray]:
-    """The agents (m,) intp of each bucket, by its name, in the frame."""
+    """Return the agents (m,) intp of each bucket of the frame, by the bucket's name."""
     kinds = zip(UNSEEN_BY, (frame.buckets, frame.shadow, frame.mirrored), strict=True)
     nobody = np.empty(0, np.intp)
     return {
@@ -36,9 +36,13 @@ def members(frame: Frame) -> dict[str, np.ndarray]:
 
 @dataclass(frozen=True)
 class Held:
-    """What a frame holds while its shutter is open: who shows which character. crowd: that of the frame; time: its own, frames of
-    the animation; ends: without motion blur none, else when the shutter opens and closes, in frames of the timeline from that
-    frame, and the crowd then."""
+    """What a frame keeps while its shutter is open: each agent's character.
+
+    crowd: the crowd at the frame.
+    time: the frame's time, in frames of the animation.
+    ends: () without motion blur; else for the opening and the closing of the shutter (frames of the
+        timeline from that frame, the crowd then).
+    """
 
     crowd: Crowd
     time: float
@@ -46,7 +50,7 @@ class Held:
 
 
 def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd: Crowd) -> Held:
-    """What the frame `number` of the timeline holds; crowd: at that frame."""
+    """Return what the frame `number` of the timeline holds; crowd: at that frame."""
     render = scene.render
     length, time = render.motion_blur_shutter, scene_data.remapped(render, number)
     if not render.use_motion_blur or not length:
@@ -61,21 +65,32 @@ def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd
 def columns_of(
     trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library, tilt: bool
 ) -> dict[str, np.ndarray]:
-    """The point attributes of `agents` (m,) as they stand in `crowd`, by name: see `columns_by_bucket`."""
+    """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
+
+    See `columns_by_bucket`.
+    """
     return columns_by_bucket(trajectory, crowd, held, [agents], library, tilt)[0]
 
 
 def columns_by_bucket(
     trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], library: Library, tilt: bool
 ) -> list[dict[str, np.ndarray]]:
-    """Of each of the `buckets` the point attributes of its agents (m,) as they stand in `crowd`, by name; see scene.write_points.
+    """Return the point attributes of each bucket's agents (m,), by name.
 
-    position in metres, world space; heading, with `tilt` also pitch and roll (see HeightMap.tilt), in radians; phase and group;
-    pose, which of the `library`'s characters each shows, of the frame that is `held`; looks, a number in [0, 1) of the agent's own for materials to
-    vary by; and the stable id. Who comes back on the other side of the map between the frame that is `held` and `crowd` stays:
-    the blur would draw it all across the picture.
+    The agents stand as in `crowd`. For mesh_data.write_points.
+
+    position: metres, world space.
+    heading, with `tilt` also pitch and roll (see HeightMap.tilt): radians.
+    phase, group: those of the agent.
+    pose: which of the `library`'s characters the agent shows, of the frame that is `held`.
+    looks: a number in [0, 1) per agent, by which materials may vary.
+    id: the stable index of the agent.
+
+    An agent that comes back on the other side of the map between the frame that is `held` and
+    `crowd` stays where it was: the blur would draw it across the whole picture.
     """
-    ids = np.concatenate(buckets).astype(np.int32, copy=False)  # all are looked up together: few lookups, and not of few
+    # all are looked up together: few lookups, and not of few
+    ids = np.concatenate(buckets).astype(np.int32, copy=False)
     agents = ids.astype(np.intp)
 
     def of(column: np.ndarray) -> np.ndarray:
@@ -104,8 +119,10 @@ def columns_by_bucket(
 
 
 def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray) -> np.ndarray | None:
-    """(m,) bool: the agents that are half a map away from where they are held, as only one that wraps around can be; None
-    where none can."""
+    """Return which agents are half a map away from where they are held, (m,) bool.
+
+    Only a map that wraps around allows that; None where it cannot happen.
+    """
     if crowd is held or trajectory.machine.edge != "wrap":
         return None
     width, depth = trajectory.world.area.size
@@ -114,8 +131,11 @@ def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarra
 
 
 def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd, tilt: bool) -> None:
-    """Write the agents of the frame's buckets, as they stand in `crowd`, to the point objects of the build `top`. An
-    older build, or a user, may have none for the unseen."""
+    """Write the agents of the frame's buckets to the points of the build `top`.
+
+    The agents stand as in `crowd`. Buckets without a point object are skipped: an older build, or a
+    user, may have none for the unseen agents.
+    """
     points = points_of(top)
     shown = {name: agents for name, agents in members(frame).items() if name in points}
     shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
@@ -126,12 +146,12 @@ def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held:
 
 
 def _empty(mesh: bpy.types.Mesh) -> bool:
-    """Whether that is what was written: it has the attributes, but no points."""
+    """Return whether the mesh was written without points: it has the attributes only."""
     return not len(mesh.vertices) and "id" in mesh.attributes
 
 
 def empty(top: bpy.types.Collection) -> None:
-    """Take all points out of the build `top`, also where what it holds of ours is spoilt."""
+    """Remove all points from the build `top`, even if our data in it is spoilt."""
     for points in top.objects:
         if LEVEL in points and points.type == "MESH":
             points.data.clear_geometry()
@@ -143,35 +163,40 @@ Shutter = Sequence[tuple[float, Sequence[Camera]]]  # of cameras.read_shutter
 
 @dataclass(frozen=True)
 class Rendering:
-    """The frame that a scene renders now. number: its time on the timeline; planned: by scene and view layer, what the first
-    time of its open shutter has made of it, which holds for all."""
+    """The frame that a scene renders now.
+
+    number: its time on the timeline.
+    planned: by scene and view layer, the plan that the first time of its open shutter made; it
+        holds for all times of the shutter.
+    """
 
     number: float
     planned: dict[tuple[int, str], tuple[Trajectory, Frame, Held, Shutter]] = field(default_factory=dict)
 
 
 _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
-_told: set[int] = set()  # the session_uids of the scenes of whose camera this render has said that it was not foreseen
-# The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender crashes where anything is removed
-# while it renders scenes that compositing nodes show.
+# the session_uids of the scenes of whose camera this render has said that it was not foreseen
+_told: set[int] = set()
+# The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender
+# crashes where anything is removed while it renders scenes that compositing nodes show.
 _stages: list[bpy.types.Scene] = []
 
 
 @bpy.app.handlers.persistent
 def rendering(scene: bpy.types.Scene, *_) -> None:
-    """render_pre."""
+    """Note the frame that a render begins (render_pre handler)."""
     _rendering[scene.session_uid] = Rendering(scene.frame_current + scene.frame_subframe)
 
 
 @bpy.app.handlers.persistent
 def rendered(scene: bpy.types.Scene, *_) -> None:
-    """render_post, render_cancel."""
+    """Forget the frame that was rendered (render_post and render_cancel handler)."""
     _rendering.pop(scene.session_uid, None)
 
 
 @bpy.app.handlers.persistent
 def ended(*_) -> None:
-    """render_complete, render_cancel."""
+    """Tidy up after a whole render (render_complete and render_cancel handler)."""
     _told.clear()
     if _stages:
         with suppress(CrowdError):
@@ -181,15 +206,18 @@ def ended(*_) -> None:
 
 @bpy.app.handlers.persistent
 def forget(*_) -> None:
-    """load_pre: what is rendered, and read on the way, goes with its file."""
+    """Forget renders and their stages when another file is loaded (load_pre handler)."""
     _rendering.clear()
     _stages.clear()
     _told.clear()
 
 
 def shutter_frame(scene: bpy.types.Scene, now: Rendering | None) -> float:
-    """The frame, on the timeline, in whose shutter the current time falls; without motion blur the time itself. While
-    Blender renders it is the frame rendered: shutters of a frame and longer overlap, and time alone does not tell."""
+    """Return the timeline frame in whose shutter the current time falls.
+
+    Without motion blur it is the time itself. While Blender renders it is the rendered frame:
+    shutters of a frame and longer overlap, so time alone does not decide.
+    """
     time = scene.frame_current + scene.frame_subframe
     if not scene.render.use_motion_blur:
         return time
@@ -199,26 +227,34 @@ def shutter_frame(scene: bpy.types.Scene, now: Rendering | None) -> float:
 
 
 def opening(render: bpy.types.RenderSettings) -> float:
-    """The part of a frame by which the shutter opens before it. Blender's engines ask for times that a float32 has
-    rounded: a frame's own time stays its own."""
+    """Return the part of a frame by which the shutter opens before the frame.
+
+    Blender's engines ask for times rounded to float32; a margin of 1e-4 keeps a frame's own time in
+    that frame.
+    """
     opens = cameras.OPENS[render.motion_blur_position] if render.use_motion_blur else 0.0
     return opens + (-1e-4 if opens == 1.0 else 1e-4)
 
 
 def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Show the scene's current time in its build: a pure function of frame and sub-frame.
+    """Show the scene's current time in its build.
 
-    With motion blur every time within a frame's shutter shows that frame's buckets and poses, at the positions of its
-    own time: an agent that changed its object, or its instance, while the shutter is open would lose its blur.
+    A pure function of frame and sub-frame.
+
+    With motion blur every time within a frame's shutter shows that frame's buckets and poses, at
+    the positions of its own time. An agent that changed its object, or its instance, while the
+    shutter is open would lose its blur.
     """
     top = scene.crowd_lod.build
     if BAKED in top:
         return
     known = _rendering.get(scene.session_uid)
-    if known is None and depsgraph.mode == "RENDER":  # another scene's compositing nodes show this one, at the same frame
+    # another scene's compositing nodes show this one, at the same frame
+    if known is None and depsgraph.mode == "RENDER":
         known = next(iter(_rendering.values()), None)
     number, time, own = shutter_frame(scene, known), scene_data.time_of(scene), (scene.session_uid, depsgraph.view_layer_eval.name)
-    blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"  # a viewport shows no blur
+    # a viewport shows no blur
+    blurred = scene.render.use_motion_blur and depsgraph.mode == "RENDER"
     kept = known.planned if blurred and known is not None and known.number == number else {}
     if own not in kept:
         kept[own] = _planned(scene, depsgraph, number, time, blurred)
@@ -230,18 +266,24 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 def _planned(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, blurred: bool
 ) -> tuple[Trajectory, Frame, Held, Shutter]:
-    """The frame `number` of the timeline, and what it holds, `blurred` all that its shutter sees, and the cameras of that;
-    `depsgraph` is at `time`."""
+    """Return the plan of the timeline frame `number`, and what goes with it.
+
+    depsgraph: at `time`.
+    blurred: plan all that the shutter sees.
+
+    Returns (trajectory, frame, what it holds, the cameras of its shutter).
+    """
     check_levels(scene)
     trajectory = trajectory_of(scene)
     top = scene.crowd_lod.build
     if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(top).keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")
     if top.get(MADE_FROM, made := made_from(scene)) != made:
-        raise CrowdError(f"The LOD meshes of {scene.name} are not those that its build shows: press Build again.")
+        raise CrowdError(f"The LOD meshes of {scene.name} have changed since its build was made: press Build again.")
     whole = scene_data.remapped(scene.render, number)
     with frame_stepping.stage(_stages if _rendering and len(bpy.data.scenes) > 1 else None) as at:
-        if whole == time:  # a marker's camera becomes the active one only after the handlers of its frame
+        # a marker's camera becomes the active one only after the handlers of its frame
+        if whole == time:
             film, own = cameras.cameras_from(scene, cameras.bound_camera(scene, whole), depsgraph), []
         else:
             film, own = cameras.camera_at(scene, whole, at), [whole]
@@ -252,8 +294,11 @@ def _planned(
 
 
 def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: float, time: float, shutter: Shutter) -> None:
-    """Say, once a render, that the cameras at `time` are not those that the `shutter` of the frame `number` was planned with:
-    a render cannot step its scene, and what moves them may be there alone."""
+    """Warn once per render if cameras at `time` differ from the planned `shutter`.
+
+    A render cannot step its scene, and drivers, physics or other add-ons may move the camera only
+    when it is stepped.
+    """
     planned = next((eyes for when, eyes in shutter if abs(when - time) < 1e-4), ())
     if not planned or scene.session_uid in _told:
         return
@@ -261,15 +306,18 @@ def _compare(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, number: flo
     if any(map(differs, planned, cameras.cameras_from(scene, camera, depsgraph))):
         _told.add(scene.session_uid)
         print(
-            f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} moves as only the scene's own frames "
-            "show (drivers, physics, other add-ons), so agents at the picture's edges may be missing: bake, and render that.",
+            f"Crowd LOD, frame {number:g}: while the shutter is open, the camera {camera.name} moves as only playback of the scene "
+            "shows (drivers, physics, other add-ons), so agents at the picture's edges may be missing: bake, and render the bake.",
             file=sys.stderr,
         )
 
 
 @bpy.app.handlers.persistent
 def follow(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """frame_change_post: the build follows the frame and the camera, as `depsgraph` has evaluated it."""
+    """Update the build to the frame and the camera (frame_change_post handler).
+
+    The camera is the one that `depsgraph` has evaluated.
+    """
     if scene.crowd_lod.build is None or frame_stepping.is_stepped(scene):
         return
     try:

@@ -1,14 +1,19 @@
-"""The characters themselves, which a build hides from renders: they would stand in the picture, uncounted."""
+"""Hide the characters themselves from renders of a build.
+
+There they would stand in the picture, uncounted.
+"""
 
 import bpy
 
 HIDDEN = (
-    "crowd_lod_hidden"  # custom property of the build's collection: the characters' collection, if the build hides it from renders
+    # custom property of the build's collection: the characters' collection, if the build hides it
+    # from renders
+    "crowd_lod_hidden"
 )
 
 
 def hide_characters(scene: bpy.types.Scene) -> None:
-    """Hide the characters themselves from renders, which show the build, if nothing stands against it."""
+    """Hide the characters themselves from renders, unless something prevents it."""
     top, characters = scene.crowd_lod.build, scene.crowd_lod.characters
     unhide_characters(top)
     if hides_characters(scene):
@@ -16,12 +21,15 @@ def hide_characters(scene: bpy.types.Scene) -> None:
 
 
 def hides_characters(scene: bpy.types.Scene) -> bool:
-    """Whether the characters' collection of `scene`, which renders show, may and should be hidden from them."""
+    """Return whether the characters of `scene` should be hidden from renders.
+
+    Only if renders show them now.
+    """
     return shows_characters(scene) and not scene.crowd_lod.keep_characters and not _shown_for(scene)
 
 
 def shows_characters(scene: bpy.types.Scene) -> bool:
-    """Whether renders of `scene` show the characters themselves, by their own collection."""
+    """Return whether renders of `scene` show the characters' own collection."""
 
     def shows(place: bpy.types.LayerCollection, inside: bool) -> bool:
         inside = inside or place.collection == scene.crowd_lod.characters
@@ -32,8 +40,10 @@ def shows_characters(scene: bpy.types.Scene) -> bool:
 
 
 def unhide_characters(top: bpy.types.Collection) -> None:
-    """Show again in renders what the build `top` hides, unless another scene's build of the same characters is there: it is
-    that one's then."""
+    """Show again in renders the characters that the build `top` hides.
+
+    If another scene has a build of the same characters, they stay hidden for that one.
+    """
     hidden = top.pop(HIDDEN, None)
     if not isinstance(hidden, bpy.types.Collection):  # a script may have put anything there
         return
@@ -46,7 +56,7 @@ def unhide_characters(top: bpy.types.Collection) -> None:
 
 
 def _shown_for(scene: bpy.types.Scene) -> str:
-    """Why the characters' collection of `scene` is not to be hidden as a whole; "" if it may."""
+    """Return why the scene's characters cannot be hidden as a whole; "" if they can."""
     characters = scene.crowd_lod.characters
     if characters.library is not None:
         return f"the collection is linked from {characters.library.filepath}; hide it there, or exclude it from the view layers"
@@ -58,7 +68,10 @@ def _shown_for(scene: bpy.types.Scene) -> str:
 
 
 def told_of_characters(scene: bpy.types.Scene) -> str:
-    """A sentence on the characters themselves in renders of the built scene; "" if Build left them as they were."""
+    """Return a sentence on the characters in renders of the built scene.
+
+    Returns "" if Build left them as they were.
+    """
     characters = scene.crowd_lod.characters
     if HIDDEN in scene.crowd_lod.build:
         lamps = [item.name for item in characters.all_objects if item.type == "LIGHT"]

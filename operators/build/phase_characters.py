@@ -1,5 +1,8 @@
-"""What the build's agents instance: of each LOD of each character group a copy for each phase class, moved by a rig that all LODs
-share; or, where no rig can show the group, the LOD's meshes in even poses of its action."""
+"""The characters that a build's agents instance.
+
+For each LOD of each character group there is a copy per phase class, moved by a rig that all LODs
+share. Where no rig can show the group, there are the LOD's meshes in even poses of its action.
+"""
 
 from collections.abc import Container, Generator, Sequence
 from dataclasses import dataclass, field, replace
@@ -27,11 +30,18 @@ Wanted = Sequence[Container[int]]  # of each LOD the characters of a Library tha
 
 @dataclass(frozen=True)
 class Cast:
-    """The characters that a build shows, in no scene yet. posed: (G,) intp, see Library. collections: of each LOD its characters,
-    each a collection's name and objects; sorted by name they stand in the order of the Library. rigs: what moves them; names:
-    what each new block is to be called, as soon as those of an earlier build have gone. notes: sentences on what they
-    do not show as it is. wanted: those that there are, None for all. stands_for: of each object the LOD's that it shows; images: bytes of
-    the characters' images, unscaled and as they are, where they are scaled."""
+    """The characters that a build shows, not yet in any scene.
+
+    posed: (G,) intp, see Library.
+    collections: for each LOD its characters, each a collection's name and objects. Sorted by name
+        they stand in the order of the Library.
+    rigs: the armature objects that move the characters.
+    names: each new block's final name, given once the blocks of an earlier build are gone.
+    notes: sentences on what the characters do not show as it is.
+    wanted: the characters made, None for all.
+    stands_for: object -> the LOD's object that it shows.
+    images: where images are scaled, bytes of the characters' images (unscaled, as they are).
+    """
 
     posed: np.ndarray
     collections: list[list[tuple[str, list[bpy.types.Object]]]]
@@ -45,7 +55,12 @@ class Cast:
 
 @dataclass
 class _Actors:
-    """One group while it is made: its number and name, its LODs' collections, and where they act, see as_rendered."""
+    """One group while it is made.
+
+    g, name: its number and name.
+    homes: its LODs' collections.
+    stage, actors: see as_rendered.
+    """
 
     g: int
     name: str
@@ -55,8 +70,8 @@ class _Actors:
     actors: dict[bpy.types.Object, bpy.types.Object]
 
 
-# Of each group, see Library, and its model, if rigs can show it; sentences on what does not show as it is; the new data-blocks and
-# what they are to be called.
+# Of each group, see Library, and its model, if rigs can show it; sentences on what does not show as
+# it is; the new data-blocks and what they are to be called.
 LibraryRead = tuple[np.ndarray, list[rigs.Model | None], list[str], dict[bpy.types.ID, str]]
 
 
@@ -79,7 +94,7 @@ def read_library(scene: bpy.types.Scene) -> Generator[float, None, LibraryRead]:
                     making = rigs.modelled(name, homes, actors, stage, size, made)
                     model, reason = yield from share(making, g / len(characters), (g + 1) / len(characters))
             if reason and model is None:
-                posed[g], reason = POSES, f"{name} is shown in {POSES} posed meshes, whose limbs have no blur: {reason}."
+                posed[g], reason = POSES, f"{name} is shown as {POSES} still poses, so its limbs have no motion blur: {reason}."
             if reason:
                 notes.append(reason)
             models.append(model)
@@ -94,8 +109,13 @@ def read_library(scene: bpy.types.Scene) -> Generator[float, None, LibraryRead]:
 def make_cast(
     scene: bpy.types.Scene, wanted: Wanted | None = None, read: LibraryRead | None = None
 ) -> Generator[float, None, Cast]:
-    """Make the characters that agents of `scene` may show, those `wanted` or all of LODs that the policy has; yields the progress, 0 to 1, and returns the
-    Cast. read: what read_library found, which then belongs to it. Closed early, it leaves nothing behind."""
+    """Make the characters that agents of `scene` may show.
+
+    wanted: those to make; None makes all of the LODs that the policy has.
+    read: the result of read_library, whose blocks then belong to the Cast.
+
+    Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
+    """
     if read is None:
         read = yield from share(read_library(scene), 0.0, 0.5)
     posed, models, notes, made = read
@@ -140,7 +160,11 @@ def make_cast(
 def _rig(  # noqa: PLR0913 - the character's place in the cast
     cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], model: rigs.Model, trajectory: Trajectory
 ) -> None:
-    """Put the `number`-th character, the group's `own`-th, which a rig moves, into the collections of LODs of `cast`."""
+    """Put a character moved by a rig into the collections of LODs of `cast`.
+
+    number: its number among all characters.
+    own: its number in the group.
+    """
     gaits = trajectory.gaits
     pace, which = divmod(own, gaits.classes)
     rate = float(gaits.distinct[group.g][pace]) * trajectory.seconds_per_frame
@@ -150,7 +174,8 @@ def _rig(  # noqa: PLR0913 - the character's place in the cast
     cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
     copies, shown = [], None
     for k in of_levels:
-        if group.homes[k] != shown:  # a group with fewer LODs than others shows its last in their place
+        # a group with fewer LODs than others shows its last in their place
+        if group.homes[k] != shown:
             copies, shown = [rigs.dress(item, model, made) for item in group.homes[k].objects], group.homes[k]
             cast.stands_for.update(zip(copies, shown.objects, strict=True))
             cast.names.update((copy, f"{item.name} {number:05d}") for copy, item in zip(copies, shown.objects, strict=True))
@@ -158,7 +183,7 @@ def _rig(  # noqa: PLR0913 - the character's place in the cast
 
 
 def _pose(cast: Cast, group: _Actors, number: int, phase: float, of_levels: list[int]) -> None:
-    """Put the `number`-th character, a pose of the group at `phase`, into the collections of LODs of `cast`."""
+    """Put character `number`, the group's pose at `phase`, into the LODs of `cast`."""
     first, last = action_range(group.objects)
     frame = first + (last - first) * phase
     group.stage.frame_set(int(frame // 1), subframe=frame % 1)
@@ -174,9 +199,12 @@ def _pose(cast: Cast, group: _Actors, number: int, phase: float, of_levels: list
 
 
 def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evaluated, depsgraph, number: int) -> bpy.types.Object:
-    """A copy of the LOD object `item`, in the collection `home`, as `evaluated`, that keeps slots, visibility and custom
-    properties. What has no faces, hair, moves with its parent but keeps its shape. It stands about the collection's offset as it
-    will about the origin: geometry nodes instance collections without their offsets."""
+    """Return a still copy of the LOD object `item`, as `evaluated`.
+
+    It keeps slots, visibility and custom properties. Objects without faces, and hair, move with
+    their parent but keep their shape. The copy stands about the origin as the object stands about
+    the offset of the collection `home`: geometry nodes instance collections without their offsets.
+    """
     mesh = None
     if item.type in SOLID:
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
@@ -190,7 +218,8 @@ def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evalu
     if mesh is None:
         return still
     still.modifiers.clear()
-    skew = still.matrix_basis.inverted_safe() @ matrix  # what location, rotation and scale cannot say
+    # what location, rotation and scale cannot say
+    skew = still.matrix_basis.inverted_safe() @ matrix
     if np.abs(np.array(skew) - np.eye(4)).max() > 1e-5:
         mesh.transform(skew)
     still.data = mesh

@@ -1,4 +1,7 @@
-"""The render set-up: a point object a bucket, whose instances, by geometry nodes, show the characters of their phase classes."""
+"""The render setup: one point object per bucket, which instances characters.
+
+Geometry nodes put the instances on the points.
+"""
 
 from collections.abc import Generator, Iterable, Sequence
 from contextlib import suppress
@@ -22,14 +25,19 @@ from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import Cast, Wanted, make_cast
 
-# Custom properties. Of a point object: its LOD and its bucket; in builds from before there were rigs its poses, and their rates.
+# Custom properties. Of a point object: its LOD and its bucket; in builds from before there were
+# rigs its poses, and their rates.
 LEVEL, BUCKET, OLD_POSES, OLD_RATES = "crowd_lod_level", "crowd_lod_bucket", "crowd_lod_poses", "crowd_lod_rates"
-LIBRARY = "crowd_lod_library"  # of the collection of all characters, and of a LOD's collection in it
+# of the collection of all characters, and of a LOD's collection in it
+LIBRARY = "crowd_lod_library"
 RIGS = "crowd_lod_rigs"  # of the collection of all rigs in that
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
-POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"  # of the build's collection: see Library, and _played
-MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"  # of the build's collection: see _made_of; what it does not show
-BAKED = "crowd_lod_baked"  # of the build's collection: Rate and Opens (build/nodes/baked.py), the first and the last frame
+# of the build's collection: see Library, and _played
+POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"
+# of the build's collection: see _made_of; what it does not show
+MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
+# of the build's collection: Rate and Opens (build/nodes/baked.py), the first and the last frame
+BAKED = "crowd_lod_baked"
 
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
@@ -37,7 +45,12 @@ UNSEEN_BY = {"LOD": (), "Shadow": ("camera",), "Mirror": ("camera",)}  # kinds o
 
 
 def library_of(top: bpy.types.Collection, points: bpy.types.Object, gaits: Gaits) -> Library:
-    """What the point object `points` of the build `top` shows, of groups that play their actions by `gaits`."""
+    """Return the Library of characters that a point object instances.
+
+    top: the build.
+    points: its point object.
+    gaits: how the groups play their actions.
+    """
     groups = len(gaits.rates)
     if POSED in top:
         return Library(np.array(stored_values.read(top, POSED, int, REMEDY, (groups,), (0, np.inf))))
@@ -56,18 +69,25 @@ def library_of(top: bpy.types.Collection, points: bpy.types.Object, gaits: Gaits
 def libraries_of(
     top: bpy.types.Collection, points: dict[str, bpy.types.Object], names: Iterable[str], trajectory: Trajectory
 ) -> list[tuple[Library, list[str]]]:
-    """Of the point objects `names` of the build `top`, from `points`, those that show the same Library, with it. CrowdError if
-    the build's rigs play otherwise than agents of `trajectory` do."""
+    """Group point objects by the Library of characters that they instance.
+
+    top: the build.
+    points: its point objects by name.
+    names: those to group.
+
+    Returns [(Library, names)]. CrowdError if the build's rigs play otherwise than agents of
+    `trajectory` do.
+    """
     names, gaits = list(names), trajectory.gaits
     if PLAYED in top and np.ravel(top[PLAYED]).tolist() != _played(trajectory):
-        raise CrowdError("Agents walk at other paces, or frame rates, than the characters of the build: press Build again.")
+        raise CrowdError("The agents' speeds or the frame rate have changed since the build was made: press Build again.")
     if POSED in top:
         return [(library_of(top, points[names[0]], gaits), names)] if names else []
     return [(library_of(top, points[name], gaits), [name]) for name in names]
 
 
 def _played(trajectory: Trajectory) -> list[float]:
-    """What rigs depend on that play as agents of `trajectory` do."""
+    """Return the numbers on which rigs depend that play as agents of `trajectory` do."""
     gaits = trajectory.gaits
     own = trajectory.seconds_per_frame, gaits.classes, *np.concatenate(gaits.distinct)
     return [float(each) for each in own]
@@ -75,8 +95,13 @@ def _played(trajectory: Trajectory) -> list[float]:
 
 @dataclass(frozen=True)
 class Bucket:
-    """A point object of the build. name: no other has it; level: the LOD that it shows; unseen_by: what does not see it,
-    of camera, shadow, diffuse, glossy, transmission and volume_scatter (Object.visible_...)."""
+    """A point object of the build.
+
+    name: unique in the build.
+    level: the LOD that it shows.
+    unseen_by: the rays that do not see it, of camera, shadow, diffuse, glossy, transmission and
+        volume_scatter (Object.visible_...).
+    """
 
     name: str
     level: int
@@ -84,15 +109,18 @@ class Bucket:
 
 
 def buckets_of(scene: bpy.types.Scene) -> list[Bucket]:
-    """The buckets that a build of `scene` has: by LOD what the camera sees, and those of whom it sees the shadow or the
-    reflection alone. They are hidden from camera rays and from no other: what a surface scatters towards a lamp, Cycles
-    counts as the lamp's light, too."""
+    """Return the buckets that a build of `scene` has.
+
+    One per LOD for the agents that the camera sees, and one per LOD for those of which it sees only
+    the shadow or only the reflection. The latter are hidden from camera rays and from no others:
+    Cycles also counts what a surface scatters toward a lamp as the lamp's light.
+    """
     count = policy_of(scene.crowd_lod).count
     return [Bucket(f"{name} {k}", k, hidden) for name, hidden in UNSEEN_BY.items() for k in range(count)]
 
 
 def check_levels(scene: bpy.types.Scene) -> int:
-    """The number of LODs, if the scene's LOD meshes are those of its settings."""
+    """Return the number of LODs; CrowdError if LOD meshes do not fit the settings."""
     settings = scene.crowd_lod
     if settings.levels is None:
         raise CrowdError(f"The scene {scene.name} has no LOD meshes: press Make LOD Meshes in the Levels of Detail panel.")
@@ -110,18 +138,21 @@ def check_levels(scene: bpy.types.Scene) -> int:
 
 
 def made_from(scene: bpy.types.Scene) -> str:
-    """What tells the scene's LOD meshes from others, at a glance."""
+    """Return a text that tells the scene's LOD meshes from others: sizes and feet."""
     objects = (item for level in scene.crowd_lod.levels.children for home in level.children for item in home.objects)
     sizes = [f"{len(item.data.vertices)}/{len(item.data.loops)}" for item in objects if item.type == "MESH"]
     return " ".join([*sizes, *(f"{group.feet:.6g}" for group in groups_of(scene.crowd_lod) if group.feet)])
 
 
 def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[float, None, Cast]:
-    """Put one point object a bucket, and the characters that they show, or those `wanted`, into a collection of the scene; yields
-    the progress.
+    """Put the point objects and their characters into a collection of the scene.
 
-    What an earlier build made stays, with all that the user changed or added there, but for the characters: those are new,
-    and returned, unless nothing that they depend on has changed. Closed early, it leaves the scene as it was.
+    One point object per bucket. wanted: the characters to make; None makes all.
+
+    What an earlier build made stays, with all that the user changed or added there, except the
+    characters. These are made anew, unless nothing that they depend on has changed.
+
+    Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
     """
     scene_data.check_own(scene)
     check_levels(scene)
@@ -136,15 +167,17 @@ def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[flo
 
 
 def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
-    """Hashes that tell whether the characters of the build `top` are as they would be made now."""
+    """Return hashes that change when the build's characters must be made anew."""
     levels = scene.crowd_lod.levels.children
     homes = [home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children]
     return f"{made_of(homes, _played(trajectory_of(scene)))} {policy_of(scene.crowd_lod).finest} {scene.crowd_lod.scale_textures} {shown_by(top)}"
 
 
 def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
-    """What the scene's build shows, without its characters, if these are as they would be made now. Posed meshes and scaled images are
-    always made anew."""
+    """Return the Cast of the scene's build, without characters, if it is up to date.
+
+    None if they are not. Posed meshes and scaled images are always made anew.
+    """
     top = scene.crowd_lod.build
     if (
         top is None
@@ -160,7 +193,7 @@ def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
 
 
 def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
-    """Put the characters and, where there are none yet, point objects into the build of `scene`: its collection."""
+    """Put characters and missing point objects into the scene's build; return it."""
     settings = scene.crowd_lod
     upgrade()
     top = _own(scene)
@@ -185,7 +218,10 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
 
 
 def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
-    """Sentences on what of the characters' motion the build does not show as it is; "" where all is."""
+    """Return sentences on how the build differs from the characters; "" if nowhere.
+
+    Also on LODs that deviate to fit in Memory for Characters.
+    """
     found = list(cast.notes)
     settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
     limited = [group.name for group in settings.groups if group.finest]
@@ -195,27 +231,32 @@ def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
         pixels = figure(settings.memory_tolerance)
         found.append(f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the frames that were looked at.")
         if limited:
-            found.append(f"Nearer than there these look coarser, for their finest LODs are not built: {', '.join(limited)}.")
+            found.append(f"Nearer to the camera these look coarser, for their finest LODs are not built: {', '.join(limited)}.")
     if slides:
         found.append(
-            f"The state machine has more speeds than characters are made for: feet slide by up to {slides:.0%} of the way."
+            f"The state machine has more speeds than characters have walk cycles: feet slide by up to {slides:.0%} of the way."
         )
     return " ".join(found)
 
 
 def _own(scene: bpy.types.Scene) -> bpy.types.Collection | None:
-    """The scene's build. A linked copy of a scene begins with that of the other, which stays the other's: it is let go."""
+    """Return the scene's build, or None.
+
+    A linked copy of a scene begins with the build of the other scene, which keeps it: here the copy
+    lets it go.
+    """
     if scene_data.shared(scene, "build"):
         scene_data.let_go(scene, "build")
     return scene.crowd_lod.build
 
 
 def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
-    """A new point object."""
+    """Return a new point object for `bucket`."""
     mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
     points = bpy.data.objects.new(mesh.name, mesh)
     mesh[OWNED] = points[OWNED] = True
-    points.color = (*TINTS[bucket.level], 1.0)  # instances are drawn in the object colour of their instancer
+    # instances are drawn in the object colour of their instancer
+    points.color = (*TINTS[bucket.level], 1.0)
     for ray in bucket.unseen_by:
         setattr(points, f"visible_{ray}", False)  # their instances, too
     top.objects.link(points)
@@ -223,8 +264,10 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
 
 
 def dress_all(scene: bpy.types.Scene) -> None:
-    """Give the point objects of the scene's build our modifier, with its inputs. A build from before there were poses
-    shows each group's LOD itself, as it then did."""
+    """Give the point objects of the scene's build our modifier, with its inputs.
+
+    A build from before there were poses shows each group's LOD itself, as it did then.
+    """
     top, levels = scene.crowd_lod.build, scene.crowd_lod.levels
     stored_values.check(scene.crowd_lod)
     inputs = {"Turn": float(scene_data.rotation(scene.crowd_lod.forward))}
@@ -252,13 +295,15 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
     library = _library_of(top)
     if library is None:
         library = _library(top, "Crowd LOD Characters", LIBRARY, -1)
-        library.hide_render = library.hide_viewport = True  # else a view layer that the user adds later would show them
+        # else a view layer that the user adds later would show them
+        library.hide_render = library.hide_viewport = True
         for view_layer in scene.view_layers:
             view_layer.update()  # a scene that was never evaluated has no layer collections yet
             exclude(view_layer.layer_collection, library)
     shelves, levels = _shelves(top), len(cast.collections)
     gone, spare = bpy.data.collections.new("Crowd LOD"), {}
-    scene.collection.children.link(gone)  # what the user put into characters is to stay in this scene
+    # what the user put into characters is to stay in this scene
+    scene.collection.children.link(gone)
     for level, shelf in list(shelves.items()):
         spare[level] = _emptied(shelf, gone)
         if level >= levels:
@@ -293,13 +338,17 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
 
 
 def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:
-    """Move the characters in `shelf` into `gone`, but for their collections, which are left empty for others: Blender takes
-    seconds to remove thousands. Not so those where the user has put something."""
+    """Move the characters in `shelf` to `gone`, and return their emptied collections.
+
+    The collections are reused, because Blender takes seconds to remove thousands. A collection into
+    which the user has put something goes to `gone` as it is.
+    """
     left = []
     for home in list(shelf.children):
         if home.get(OWNED) and not home.children and all(item.get(OWNED) for item in home.objects):
             for item in list(home.objects):
-                if gone.objects.get(item.name) is None:  # a group's last LOD may stand in place of another, too
+                # a group's last LOD may stand in place of another, too
+                if gone.objects.get(item.name) is None:
                     gone.objects.link(item)
                 home.objects.unlink(item)
             left.append(home)
@@ -325,8 +374,11 @@ def exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) 
 
 
 def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
-    """Of each view layer, by its name, what says whether the scene's build is in it (`exclude`): none where the user has
-    moved it out of the scene."""
+    """Return the layer collection of the scene's build by view layer name.
+
+    Its `exclude` says whether the build is shown there. Empty where the user has moved the build
+    out of the scene.
+    """
     found = {}
     for layer in scene.view_layers:
         places = [layer.layer_collection]
@@ -339,14 +391,14 @@ def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
 
 
 def show_in(scene: bpy.types.Scene, names: Sequence[str]) -> None:
-    """Show the scene's build in the view layers `names` and in no other; what else is set of them stays."""
+    """Show the scene's build only in the view layers `names`; other settings stay."""
     for name, place in layers_of(scene).items():
         if place.exclude != (name not in names):
             place.exclude = not place.exclude
 
 
 def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
-    """CrowdError if `scene` has no view layer of one of the `names`."""
+    """Raise CrowdError if `scene` lacks a view layer of the `names`."""
     for name in names:
         if name not in scene.view_layers:
             known = ", ".join(layer.name for layer in scene.view_layers)
@@ -354,12 +406,12 @@ def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
 
 
 def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:
-    """The collection of all characters of the build `top`."""
+    """Return the collection of all characters of the build `top`."""
     return next((child for child in top.children if LIBRARY in child), None)
 
 
 def remove_build(settings) -> None:
-    """Remove the build: points, characters, rigs, and the node groups that nothing else uses."""
+    """Remove the build: points, characters, rigs, and otherwise unused node groups."""
     top, settings.build = _own(settings.id_data), None
     if top is not None:
         unhide_characters(top)
@@ -372,8 +424,10 @@ def remove_build(settings) -> None:
 
 @bpy.app.handlers.persistent
 def upgrade(*_) -> None:
-    """load_post: where the file holds our node groups in another version, rebuild them, and give the builds that use
-    them their inputs, unless these are spoilt: then Build says so."""
+    """Rebuild our node groups of another version in the file (load_post handler).
+
+    The builds that use them get their inputs again, unless these are spoilt: then Build says so.
+    """
     if trees.stale(instances.NAME, instances.VERSION) or trees.stale(baked.NAME, baked.VERSION):
         both = trees.made(baked.NAME)
         if both is not None:
@@ -388,7 +442,10 @@ def upgrade(*_) -> None:
 
 
 def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
-    """The point objects of the build `top` by bucket. (In a file from before there were buckets, by LOD.)"""
+    """Return the point objects of the build `top` by bucket name.
+
+    In a file from before there were buckets, they are named by their LOD.
+    """
     found = {}
     for item in top.objects:
         if LEVEL in item and item.type == "MESH":
@@ -398,12 +455,15 @@ def points_of(top: bpy.types.Collection) -> dict[str, bpy.types.Object]:
 
 
 def _level(block: bpy.types.ID, key: str) -> int:
-    """The LOD that the custom property `key`, LEVEL or LIBRARY, of a block of the build names."""
+    """Return the LOD in the custom property `key` (LEVEL or LIBRARY) of a block."""
     return stored_values.read(block, key, int, REMEDY, bounds=(0, MOST_LEVELS - 1))
 
 
 def check_build(scene: bpy.types.Scene) -> None:
-    """CrowdError if what the scene's build holds of ours cannot be read, before any work is done."""
+    """Raise CrowdError if our data in the scene's build cannot be read.
+
+    Called before any work is done.
+    """
     top = scene.crowd_lod.build
     if top is not None:
         points_of(top), _shelves(top)
@@ -412,11 +472,11 @@ def check_build(scene: bpy.types.Scene) -> None:
 
 
 def baked_of(top: bpy.types.Collection) -> list[float]:
-    """Rate, Opens, first and last frame of the baked build `top`."""
+    """Return Rate, Opens, first and last frame of the baked build `top`."""
     return stored_values.read(top, BAKED, float, REMEDY, (4,))
 
 
 def _shelves(top: bpy.types.Collection) -> dict[int, bpy.types.Collection]:
-    """The collections of each LOD's characters of the build `top`."""
+    """Return the collections of characters of the build `top`, by LOD."""
     inside = [child for child in top.children_recursive if LIBRARY in child and child != _library_of(top)]
     return {_level(child, LIBRARY): child for child in inside}

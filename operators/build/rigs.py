@@ -1,8 +1,10 @@
-"""Rigs: clean copies of a character's armatures, one for each phase class, that play its baked action in a shared mesh.
+"""Rigs: clean copies of a character's armatures that play its baked action.
 
-A rig has a bone for each bone that deforms the character, and one for each of its objects that moves as a whole. What the action,
-constraints, IK and drivers make of these in the world is baked into one action that all rigs share; each plays it by a strip of
-its own, whose time runs round the action for ever (docs/notes/shared_rigs.md).
+There is one rig per phase class; all share one mesh. A rig has a bone for each bone that deforms
+the character, and one for each object that moves as a whole. The world-space motion that the
+action, constraints, IK and drivers give these is baked into one action that all rigs share. Each
+rig plays it by a strip of its own, whose time cycles through the action for ever
+(docs/notes/shared_rigs.md).
 """
 
 from collections.abc import Generator, Sequence
@@ -17,8 +19,11 @@ from ..blender.rig_dependencies import action_range, armatures_of
 
 FARTHEST = 1_048_574  # frames: Blender's last
 FINEST, MOST_KEYS = 16, 4096  # keys a frame of the action, and in all, at most
-NEAR = 1e-4  # of the character's diagonal: how far what rigs show should be from what the character is
-ACCEPTED = 0.01  # of it: how far it may be, where more keys do not help; posed meshes of a long action are farther off
+# of the character's diagonal: how far what rigs show should be from what the character is
+NEAR = 1e-4
+# of it: how far it may be, where more keys do not help; posed meshes of a long action are farther
+# off
+ACCEPTED = 0.01
 STILL = 1e-6  # metres, and radians: an object that moves by less stands
 ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change
 TRACKS = "Crowd LOD tracks"  # a rig whose bones carry objects
@@ -28,9 +33,14 @@ SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_
 
 @dataclass
 class Bones:
-    """What bones do over time, in the world. rest: of each bone its matrix (4, 4) without scale; back: the inverses (bones, 4, 4) of
-    their matrices in the armature, at rest; moves: at each time the matrices (bones, 4, 4) that take a point which they deform from its
-    place at rest to where it is then."""
+    """The motion of bones over time, in world space.
+
+    rest: bone name -> (4, 4) matrix at rest, without scale.
+    lengths: of each bone, metres.
+    back: (bones, 4, 4), inverses of the bones' rest matrices in armature space.
+    moves: per time (bones, 4, 4), the matrices that take a point that a bone deforms from its place
+        at rest to its place then.
+    """
 
     rest: dict[str, np.ndarray] = field(default_factory=dict)
     lengths: list[float] = field(default_factory=list)
@@ -40,9 +50,14 @@ class Bones:
 
 @dataclass(frozen=True)
 class Model:
-    """What the rigs of one character are made from. rigs: of each of its armatures, and of TRACKS, the data and the action
-    that all its rigs share; carried: of objects that move as a whole, the bones that carry them; stands: of each object its
-    matrix (4, 4) in the character's space at the first frame; length: frames of the action."""
+    """The data from which the rigs of one character are made.
+
+    rigs: for each of its armatures, and for TRACKS, the data and the action that all its rigs
+        share.
+    carried: object that moves as a whole -> the bone that carries it.
+    stands: object -> (4, 4), its matrix in the character's space at the first frame.
+    length: frames of the action.
+    """
 
     rigs: dict[str, tuple[bpy.types.Armature, bpy.types.Action]]
     carried: dict[bpy.types.Object, str]
@@ -51,7 +66,7 @@ class Model:
 
 
 def refusal(objects: Sequence[bpy.types.Object]) -> str:
-    """Why no rigs can show `objects`, by what they are made of; "" if nothing says so."""
+    """Return why rigs cannot show `objects`, judged by their data; "" if they can."""
     for item in objects:
         keys = getattr(item.data, "shape_keys", None)
         if keys is not None and keys.animation_data is not None:
@@ -65,10 +80,15 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
 
 
 def record(actors: dict, times: np.ndarray) -> Generator[float, None, tuple[dict[str, Bones], dict[bpy.types.Object, np.ndarray]]]:
-    """Evaluate at `times`, frames of the action, what moves objects, whose `actors` stand for them; yields the progress and returns
-    (of each armature, by its name, its Bones; of each object its matrices (len(times), 4, 4))."""
+    """Record the motion of objects and armatures at `times`, frames of the action.
+
+    actors: object -> the object that stands for it.
+
+    Yields the progress and returns (armature name -> Bones, object -> matrices (len(times), 4, 4)).
+    """
     armatures, stage = armatures_of(list(actors)), bpy.data.scenes.new("Crowd LOD record")
-    bare = {item: _bare(actor) for item, actor in actors.items()}  # nothing is deformed here, which would take the time
+    # nothing is deformed here, which would take the time
+    bare = {item: _bare(actor) for item, actor in actors.items()}
     try:
         for block in (*armatures, *bare.values()):
             stage.collection.objects.link(block)
@@ -88,24 +108,25 @@ def record(actors: dict, times: np.ndarray) -> Generator[float, None, tuple[dict
 
 
 def _bare(actor: bpy.types.Object) -> bpy.types.Object:
-    """A copy of the object, without modifiers, that moves as it does."""
+    """Return a copy of the object without modifiers that moves as it does."""
     copy = _alone(actor)
     copy.modifiers.clear()
     return copy
 
 
 def _alone(item: bpy.types.Object) -> bpy.types.Object:
-    """A copy of the object, in no collection."""
+    """Return a copy of the object that is in no collection."""
     copy = item.copy()
     if copy.override_library:
         copy.make_local()
-    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+    # Blender puts a copy of a rigid body into the simulation
+    for collection in copy.users_collection:
         collection.objects.unlink(copy)
     return copy
 
 
 def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
-    """Add to `own` what the bones `wanted` of the evaluated armature `rig` do now."""
+    """Add the current motion of the evaluated rig's bones `wanted` to `own`."""
     if not wanted:
         return
     world, bones = np.array(rig.matrix_world, np.float64), rig.pose.bones
@@ -122,14 +143,17 @@ def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
 
 
 def _deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
-    """The bones of the armature `rig` that may deform one of `objects`; all that deform where envelopes do."""
+    """Return the bones of the armature `rig` that may deform one of `objects`.
+
+    With envelopes, all bones that deform.
+    """
     groups = {group.name for item in objects if item.type == "MESH" for group in item.vertex_groups}
     envelopes = any(m.type == "ARMATURE" and m.object == rig and m.use_bone_envelopes for item in objects for m in item.modifiers)
     return [bone.name for bone in rig.data.bones if bone.use_deform and (envelopes or bone.name in groups)]
 
 
 def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
-    """(the rotation and place that are nearest to `matrix` (4, 4), its mean scale)."""
+    """Return (the rotation and location nearest to `matrix` (4, 4), its mean scale)."""
     left, scales, right = np.linalg.svd(matrix[:3, :3])
     turned = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
     plain = np.eye(4)
@@ -138,8 +162,13 @@ def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarray, span: tuple[float, float], made: dict) -> Model:
-    """The model of the character `name` from what was recorded at even times over `span`, frames of its action, about its
-    `origin` (3,), metres; `made` gets the data-blocks, with what they are to be called."""
+    """Return the model of the character `name` from its recorded motion.
+
+    bones, places: from `record`, at even times over `span`.
+    origin: (3,) metres, the character's origin.
+    span: first and last frame of its action.
+    made: gets the new data-blocks with their final names.
+    """
     shift = np.eye(4)
     shift[:3, 3] = -np.asarray(origin)
     back, carried, tracks = np.linalg.inv(shift), {}, Bones()
@@ -166,7 +195,7 @@ def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarra
 
 
 def _armature(name: str, rest: dict[str, np.ndarray], lengths: dict[str, float]) -> bpy.types.Armature:
-    """Armature data with bones at `rest`, matrices (4, 4), none the parent of another."""
+    """Return armature data with bones at `rest`, matrices (4, 4), none with a parent."""
     data = bpy.data.armatures.new(name)
     holder, stage = bpy.data.objects.new(name, data), bpy.data.scenes.new("Crowd LOD rig")
     try:
@@ -186,7 +215,10 @@ def _armature(name: str, rest: dict[str, np.ndarray], lengths: dict[str, float])
 
 
 def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, span: tuple[float, float]) -> None:
-    """Keys of the `basis` (k, 4, 4), the bone's matrices against its rest, at even times over `span`, frames."""
+    """Write the keys of a bone into `action`, evenly over `span`, frames.
+
+    basis: (k, 4, 4), the bone's matrices relative to its rest.
+    """
     if not action.slots:
         slot = action.slots.new("OBJECT", "Rig")
         action.layers.new("Rig").strips.new(type="KEYFRAME").channelbag(slot, ensure=True)
@@ -209,7 +241,7 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, span: tuple[fl
 
 
 def _fill(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
-    """Straight lines through `keys` (k, 2)."""
+    """Fill the curve with straight lines through `keys` (k, 2)."""
     points = curve.keyframe_points
     points.add(len(keys))
     points.foreach_set("co", np.float32(keys).ravel())
@@ -218,14 +250,18 @@ def _fill(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
 
 
 def perform(model: Model, title: str, rate: float, phase: float, span: tuple[float, float]) -> dict[str, bpy.types.Object]:
-    """Of each armature of `model` a rig that stands about the origin and plays its action from `span`, frames, so that it is at
-    `phase` in frame 0 and goes on by `rate` cycles a frame."""
+    """Make a rig for each armature of `model`; return them by the armature's name.
+
+    A rig stands about the origin and plays its action from `span`, frames. It is at `phase` in
+    frame 0 and advances by `rate` cycles a frame.
+    """
     made = {}
     first, last = span
     for armature, (data, action) in model.rigs.items():
         rig = made[armature] = bpy.data.objects.new(f"{title} {armature}", data)
         track = rig.animation_data_create().nla_tracks.new()
-        strip = track.strips.new("Phase", 0, action)  # which plays its one slot; to set that crashes Blender
+        # which plays its one slot; to set that crashes Blender
+        strip = track.strips.new("Phase", 0, action)
         strip.use_animated_time, strip.extrapolation = True, "HOLD"
         strip.frame_start_ui, strip.frame_end_ui = -FARTHEST, FARTHEST
         time = strip.fcurves.find("strip_time")
@@ -240,7 +276,10 @@ def perform(model: Model, title: str, rate: float, phase: float, span: tuple[flo
 
 
 def dress(item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object], actor=None) -> bpy.types.Object:
-    """A copy of the LOD object `item`, with its mesh, that the `rigs` of a class move and deform; of its `actor`, if given."""
+    """Return a copy of the LOD object `item` that a class's `rigs` move and deform.
+
+    It shares the object's mesh. actor: copy this object instead, if given.
+    """
     copy = _alone(actor or item)
     copy.animation_data_clear()
     copy.constraints.clear()
@@ -262,8 +301,14 @@ def dress(item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object
 
 
 def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.ndarray, frame: float) -> float:
-    """Metres, the most by which a vertex of `copies`, of each object its copy about the world's origin, is off the object as its
-    actor shows it in `stage`, in whose frame `frame` both are at the same phase; infinity where they have not the same vertices."""
+    """Return the largest distance of a vertex in `copies` from the original, metres.
+
+    copies: object -> its copy about the world's origin.
+    actors: object -> the object that shows it in `stage`.
+    frame: a frame of `stage` in which both are at the same phase.
+
+    Infinite if the numbers of vertices differ.
+    """
     stage.frame_set(int(frame // 1), subframe=float(frame % 1))
     depsgraph, worst = stage.view_layers[0].depsgraph, 0.0
     for item, copy in copies.items():
@@ -277,9 +322,14 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
 def modelled(
     name: str, homes: Sequence[bpy.types.Collection], actors: dict, stage: bpy.types.Scene, diagonal: float, made: dict
 ) -> Generator[float, None, tuple[Model | None, str]]:
-    """Make the model of the character `name`, whose LODs are in `homes`, with as many keys as bring what its rigs show within NEAR
-    of its `diagonal`, metres, if they do. Yields the progress; returns (the Model, a sentence on how far off that is, if it is
-    farther) or (None, why no rigs can show it)."""
+    """Make the model of the character `name`, with as many keys as it needs.
+
+    The rigs should show it within NEAR of its `diagonal`, metres; more keys are tried as long as
+    they help. homes: the collections of its LODs.
+
+    Yields the progress. Returns (Model, a sentence on how far off it is if that is more than NEAR),
+    or (None, the reason why no rigs can show it).
+    """
     objects = list(actors)
     span, origin = action_range(objects), np.array(homes[0].instance_offset, np.float64)
     reason = refusal(objects)
@@ -298,17 +348,18 @@ def modelled(
         _drop(model, made)  # the one that is farther off
         if nearest <= NEAR or keys == most or not gained:
             break
-        keys = min(most, keys * max(2, int(np.ceil(1.1 * np.sqrt(off / NEAR)))))  # the chords' error falls by squares
+        # the chords' error falls by squares
+        keys = min(most, keys * max(2, int(np.ceil(1.1 * np.sqrt(off / NEAR)))))
     if nearest <= NEAR:
         return best, ""
     if nearest <= ACCEPTED:
-        return best, f"Between two keys the rigs of {name} show it up to {nearest * diagonal:.2g} m off."
+        return best, f"Between keyframes the rigs of {name} are off by up to {nearest * diagonal:.2g} m."
     _drop(best, made)
-    return None, f"bones show it {nearest * diagonal:.2g} m off" if best else "its vertices become more or fewer"
+    return None, f"rigs would be off by {nearest * diagonal:.2g} m" if best else "its number of vertices changes during the action"
 
 
 def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:
-    """Remove what `model` was made of, which is in `made`."""
+    """Remove the data-blocks of `model`, also from `made`."""
     blocks = [block for pair in model.rigs.values() for block in pair] if model else []
     for block in blocks:
         del made[block]
@@ -316,7 +367,10 @@ def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:
 
 
 def _off(model: Model, actors: dict, stage: bpy.types.Scene, origin: np.ndarray, span: tuple[float, float], times) -> float:
-    """Metres that what a rig of `model` shows is off, at most, where it was recorded and halfway between."""
+    """Return how far off a rig of `model` shows the character, at most, metres.
+
+    Tested at up to five times halfway between keys, and at one recorded time.
+    """
     rigs = perform(model, "Crowd LOD trial", 1 / (span[1] - span[0]), -span[0] / (span[1] - span[0]), span)
     copies = {item: dress(item, model, rigs, actor) for item, actor in actors.items()}
     try:

@@ -1,4 +1,7 @@
-"""Far LODs of a build with images scaled to what they can show: copies of their materials, which share them."""
+"""Scaled images for the far LODs of a build, in copies of their materials.
+
+Images are scaled to what the LODs can show. The copies share the scaled images.
+"""
 
 import hashlib
 from collections.abc import Generator, Iterable, Iterator
@@ -11,7 +14,8 @@ from ...crowd_lod.levels.texture_scale import halvings, scaled, texel
 from ..blender import cameras, color_space, mesh_data, scene_data
 from ..crowd.scene_crowd import bias_of, characters_of, home_of, policy_of, trajectory_of
 
-SCALED = "crowd_lod_scaled"  # custom property of a scaled image: a hash of what it was made from, and how often that was halved
+# custom property of a scaled image: a hash of what it was made from, and how often that was halved
+SCALED = "crowd_lod_scaled"
 LOOKED_AT = 9  # frames, evenly, whose cameras are asked how large they show LODs
 UNSTILL = {"TILED": "UDIM tiles", "SEQUENCE": "a sequence", "MOVIE": "a movie", "VIEWER": "a render"}
 
@@ -19,13 +23,19 @@ Levels = frozenset[tuple[bpy.types.Image, int]]  # images, and how often each is
 
 
 def image_bytes(materials: Iterable[bpy.types.Material]) -> int:
-    """The memory that the images of `materials` take in Cycles, each counted once, see bytes_of."""
+    """Return the memory of the images of `materials` in Cycles, each counted once.
+
+    See bytes_of.
+    """
     return bytes_of((image, 0) for image in _images(materials))
 
 
 def bytes_of(levels: Iterable[tuple[bpy.types.Image, int]]) -> int:
-    """The memory that images halved so often take in Cycles, each counted once: width x height x 4 bytes, or 16 of floats (of those
-    that files hold in 16 bits Cycles may keep 8)."""
+    """Return the memory in Cycles of images halved so often, each counted once.
+
+    Bytes: width x height x 4, or x 16 for float images (Cycles may keep 8 for those that files hold
+    in 16 bits).
+    """
     found = 0
     for image, times in set(levels):
         sizes = [tile.size for tile in image.tiles] if image.source == "TILED" else [image.size]
@@ -34,7 +44,10 @@ def bytes_of(levels: Iterable[tuple[bpy.types.Image, int]]) -> int:
 
 
 def shown_images(scene: bpy.types.Scene) -> dict[bpy.types.Object, Levels]:
-    """Of each LOD's object the images that it shows in a build of `scene`, halved as Scale Textures says."""
+    """Return for each LOD's object the images that it shows in a build of `scene`.
+
+    They are halved if Scale Textures is on.
+    """
     pixels, found = _pixels(scene) if scene.crowd_lod.scale_textures else {}, {}
     for item in scene.crowd_lod.levels.all_objects:
         far, own = item.type == "MESH" and pixels.get(item, 0) > 0, set()
@@ -46,17 +59,21 @@ def shown_images(scene: bpy.types.Scene) -> dict[bpy.types.Object, Levels]:
 
 
 def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Image]:
-    """The images that the nodes of `materials` show."""
+    """Return the images in the nodes of `materials`."""
     return {node.image for material in materials if material for node, _ in _textures(material.node_tree)}
 
 
 def scale_textures(
     scene: bpy.types.Scene, shown: dict[bpy.types.Object, bpy.types.Object], names: dict
 ) -> Generator[float, None, tuple[float, float, list[str]]]:
-    """Give the build's objects, each of which `shown` says what LOD's object it stands for, materials with images no larger than each
-    LOD can show from where it begins. Yields 1.0; returns (bytes before, bytes after, sentences on what was left).
+    """Give the build's objects materials with images no larger than LODs can show.
 
-    LODs' own meshes and materials stay as they are. `names` gets the new blocks, with what they are to be called."""
+    shown: the build's object -> the LOD's object that it stands for. The LODs' own meshes and
+        materials stay as they are.
+    names: gets the new blocks with their final names.
+
+    Yields 1.0; returns (bytes before, bytes after, sentences).
+    """
     before = image_bytes({slot.material for copy in shown for slot in copy.material_slots})
     pixels, levels, left, wanted = _pixels(scene), {}, {}, {}
     yield 1.0
@@ -77,7 +94,10 @@ def scale_textures(
 
 
 def _pixels(scene: bpy.types.Scene) -> dict[bpy.types.Object, float]:
-    """Of each LOD's object the metres that a pixel shows of it where it is nearest, 0 for the finest LOD."""
+    """Return for each LOD's object the metres per pixel where it is nearest.
+
+    0 for the finest LOD.
+    """
     policy, trajectory, found = policy_of(scene.crowd_lod), trajectory_of(scene), {}
     bias = bias_of(scene.crowd_lod, trajectory.world.area)
     farther = 1.0 if bias is None else 4.0 ** (1 - 2 * float(bias.values.min()))
@@ -92,12 +112,16 @@ def _pixels(scene: bpy.types.Scene) -> dict[bpy.types.Object, float]:
     for k, level in enumerate(scene.crowd_lod.levels.children[: policy.count]):
         for g, (name, _, _) in enumerate(characters_of(scene)):
             for item in home_of(level, g, name).objects:
-                found.setdefault(item, float(nearest[g, k]))  # a group with fewer LODs repeats its last
+                # a group with fewer LODs repeats its last
+                found.setdefault(item, float(nearest[g, k]))
     return found
 
 
 def _textures(tree: bpy.types.NodeTree | None, path: tuple = ()) -> Iterator[tuple[bpy.types.Node, tuple]]:
-    """The image textures of a material's nodes, each with the group nodes that it is in, from the outermost."""
+    """Yield a material's image texture nodes, each with its path of group nodes.
+
+    The path begins with the outermost group.
+    """
     for node in tree.nodes if tree else ():
         if node.type == "TEX_IMAGE" and node.image is not None:
             yield node, path
@@ -106,7 +130,10 @@ def _textures(tree: bpy.types.NodeTree | None, path: tuple = ()) -> Iterator[tup
 
 
 def _coordinates(socket: bpy.types.NodeSocket, path: tuple) -> tuple[str, float] | None:
-    """(the UV map, "" for the active one; the least factor on it) that the socket leads back to; None if it is not a UV map's."""
+    """Return (UV map, least factor on it) to which the socket leads back.
+
+    The name "" stands for the active UV map. None if the coordinates are not those of a UV map.
+    """
     if not socket.links:
         return ("", 1.0) if socket.node.type == "TEX_IMAGE" else None
     link = socket.links[0]
@@ -127,7 +154,10 @@ def _coordinates(socket: bpy.types.NodeSocket, path: tuple) -> tuple[str, float]
 
 
 def _levels(copy: bpy.types.Object, slot: int, pixel: float, left: dict[bpy.types.Image, str]) -> Levels:
-    """How often the images of the object's material in `slot` may be halved; `left` gets those that cannot, and why."""
+    """Return how often the images of the object's material in `slot` may be halved.
+
+    left: gets the images that cannot be halved, and why.
+    """
     material, found = copy.material_slots[slot].material, {}
     for node, path in _textures(material.node_tree) if material else ():
         image, at, times = node.image, _coordinates(node.inputs["Vector"], path), 0
@@ -145,7 +175,10 @@ def _levels(copy: bpy.types.Object, slot: int, pixel: float, left: dict[bpy.type
 
 
 def _surface(copy: bpy.types.Object, slot: int, name: str) -> tuple[np.ndarray, np.ndarray]:
-    """(corners (m, 3, 3) metres, UVs (m, 3, 2)) of the triangles of the object that have the material in `slot`."""
+    """Return the triangles of the object that have the material in `slot`.
+
+    (corners (m, 3, 3) metres, UVs (m, 3, 2)).
+    """
     mesh = copy.data
     points, triangles, corners, faces = mesh_data.read_triangles(mesh)
     slots = np.empty(len(mesh.polygons), np.int32)
@@ -160,7 +193,10 @@ def _surface(copy: bpy.types.Object, slot: int, name: str) -> tuple[np.ndarray, 
 
 
 def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
-    """The image, halved so many `times`, packed: one that is there, of a build of another scene, or a new one in `names`."""
+    """Return the image, halved so many `times` and packed.
+
+    An equal one of another build is reused; a new one is added to `names`.
+    """
     space = image.colorspace_settings
     width, height = image.size
     values = np.empty((height, width, image.channels), np.float32)
@@ -184,7 +220,8 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
     made = bpy.data.images.new(title, *pixels.shape[1::-1], alpha=True, float_buffer=image.is_float, is_data=space.is_data)
     names[made], made[SCALED] = title, mark
     if not image.is_float:
-        made.colorspace_settings.name = space.name  # floats are linear as they are held, and colors multiplied by alpha
+        # floats are linear as they are held, and colors multiplied by alpha
+        made.colorspace_settings.name = space.name
     made.alpha_mode = "PREMUL" if image.is_float and image.alpha_mode == "STRAIGHT" else image.alpha_mode
     made.pixels.foreach_set(pixels.ravel())
     made.update()
@@ -193,10 +230,15 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
 
 
 def _dress(copy, item, levels: list[Levels], wanted: dict, made: dict, names: dict) -> None:
-    """Give the object `copy` of the LOD's object `item` materials with images at these `levels`, a slot each; `made` holds those that
-    there are already."""
+    """Give `copy` of the LOD's object `item` materials with images at these `levels`.
+
+    levels: one entry per slot.
+    made: the copies that exist already.
+    """
     materials = [_material(slot.material, own, wanted, made, names) for slot, own in zip(copy.material_slots, levels, strict=True)]
-    if copy.data == item.data:  # which stays: images of the materials of a mesh are loaded, whatever its object has in their place
+    # which stays: images of the materials of a mesh are loaded, whatever its object has in their
+    # place
+    if copy.data == item.data:
         if item not in made:
             made[item] = item.data.copy()
             names[made[item]] = item.data.name
@@ -210,7 +252,7 @@ def _dress(copy, item, levels: list[Levels], wanted: dict, made: dict, names: di
 def _material(
     material: bpy.types.Material | None, levels: Levels, wanted: dict, made: dict, names: dict
 ) -> bpy.types.Material | None:
-    """The copy of the material with its images at these `levels`."""
+    """Return a copy of the material with its images at these `levels`."""
     if not levels:
         return material
     if (material, levels) not in made:
@@ -222,7 +264,7 @@ def _material(
 
 
 def _exchange(tree: bpy.types.NodeTree, levels: dict[bpy.types.Image, int], wanted: dict, made: dict, names: dict) -> None:
-    """Put the images at these `levels` into the nodes of `tree`, groups copied."""
+    """Put the images at these `levels` into the nodes of `tree`, and copy its groups."""
     for node in tree.nodes:
         if node.type == "TEX_IMAGE" and node.image in levels:
             node.image = wanted[node.image, levels[node.image]]

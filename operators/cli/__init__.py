@@ -1,1 +1,4 @@
-"""The commands `crowd-lod ...` and `blender --command crowd_lod ...`: arguments in, one summary or JSON out."""
+"""The commands `crowd-lod ...` and `blender --command crowd_lod ...`.
+
+Arguments in, one summary or JSON out.
+"""

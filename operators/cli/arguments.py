@@ -1,4 +1,4 @@
-"""What the commands take: names, arguments, help."""
+"""The commands' names, arguments and help."""
 
 import argparse
 from pathlib import Path
@@ -12,7 +12,10 @@ from ..batch.preview import ENGINES
 
 
 def parser(program: str) -> argparse.ArgumentParser:
-    """What reads the command line of `program`: the name of the command as `does`, and its arguments."""
+    """Return the parser of the command line of `program`.
+
+    It gives the name of the command as `does`, and its arguments.
+    """
     checkout = "In a checkout ./crowd-lod also takes test, bench and package; --python 3.11 before the command takes Blender 4.5."
     made = argparse.ArgumentParser(
         prog=program,
@@ -40,7 +43,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     command.add_argument(
         "--color",
         choices=("lod", "material", "state", "group", "reason"),
-        help="tint by LOD, or true materials; the last three with the engine overlay alone (default: the scene's)",
+        help="colors of the characters; state, group and reason need --engine overlay (default: the scene's)",
     )
 
     command = _command(
@@ -59,7 +62,7 @@ def parser(program: str) -> argparse.ArgumentParser:
         help="with --bake: leave out characters and LODs that no frame shows; less memory and file",
     )
     command.add_argument(
-        "--view-layer", action="append", metavar="NAME", help="show the crowd there alone; again for more (default: all)"
+        "--view-layer", action="append", metavar="NAME", help="show the crowd only there; repeat for more (default: all)"
     )
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
@@ -75,7 +78,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures and tables (default: SCENE_verify)")
     command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="width of the pictures (default: 320)")
     command.add_argument("--samples", type=int, default=4, metavar="N", help="samples of each pixel (default: 4)")
-    command.add_argument("--bounces", type=int, default=0, metavar="N", help="once more with the sky and N bounces (default: 0)")
+    command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")
 
     command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
@@ -117,9 +120,12 @@ def _command(commands, program: str, name: str, about: str, example: str) -> arg
 
 
 def _path(text: str) -> Path:
-    """What a shell's empty variable leaves names no path: Path would take it for the current folder."""
+    """Return the text as a path; an empty one is an error, not the current folder.
+
+    A shell's empty variable gives such a text.
+    """
     if not text:
-        raise argparse.ArgumentTypeError("names nothing")
+        raise argparse.ArgumentTypeError("the path is empty")
     return Path(text)
 
 

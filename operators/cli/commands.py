@@ -1,4 +1,4 @@
-"""The commands: one implementation for the shell and for `blender --command crowd_lod`."""
+"""The commands, for the shell and for `blender --command crowd_lod` alike."""
 
 import contextlib
 import json
@@ -33,7 +33,10 @@ from .arguments import parser
 
 
 def from_blender(argv: list[str]) -> int:
-    """`blender [FILE] --command crowd_lod ARGV`: the exit code. Without a SCENE the file that is open is meant."""
+    """Run `blender [FILE] --command crowd_lod ARGV`, and return the exit code.
+
+    Without a SCENE the commands work on the open file.
+    """
     interrupt.heed()
     status = _run(argv, "blender -b [FILE] --command crowd_lod")
     if "--json" in argv:  # what Blender still has to say would come after it
@@ -42,7 +45,10 @@ def from_blender(argv: list[str]) -> int:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """`crowd-lod ARGV` in the shell, once cli/start.py has seen to Ctrl-C: the exit code."""
+    """Run `crowd-lod ARGV` in the shell, and return the exit code.
+
+    cli/start.py must have set up Ctrl-C before.
+    """
     from ... import register, unregister
 
     interrupt.heed()
@@ -63,7 +69,8 @@ def _tell(argv: list[str], program: str) -> int:
         standard_streams.put("")  # a closed stream is no place for a result
         try:
             args = parser(program).parse_args(argv)
-        except SystemExit as end:  # argparse has printed why; Blender must not be torn down from inside a command
+        # argparse has printed why; Blender must not be torn down from inside a command
+        except SystemExit as end:
             standard_streams.put("")
             return int(end.code or 0)
         with interrupt.work():
@@ -77,9 +84,14 @@ def _tell(argv: list[str], program: str) -> int:
 
 
 def open_scene(name: str | None) -> bpy.types.Scene:
-    """Open the .blend file, or make the sample, called `name`; None is what is open already."""
+    """Open a .blend file, or make a sample scene, by `name`, and return the scene.
+
+    None stands for the file that is open already. CrowdError if there is no such file or Blender
+    cannot open it.
+    """
     if name in sample_scenes.NAMES:
-        # an empty file of the user's own start-up: the factory's would switch this extension off while it runs
+        # an empty file of the user's own start-up: the factory's would switch this extension off
+        # while it runs
         bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
         scene = bpy.context.scene
         scene.name = name
@@ -103,12 +115,12 @@ def _first_line(error: Exception) -> str:
 
 
 def _stem(args) -> str:
-    """What files that are made of the command's scene are called after."""
+    """Return the name stem of files made from the command's scene."""
     return Path(args.scene or bpy.data.filepath or "scene").stem
 
 
 def _frames(args, settings) -> list[int]:
-    """The frames that the command names, or else the scene."""
+    """Return the frames given in the command, or else those of the scene's settings."""
     text, step = (getattr(settings if getattr(args, name) is None else args, name) for name in ("frames", "step"))
     return parse_frames(text, step)
 
@@ -172,7 +184,7 @@ def _verify(args, command: list[str]) -> dict:
 
 
 def _within(what: str, value: int, least: int, most: int) -> int:
-    """The value; CrowdError names what lies outside its range."""
+    """Return the value; CrowdError if it lies outside its range."""
     if not least <= value <= most:
         raise CrowdError(f"The {what} is {value}; give a whole number from {least} to {most}.")
     return value
@@ -267,7 +279,10 @@ def _sample(args, command: list[str]) -> dict:
 
 
 def _blend(path: Path) -> Path:
-    """The path, absolute; CrowdError if it is no .blend file's, or has no folder, before any work is done for it."""
+    """Return the path of a .blend file, absolute, checked before any work is done.
+
+    CrowdError if it does not end in .blend, or its folder does not exist.
+    """
     if path.suffix != ".blend":
         raise CrowdError(f"The file {printable(path.name)} must end in .blend.")
     path = files.absolute(path)
@@ -278,7 +293,7 @@ def _blend(path: Path) -> Path:
 
 
 def _save(part: Path, path: Path, compress: bool = False) -> None:
-    """Write what is open to the file `part`, which is to become `path`."""
+    """Save the open file to `part`, which is to become `path`."""
     try:
         with console.quiet():
             bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True, compress=compress)
@@ -287,7 +302,7 @@ def _save(part: Path, path: Path, compress: bool = False) -> None:
 
 
 def _finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:
-    """Run the generator of progress to its end with a bar on stderr; what it returns."""
+    """Run a progress generator with a bar on stderr, and return its result."""
     with contextlib.ExitStack() as stack:
         stack.callback(steps.close)
         bar = None
@@ -295,7 +310,8 @@ def _finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made
             with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
                 from tqdm import tqdm
 
-                tqdm.set_lock(threading.RLock())  # its own is of processes, and one of Python's would complain that it is left
+                # its own is of processes, and one of Python's would complain that it is left
+                tqdm.set_lock(threading.RLock())
                 looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
                 stack.callback(setattr, interrupt, "line", interrupt.line)
                 bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))

@@ -1,4 +1,4 @@
-"""The first lines of a command in the shell: Ctrl-C is heeded before Blender is loaded, which takes seconds."""
+"""The start of a shell command: handle Ctrl-C before Blender's slow loading."""
 
 import contextlib
 import os
@@ -9,7 +9,7 @@ from ...crowd_lod.reporting import interrupt
 
 
 def start() -> int:
-    """`crowd-lod ARGV` in the shell: the exit code."""
+    """Run `crowd-lod ARGV` from the shell, and return the exit code."""
     interrupt.heed()
     with interrupt.unfinished(_forget_session):
         import numpy  # noqa: F401  # Blender loads it after it has made a folder that we know of once it is loaded
@@ -17,12 +17,16 @@ def start() -> int:
         from .commands import main
 
         code = main()
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # all is told; a handler of ours would be taken away while Python ends
+        # all is told; a handler of ours would be taken away while Python ends
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         return code
 
 
 def _forget_session() -> None:
-    """Remove the folder of temporary files, empty but in a render, that Blender removes when it ends by itself."""
+    """Remove Blender's folder of temporary files, which is empty except in a render.
+
+    Blender removes it itself when it ends normally.
+    """
     if app := getattr(sys.modules.get("_bpy"), "app", None):
         with contextlib.suppress(OSError):
             os.rmdir(app.tempdir)

@@ -1,5 +1,6 @@
-"""The scene's settings -> the method's crowd: groups, map, state machine, trajectory, lights.
+"""Translate the scene's settings into the method's crowd.
 
-In: `scene.crowd_lod`. Out: Group, Trajectory, LevelPolicy, Surroundings, Frame of the package crowd_lod. Bad settings end in a
-CrowdError that names them.
+In: `scene.crowd_lod`: groups, map, state machine, lights.
+Out: Group, Trajectory, LevelPolicy, Surroundings, Frame of the package crowd_lod. Bad settings end
+    in a CrowdError that names them.
 """

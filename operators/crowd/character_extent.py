@@ -1,4 +1,4 @@
-"""How far a character reaches in renders: its vertices, the hair's thickness, and what materials displace it by."""
+"""Extent of a character in renders: vertices, hair, displacement by materials."""
 
 import time as clock
 from collections.abc import Generator, Iterator
@@ -13,7 +13,8 @@ from ..blender.references import reached
 from ..blender.render_evaluation import as_rendered
 from ..blender.rig_dependencies import armatures_of
 
-# The bounding sphere is measured at every whole frame of the action, or at this many times evenly over a longer one.
+# The bounding sphere is measured at every whole frame of the action, or at this many times evenly
+# over a longer one.
 MOST_POSES = 120
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's height: nearer to the ground it stands on it
@@ -21,13 +22,19 @@ THIN = 0.01  # metres: the radius of hair that has none of its own
 
 
 def frames_of(first: float, last: float) -> np.ndarray:
-    """The times, in frames, at which an action from `first` to `last` is measured."""
+    """Return the frames at which an action from `first` to `last` is measured.
+
+    These are all whole frames, or MOST_POSES evenly over a longer action.
+    """
     return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
 
 
 def posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Generator[float, None, list[np.ndarray]]:
-    """Yields the progress, with nothing of its own in the file then, and returns how far all objects reach in renders, (n, 4)
-    as `extent` has it, at each of the `frames`."""
+    """Measure the extent of `objects` at each of `frames`: yield the progress.
+
+    Returns a list of (n, 4), one for each frame; see `extent`. Whenever it yields, the file holds
+    none of its temporary data.
+    """
     poses = []
     while len(poses) < len(frames):
         with cleanup.scratch(), as_rendered(objects) as (stage, actors):
@@ -45,8 +52,14 @@ def posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Generator[flo
 
 
 def lowest(poses: list[np.ndarray], origin: float) -> float:
-    """Metres from the height `origin` up to the lowest point of all `poses`, each (n, 4); 0 where that is next to nothing,
-    as in a step."""
+    """Return the height of the lowest point of all `poses` above `origin`, metres.
+
+    0 if it is within OFF_GROUND of the character's height, as it may be in a step, or if there are
+    no points, or some that are not finite.
+
+    poses: each (n, 4); see `extent`.
+    origin: height in metres.
+    """
     heights = np.concatenate(poses)[:, 2]
     if not len(heights) or not np.isfinite(heights).all():
         return 0.0
@@ -55,10 +68,17 @@ def lowest(poses: list[np.ndarray], origin: float) -> float:
 
 
 def bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
-    """(centre, radius) of the sphere about `origin`, (3,), that holds the objects in all `poses`, each (n, 4), and between them.
+    """Return (center, radius) of the sphere that holds the character in all `poses`.
 
-    Between two frames a vertex leaves the straight line by up to an eighth of its acceleration, which the second
-    difference of three poses is near; twice that is added.
+    Its center stands on the vertical axis through `origin`, at the height `center` above it,
+    metres. CrowdError if there are no points, or some at NaN or infinity.
+
+    Between two frames a vertex may leave the straight line by an eighth of its acceleration,
+    estimated by the second difference of three poses. The radius is larger by twice that.
+
+    name: of the character, for errors.
+    origin: (3,) metres.
+    poses: each (n, 4); see `extent`.
     """
     points, reach = np.split(np.concatenate(poses), [3], axis=1)
     if not len(points):
@@ -72,8 +92,11 @@ def bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
 
 
 def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """(n, 4) float64: points in the world, metres, and the distance from each within which the object shows, too, as
-    `depsgraph` has evaluated it."""
+    """Return the points of `actor` and the reach around each: (n, 4) float64, metres.
+
+    The first three columns are the point in world space, as `depsgraph` has evaluated it. The
+    object may show anything within the fourth, the reach.
+    """
     evaluated = actor.evaluated_get(depsgraph)
     points = [_with(mesh_data.world_points(evaluated), 0.0)]
     if actor.type == "CURVES":  # nodes may turn it into anything, and a pose keeps them
@@ -90,7 +113,10 @@ def _with(points: np.ndarray, reach: np.ndarray | float) -> np.ndarray:
 
 
 def _shape(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
-    """(n, 4), as `extent` has it, of the hair, the mesh or the points that an instance with the `matrix` (4, 4) shows."""
+    """Return the extent (n, 4) of an instance of hair, mesh or point cloud.
+
+    matrix: (4, 4), of the instance.
+    """
     data = item.data
     place = data.attributes.get("position") if hasattr(data, "attributes") else None
     if place is None or not len(place.data):
@@ -102,7 +128,8 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
         reach = np.full(len(points), THIN) if radius is None else _values(radius, "value", 1)[:, 0]
         reach = np.abs(reach) * np.linalg.norm(matrix[:3, :3], 2)
     if isinstance(data, bpy.types.Curves):
-        # Cycles draws hair through its points; between two of them it stays within these and their handles
+        # Cycles draws hair through its points; between two of them it stays within these and their
+        # handles
         along = np.zeros_like(points)
         along[1:-1] = (points[2:] - points[:-2]) / 6
         ends = [_values(data.attributes[n], "vector", 3) for n in ("handle_left", "handle_right") if n in data.attributes]
@@ -118,7 +145,10 @@ def _values(attribute: bpy.types.Attribute, name: str, width: int) -> np.ndarray
 
 
 def displaced(evaluated: bpy.types.Object) -> float:
-    """Metres by which its materials displace the surface of an evaluated object at most, as far as that is known."""
+    """Return the most that materials displace an evaluated object, metres.
+
+    Materials with an unknown displacement count as 0; see `displacement`.
+    """
     data = getattr(evaluated.data, "materials", None) or ()
     materials = {*data, *(slot.material for slot in evaluated.material_slots)} - {None}
     stretch = np.linalg.norm(np.array(evaluated.matrix_world)[:3, :3], 2)
@@ -126,7 +156,10 @@ def displaced(evaluated: bpy.types.Object) -> float:
 
 
 def displacement(material: bpy.types.Material) -> float | None:
-    """By how much the material displaces a surface at most; None where its nodes do not bound that, nor the user."""
+    """Return the most that the material displaces a surface, None if unknown.
+
+    It is unknown if neither the nodes nor Max Vertex Displacement limit it.
+    """
     if material.displacement_method == "BUMP" or material.node_tree is None:
         return 0.0
     ends = [node.inputs["Displacement"] for node in material.node_tree.nodes if node.type == "OUTPUT_MATERIAL"]
@@ -137,7 +170,7 @@ def displacement(material: bpy.types.Material) -> float | None:
 
 
 def _shift(socket: bpy.types.NodeSocket) -> float | None:
-    """The longest vector that comes into the socket "Displacement"."""
+    """Return the longest vector into the socket "Displacement", None if unknown."""
     node, _ = _source(socket)
     if node is None or node.mute or node.type not in ("DISPLACEMENT", "VECTOR_DISPLACEMENT"):
         return None
@@ -151,7 +184,7 @@ def _shift(socket: bpy.types.NodeSocket) -> float | None:
 
 
 def _source(socket: bpy.types.NodeSocket) -> tuple[bpy.types.Node | None, bpy.types.NodeSocket | None]:
-    """The node and its output that feed the socket, or none."""
+    """Return the (node, output) that feed the socket, or (None, None)."""
     while socket.is_linked:
         link = socket.links[0]
         if link.from_node.type != "REROUTE":
@@ -161,7 +194,7 @@ def _source(socket: bpy.types.NodeSocket) -> tuple[bpy.types.Node | None, bpy.ty
 
 
 def _range(socket: bpy.types.NodeSocket) -> tuple[float, float] | None:
-    """(least, most) of the numbers that come into the socket; None where nothing bounds them."""
+    """Return (least, most) of the values that enter the socket, or None if unbounded."""
     node, output = _source(socket)
     if node is None:
         return None if socket.is_linked else _ends(socket.default_value)
@@ -189,12 +222,12 @@ def _ends(value) -> tuple[float, float]:
 
 
 def unknown(objects: list[bpy.types.Object]) -> Iterator[str]:
-    """What the extent of a character's `objects` leaves out, since a render alone knows it: sentences' ends."""
+    """Yield a clause for each part of the extent that only a render knows."""
     for item in objects:
         found = sorted(reached(item), key=lambda block: block.name)
         trees = [block for block in found if isinstance(block, bpy.types.GeometryNodeTree)]
         if any(node.bl_idname == "GeometryNodeIsViewport" and not node.mute for tree in trees for node in tree.nodes):
-            yield f"the nodes of {item.name} ask whether they are in a viewport"
+            yield f"the nodes of {item.name} use the node Is Viewport"
         for material in found:
             if isinstance(material, bpy.types.Material) and displacement(material) is None:
-                yield f"nothing bounds the height by which {material.name} displaces {item.name}"
+                yield f"the material {material.name} displaces {item.name} by an unlimited height (set its Max Vertex Displacement)"

@@ -1,4 +1,4 @@
-"""Blender's lights, mirrors and what shadows may fall on -> the core's (crowd_lod/planning/shadows.py)."""
+"""From Blender's lights, mirrors and shadow receivers to planning/shadows.py."""
 
 from collections.abc import Sequence
 
@@ -13,7 +13,8 @@ from ..blender.cameras import camera_at, read_shutter, shutter_times
 from .scene_crowd import policy_of
 from .scenery import SOLID, Placed, casts, emits, matrix_of, scenery_of
 
-MOST_INSTANCES = 64  # of lights that nodes or instancing make; of more one that holds them all is made
+# of lights that nodes or instancing make; of more one that holds them all is made
+MOST_INSTANCES = 64
 MOST_SIDES = 64  # flat sides of a mirror object; a curved one has more
 
 
@@ -24,10 +25,15 @@ def read_surroundings(
     times: Sequence[float] | None = None,
     at: frame_stepping.At | None = None,
 ) -> Surroundings:
-    """What the crowd of `scene` shadows and is mirrored by at `time` (see scene.time_of), which `depsgraph` has evaluated.
+    """Return lights and mirrors that may bring unseen agents into the picture.
 
-    With motion blur lights and mirrors hold for the whole shutter of the frame at `time`, or for other `times`, whatever the
-    time of `depsgraph`. What shadows may fall on is then not bounded, nor without a depsgraph. at: of an open stepping.stage.
+    They are those at `time`. With motion blur, they hold for the whole shutter of the frame at
+    `time`. The box of shadow receivers is then unknown, as it is without a depsgraph.
+
+    depsgraph: has evaluated the scene at `time`, or None.
+    time: frames of the animation (see scene_data.time_of).
+    times: in place of the shutter's times.
+    at: of an open frame_stepping.stepped or frame_stepping.stage; a stage is opened if None.
     """
     settings, engine = scene.crowd_lod, scene.render.engine
     if not settings.shadows:
@@ -51,21 +57,25 @@ def read_surroundings(
 
 
 def read_moment(scene: bpy.types.Scene, time: float, at: frame_stepping.At) -> tuple:
-    """What a plan of `scene` at `time` takes: (the eyes' cameras, the Surroundings, what the shutter sees), with the scene stepped
-    there by `at`."""
+    """Return (cameras of the eyes, Surroundings, shutter) for a plan at `time`.
+
+    The scene is stepped there by `at`.
+    """
     film = camera_at(scene, time, at)
     return film, read_surroundings(scene, at((), time), time, at=at), read_shutter(scene, time, at)
 
 
 def _read(lamps: list[Placed], panes: list[Placed], depsgraph, engine: str) -> tuple[list[Light], list[Mirror]]:
-    """The lights and mirrors as `depsgraph` has evaluated them."""
+    """Return the lights and mirrors as `depsgraph` has evaluated them."""
     lights = [_light(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph), engine) for placed in lamps]
     return lights, [mirror for placed in panes for mirror in _mirrors(placed, depsgraph)]
 
 
 def _instanced(makers: set[bpy.types.Object], depsgraph, engine: str) -> dict[tuple, Light]:
-    """The lights that `makers` make by nodes, particles or instancing, as `depsgraph` has evaluated them, by what tells an
-    instance from others at all times."""
+    """Return the lights that `makers` make by nodes, particles or instancing.
+
+    The keys identify an instance at all times. Lights are as `depsgraph` has evaluated them.
+    """
     found = {}
     for instance in depsgraph.object_instances if makers else ():
         item, maker = instance.object, (instance.parent or instance.object).original
@@ -79,7 +89,10 @@ def _instanced(makers: set[bpy.types.Object], depsgraph, engine: str) -> dict[tu
 
 
 def _few(lights: list[Light]) -> list[Light]:
-    """`lights`, or where they are very many, of the suns and of the others one that holds them all."""
+    """Return `lights`, merged if there are more than MOST_INSTANCES.
+
+    Then one light holds all suns, and another holds all others.
+    """
     if len(lights) <= MOST_INSTANCES:
         return lights
     suns, others = ([light for light in lights if (light.origin is None) == sun] for sun in (True, False))
@@ -92,7 +105,10 @@ def _few(lights: list[Light]) -> list[Light]:
 
 
 def _light(item: bpy.types.Object, matrix: np.ndarray, engine: str) -> Light:
-    """The light of a lamp or of an object that glows, evaluated, with the world matrix (4, 4)."""
+    """Return the Light of an evaluated lamp or glowing object.
+
+    matrix: (4, 4), to world space.
+    """
     scale = np.linalg.norm(matrix[:3, :3], axis=0)
     axis, origin = -matrix[:3, 2] / max(scale[2], 1e-12), matrix[:3, 3]
     if item.type != "LIGHT":
@@ -117,7 +133,10 @@ def _light(item: bpy.types.Object, matrix: np.ndarray, engine: str) -> Light:
 
 
 def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
-    """The flat sides of a mirror object; CrowdError if it is curved."""
+    """Return the flat sides of a mirror object.
+
+    CrowdError if there are more than MOST_SIDES, as with a curved one.
+    """
     points, polygons = mesh_data.world_polygons(placed[0].evaluated_get(depsgraph), matrix_of(placed, depsgraph))
     sides: dict[tuple, list[np.ndarray]] = {}
     for polygon in polygons:
@@ -136,7 +155,10 @@ def _mirrors(placed: Placed, depsgraph) -> list[Mirror]:
 
 
 def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
-    """The mirror of the faces, corners (k, 3) each: the smallest rectangle about them that has an edge's direction."""
+    """Return the Mirror around faces in one plane, each (k, 3) corners.
+
+    It is the smallest rectangle with a side along an edge of the faces.
+    """
     normal, points = normal / np.linalg.norm(normal), np.concatenate(faces)
     edges = np.concatenate([np.roll(corners, -1, axis=0) - corners for corners in faces])
     edges -= np.outer(edges @ normal, normal)
@@ -153,7 +175,10 @@ def _mirror(normal: np.ndarray, faces: list[np.ndarray]) -> Mirror:
 def _through(
     lamps, panes, makers: set[bpy.types.Object], times: Sequence[float], engine: str, at: frame_stepping.At | None
 ) -> tuple[list[Light], list[Mirror]]:
-    """The lights, each so wide that it holds itself at all of `times`, and the mirrors as they are at each."""
+    """Return lights and mirrors over all of `times`.
+
+    Each light is widened so that it holds itself at every time. Mirrors are listed for each time.
+    """
     items = {part for thing, inside in (*lamps, *panes) for part in (thing, *inside)} | makers
     if not items:
         return [], []
@@ -172,7 +197,7 @@ def _through(
 
 
 def _widened(each: tuple[Light, ...]) -> Light:
-    """One light that holds all of `each`, the same at different times."""
+    """Return one light that holds `each`: one light at several times, or many suns."""
     first = each[0]
     turn = max(float(np.arccos(np.clip(light.direction @ first.direction, -1, 1))) for light in each)
     angle = max(light.angle for light in each) + turn
@@ -184,11 +209,11 @@ def _widened(each: tuple[Light, ...]) -> Light:
 
 
 def _corners(item: bpy.types.Object, matrix: np.ndarray) -> np.ndarray:
-    """The corners (8, 3) in the world of an evaluated object's bounding box."""
+    """Return the corners (8, 3) of an evaluated object's bounding box, world space."""
     return np.array(item.bound_box, np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
 
 
 def _foggy(world: bpy.types.World | None) -> bool:
-    """Whether the world is full of fog, on all of which shadows fall."""
+    """Return whether the world has a volume, which receives shadows everywhere."""
     outputs = world.node_tree.nodes if world is not None and world.node_tree is not None else ()
     return any(node.type == "OUTPUT_WORLD" and node.inputs["Volume"].is_linked for node in outputs)

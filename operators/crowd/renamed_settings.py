@@ -1,17 +1,21 @@
-"""Settings with a better name than the one that files store them under: each is read and written by both."""
+"""Settings that files store under an older name: both names read and write them."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
 from bpy.props import EnumProperty
 
-STORED = {"center": "centre", "color": "colour", "overlay_color": "overlay_colour", "method": "way"}  # by what files call each
+# by what files call each
+STORED = {"center": "centre", "color": "colour", "overlay_color": "overlay_colour", "method": "way"}
 
 
 def renamed(kind: Callable, own: str, /, items: Sequence[tuple] = (), old: Sequence[str] = (), **looks) -> Any:
-    """The property `own`, one of STORED, of this `kind` of bpy.props, which reads and writes the stored one.
+    """Return a property of bpy.props that reads and writes the stored one.
 
-    items: of an EnumProperty. old: how the stored one calls these, in the same order, where it calls them otherwise.
+    kind: a function of bpy.props, such as EnumProperty.
+    own: the property's name, one of STORED.
+    items: of an EnumProperty.
+    old: identifiers of these items in files, in the same order, where they differ.
     looks: name, description, size and so on.
     """
     stored = STORED[own]

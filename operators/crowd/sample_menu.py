@@ -1,4 +1,4 @@
-"""The sample scenes, as buttons and for the commands."""
+"""The operator that makes a sample scene."""
 
 import bpy
 
@@ -7,7 +7,7 @@ from ..blender.operator import Reporting
 
 
 class CROWDLOD_OT_sample(Reporting, bpy.types.Operator):
-    """Make the sample scene, beside your own, and show it"""
+    """Add a sample scene to this file, beside your own scene, and show it"""
 
     bl_idname = "crowd_lod.sample"
     bl_label = "Sample Scene"

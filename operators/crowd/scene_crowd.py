@@ -1,4 +1,4 @@
-"""From the scene's settings to the core's crowd: groups, map, state machine, trajectory, plan."""
+"""From the scene's settings to the core's crowd: groups, map, trajectory, plan."""
 
 import hashlib
 from collections.abc import Generator, Iterator, Mapping, Sequence
@@ -33,7 +33,8 @@ MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to h
 # Trajectories by the digest of all they depend on.
 _trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
 MOST_TRAJECTORIES = 4
-GROUP = "crowd_lod_group"  # custom property of a LOD's collection of one character group: the group's name
+# custom property of a LOD's collection of one character group: the group's name
+GROUP = "crowd_lod_group"
 OF_LEVELS = (
     "vertices",
     "triangles",
@@ -49,9 +50,13 @@ _latest: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 
 def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
-    """(name, objects with a shape, origin in world metres) of each character group, in natural order of their names.
+    """Return (name, objects, origin) of each character group, sorted by name.
 
-    A group is a child collection of the characters' collection, or one of its objects with all that is parented to it.
+    A group is a child collection of the characters' collection, or one of its objects with all that
+    is parented to it. CrowdError if there is no usable group.
+
+    objects: those with a shape.
+    origin: world metres.
     """
     stored_values.check(scene.crowd_lod)
     top = scene.crowd_lod.characters
@@ -63,7 +68,8 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
-            below = [item for item in root.children_recursive if not item.get(OWNED)]  # LODs hang on the same armature
+            # LODs hang on the same armature
+            below = [item for item in root.children_recursive if not item.get(OWNED)]
             groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
     if not groups:
         raise CrowdError(f"The collection {top.name} is empty: put the characters in it, one child collection or object each.")
@@ -79,15 +85,19 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
 
 
 def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
-    """What `measuring_groups` measures, in one go."""
+    """Measure all groups in one go; see `measuring_groups`."""
     return finished(measuring_groups(scene))
 
 
 def measuring_groups(
     scene: bpy.types.Scene, reaches: Mapping[str, tuple[float, float, float]] = {}
 ) -> Generator[float, None, tuple[Group, ...]]:
-    """Measure every character group's bounding sphere, stride and period; what is known of its LOD meshes is kept, and of groups in
-    `reaches` (lowest, centre, radius). Yields the progress, 0 to 1, and returns the groups."""
+    """Measure bounding sphere, stride and period of all groups.
+
+    Yields the progress, 0 to 1, and returns the groups. Measurements of LOD meshes are kept.
+
+    reaches: (lowest, center, radius) in metres by group, for groups that are not to be measured.
+    """
     settings = scene.crowd_lod
     fps = scene.render.fps / scene.render.fps_base
     known = {}
@@ -111,20 +121,23 @@ def measuring_groups(
 
 
 def stands(settings, name: str) -> bool:
-    """Whether the group called `name` is to stand on its lowest point."""
+    """Return whether the group `name` is to stand on its lowest point."""
     entry = settings.groups.get(name)
     return entry is None or entry.on_ground
 
 
 def store_groups(settings, groups: tuple[Group, ...]) -> None:
-    """Keep the measured groups in the scene's settings; groups of the same name keep their own thresholds
-    and the finest LOD that they build."""
+    """Store the measured groups in the scene's settings.
+
+    Groups of the same name keep their own thresholds and their finest LOD.
+    """
     own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest) for g in settings.groups}
     settings.groups.clear()
     settings.version = VERSION
     for group in groups:
         entry = settings.groups.add()
-        for name in ("name", "centre", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):  # see set_down
+        # see set_down
+        for name in ("name", "centre", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):
             setattr(entry, name, getattr(group, name))
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
@@ -135,7 +148,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
 
 
 def set_down(entry: bpy.types.PropertyGroup, _) -> None:
-    """Update of a group's on_ground: its sphere and its LODs are about its new feet."""
+    """Update a group after on_ground changed: move its sphere and LODs to its feet."""
     entry.center += -entry.lowest if entry.on_ground else entry.lowest
     if entry.lowest:
         with suppress(CrowdError):  # there are no characters; nothing shows LODs then
@@ -143,7 +156,7 @@ def set_down(entry: bpy.types.PropertyGroup, _) -> None:
 
 
 def _place_levels(scene: bpy.types.Scene) -> None:
-    """Let the LODs of each group of `scene` stand about its feet."""
+    """Place the LODs of each group of `scene` at its feet."""
     settings = scene.crowd_lod
     levels = settings.levels.children if settings.levels is not None and not scene_data.shared(scene, "levels") else ()
     origins = {name: origin for name, _, origin in characters_of(scene)} if levels else {}
@@ -155,7 +168,10 @@ def _place_levels(scene: bpy.types.Scene) -> None:
 
 
 def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
-    """The custom property `key` of the group called `name`, or 0."""
+    """Return the custom property `key` of the group `name`, or 0.
+
+    CrowdError if it is not a number from 0 to FARTHEST.
+    """
     owner = top.children.get(name) or top.objects.get(name)
     if key not in owner:
         return 0.0
@@ -163,14 +179,18 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
 
 
 def machine_of(settings) -> machines.StateMachine:
-    """The state machine of the settings; the chapter's where none is chosen."""
+    """Return the state machine of the settings, or the chapter's if none is chosen."""
     if settings.machine is None:
         return machines.load_preset("chapter")
     return machines.parse(settings.machine.as_string(), settings.machine.name)
 
 
 def world_of(settings, machine: machines.StateMachine) -> LabelMap:
-    """The label map of the settings."""
+    """Return the label map of the settings.
+
+    Without an image it is edge_map's. CrowdError if it lies too far from the world's origin, or if
+    the image's colors are not those of the labels.
+    """
     (x, y, z), (width, depth) = settings.center, settings.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
     _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
@@ -181,7 +201,10 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
 
 
 def heights_of(settings, area: Area) -> HeightMap | None:
-    """The height map of the settings, or None."""
+    """Return the height map of the settings, or None.
+
+    CrowdError if a value is not finite, or too far from the world's origin.
+    """
     if settings.height_image is None:
         return None
     values, scale = image_data.read_values(settings.height_image)[..., :1], settings.height_scale
@@ -192,7 +215,10 @@ def heights_of(settings, area: Area) -> HeightMap | None:
 
 
 def check_maps(settings) -> None:
-    """CrowdError if the state machine or a map of the settings cannot be used, before any work is done for them."""
+    """Raise CrowdError if the state machine or a map of the settings cannot be used.
+
+    Call it before long work.
+    """
     stored_values.check(settings)
     area = world_of(settings, machine_of(settings)).area
     heights_of(settings, area), bias_of(settings, area)
@@ -207,30 +233,36 @@ def _check_reach(what: str, reach: float, setting: str) -> None:
 
 
 def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
-    """`groups` with spheres that hold characters which lean with the slopes of `heights`.
+    """Return `groups` with spheres that hold characters leaning on slopes.
 
-    A lean of t takes a sphere's centre, up to now `centre` above the feet, 2 sin(t / 2) of that away; the sphere is
-    widened by as much, for the steepest slope that the map may have anywhere.
+    A lean of t moves a sphere's center, `centre` metres above the feet, by 2 sin(t / 2) of that
+    height. The sphere is widened by as much, for the steepest slope that `heights` may have
+    anywhere.
     """
     rows, columns = heights.heights.shape
     width, depth = heights.area.size
     relief = heights.heights.astype(np.float64)
     along_x = np.abs(np.diff(relief, axis=1)).max(initial=0) * columns / width
     along_y = np.abs(np.diff(relief, axis=0)).max(initial=0) * rows / depth
-    away = 2 * np.sin(np.arctan(np.hypot(along_x, along_y)) / 2) * (1 + 1e-6)  # pitch and roll are float32
+    # pitch and roll are float32
+    away = 2 * np.sin(np.arctan(np.hypot(along_x, along_y)) / 2) * (1 + 1e-6)
     return tuple(replace(group, radius=float(group.radius + abs(group.centre) * away)) for group in groups)
 
 
 def groups_of(settings) -> tuple[Group, ...]:
-    """The measured groups of the settings."""
+    """Return the measured groups of the settings."""
     return tuple(_group(g, count_of(settings)) for g in settings.groups)
 
 
 def _group(entry, count: int) -> Group:
-    """What the settings' `entry` holds of a group, with at most `count` LODs."""
+    """Return the Group that `entry` of the settings holds, with at most `count` LODs.
+
+    CrowdError if its measurements are invalid.
+    """
     made = sum(n > 0 for n in entry.triangles[:count])
     measured = made if entry.diagonal else 0
-    shaded = [np.inf if each > 1e30 else each for each in entry.shaded[:measured]]  # Blender keeps no infinity
+    # Blender keeps no infinity
+    shaded = [np.inf if each > 1e30 else each for each in entry.shaded[:measured]]
     group = Group(
         entry.name,
         entry.center,
@@ -260,20 +292,29 @@ def _group(entry, count: int) -> Group:
         *group.vertices,
     )
     if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.centre, group.lowest, *group.worst]).all():
-        raise CrowdError(f"What was measured of the character group {group.name} is spoilt: press Populate, and Make LOD Meshes.")
+        raise CrowdError(f"The measurements of the character group {group.name} are damaged: press Populate, then Make LOD Meshes.")
     return group
 
 
 def count_of(settings, choice: str = "") -> int:
-    """The number of LODs, or if the settings had the `choice`: as many as are set, or by tolerance as many as were worth making,
-    1 before they are made."""
+    """Return the number of LODs.
+
+    By ratio that is the setting, by tolerance the number of LODs made, or 1 before they are.
+
+    choice: BY_RATIO or BY_TOLERANCE in place of the settings' own.
+    """
     if (choice or settings.choice) == "BY_RATIO":
         return settings.level_count
     return len(settings.levels.children) if settings.levels is not None else 1
 
 
 def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collection:
-    """The collection of the character group `name`, the g-th, in the collection `level` of all groups' LODs of one level."""
+    """Return the collection of the group `name` in the collection `level` of one LOD.
+
+    CrowdError if it has no LOD meshes.
+
+    g: index of the group.
+    """
     home = level.children[g] if g < len(level.children) else None
     if home is None or not home.objects or home.get(GROUP, name) != name:
         raise CrowdError(f"The character group {name} has no LOD meshes in {level.name}: press Make LOD Meshes again.")
@@ -281,8 +322,12 @@ def home_of(level: bpy.types.Collection, g: int, name: str) -> bpy.types.Collect
 
 
 def policy_of(settings, choice: str = "") -> LevelPolicy:
-    """The LOD policy of the settings, or if they had the `choice`; by tolerance a LOD begins where its deviation shows so many
-    pixels."""
+    """Return the LOD policy of the settings.
+
+    By tolerance, a LOD begins where its deviation shows that many pixels.
+
+    choice: BY_RATIO or BY_TOLERANCE in place of the settings' own.
+    """
     tolerant = (choice or settings.choice) == "BY_TOLERANCE"
     own = [_thresholds(group, settings) if group.own_thresholds and not tolerant else () for group in settings.groups]
     return LevelPolicy(
@@ -298,13 +343,16 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
 
 
 def _thresholds(owner, settings) -> tuple[float, ...]:
-    """The thresholds that `owner`, the settings or a group, has for the metric and the count of `settings`."""
+    """Return the thresholds of `owner`, settings or group, for the settings' metric."""
     chosen = owner.sizes if settings.metric == "PIXELS" else owner.thresholds
     return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
 
 
 def bias_of(settings, area: Area) -> Bias | None:
-    """The painted detail map of the settings over the area, if they have one. The byte 128 is the middle, 0.5."""
+    """Return the painted map of detail over the area, or None.
+
+    Bytes are scaled so that 128 becomes 0.5.
+    """
     if settings.bias_image is None:
         return None
     grey = image_data.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
@@ -312,8 +360,12 @@ def bias_of(settings, area: Area) -> Bias | None:
 
 
 def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:
-    """The crowd of the scene over time, kept as long as nothing it depends on changes; of `groups`, or of those that
-    the settings hold."""
+    """Return the scene's crowd over time, cached while its inputs stay the same.
+
+    CrowdError if the crowd is not populated or a setting is bad.
+
+    groups: measured groups in place of those that the settings hold.
+    """
     settings = scene.crowd_lod
     stored_values.check(
         settings, ("map_image", "height_image", "machine")
@@ -322,7 +374,8 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     if not groups:
         raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
     seconds = scene.render.fps_base / scene.render.fps
-    # the pixels are compared, not trusted; all that is made of them is made again only where they differ
+    # the pixels are compared, not trusted; all that is made of them is made again only where they
+    # differ
     images = [image and image_data.read_values(image) for image in (settings.map_image, settings.height_image)]
     text = settings.machine and settings.machine.as_string()
     numbers = (*settings.center, *settings.size, settings.height_scale, settings.count, settings.seed, settings.first_frame)
@@ -360,9 +413,14 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     around: Surroundings | None = None,
     shutter: Sequence[tuple[float, Sequence[Camera]]] | None = None,
 ) -> Frame:
-    """The plan of the crowd at `time` (the scene's own if None; see scene.time_of) from `camera`, one or the eyes (the
-    active ones as `depsgraph` has them); with motion blur, of all that its `shutter` sees, which is read if None. trajectory:
-    the scene's, where it is at hand. around: with it, agents that the camera does not see and that still matter are looked for."""
+    """Return the plan of the crowd at `time`.
+
+    time: frames of the animation; the scene's own if None (see scene_data.time_of).
+    camera: one camera, or the eyes; the active ones as `depsgraph` has them if None.
+    trajectory: the scene's, if it is at hand.
+    around: with it, agents that the camera does not see but that still matter are found, too.
+    shutter: with motion blur, times and cameras of the open shutter; read from the scene if None.
+    """
     if time is None:
         time = scene_data.time_of(scene)
     trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
@@ -374,7 +432,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
 
 
 def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
-    """A sentence on the groups that are moved to stand on the ground, and one on those that would have to be."""
+    """Yield a sentence on groups moved to the ground, and one on groups left off it."""
     for moved, begin in ((True, "Moved to stand on the ground"), (False, "Off the ground (see Stand on Ground)")):
         found = [group for group in groups if group.lowest and group.on_ground == moved]
         far = [
@@ -387,7 +445,7 @@ def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[s
 
 
 def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:
-    """A sentence on what renders may show of characters beyond their measured spheres."""
+    """Yield a sentence on what renders may show beyond the measured spheres."""
     found = [f"of {name}, {what}" for name, objects, _ in characters_of(scene) for what in dict.fromkeys(unknown(objects))]
     if found:
         margin = number(MARGIN * max(group.radius for group in groups))

@@ -1,8 +1,8 @@
-"""What a render of the scene shows besides the crowd: lamps, what glows, and the box about all that shadows may fall on.
+"""What a render shows besides the crowd: lamps, glowing and solid objects.
 
-Kept from frame to frame for each view layer that is played: `noticed` is told of what the dependency graph changed, and
-takes it over, or forgets the rest where more than places and shapes have changed. Renders read all anew, and so does who
-has frame handlers besides ours.
+Scenery is cached for each view layer that is played. `noticed` gets the changes of the depsgraph.
+It updates the cache where only places and shapes changed, and drops it otherwise. Renders read
+everything anew. So does a session that has frame handlers of others.
 """
 
 from collections.abc import Iterator
@@ -21,11 +21,16 @@ Placed = tuple[bpy.types.Object, tuple[bpy.types.Object, ...]]
 
 
 class Scenery:
-    """What a render of `scene` shows, as `depsgraph` has evaluated it, if it is given: what is animated has its values of the
-    frame there, and only in the viewport's frames in the file's own data, too.
+    """What a render of `scene` shows, as `depsgraph` has evaluated it, if given.
 
-    things: all but Crowd LOD's own, which still holds what an earlier frame showed. bounded: whether the objects' own boxes
-    hold all of them; not what is instanced by nodes or particles.
+    In the depsgraph, animated values are those of the frame. The file's own data has them only in
+    the viewport's frames.
+
+    things: all objects shown, without Crowd LOD's own, which still hold an earlier frame.
+    lights, solid: the lamps among them, and the objects of types in SOLID.
+    bounded: whether the objects' own bounding boxes hold everything: not if nodes or particles make
+        instances.
+    instanced: lights that objects of `shining` make, as lights.py read them; None if outdated.
     """
 
     def __init__(self, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None):
@@ -36,15 +41,19 @@ class Scenery:
         self.solid = [placed for placed in self.things if placed[0].type in SOLID]
         self._makers = [placed for placed in self.things if _makes_instances(placed[0])]
         self.bounded = not self._makers
-        self.instanced = None  # for crowd/lights.py: what it read of the lights that `shining` makes, while that holds
+        # for crowd/lights.py: what it read of the lights that `shining` makes, while that holds
+        self.instanced = None
         self._reached: set[int] | None = None  # the objects, by session_uid, that those depend on
-        # what `depsgraph` does not hold has the values of the file's own data, which other scenes and layers may change
+        # what `depsgraph` does not hold has the values of the file's own data, which other scenes
+        # and layers may change
         own = {item for item, _ in shown if depsgraph is not None and not item.evaluated_get(depsgraph).is_evaluated}
         self._elsewhere = [(item, item.hide_render) for item in own]
         homes = {each.instance_collection for _, inside in self.things for each in inside}
         self._offsets = {home.session_uid: tuple(home.instance_offset) for home in homes}
-        self._rows: dict[int, list[int]] = {}  # of each object, by session_uid, which of the solid it is, or instances
-        self._unwatched = set()  # of the solid, what is in other view layers alone: nothing of it is noticed in this one
+        # of each object, by session_uid, which of the solid it is, or instances
+        self._rows: dict[int, list[int]] = {}
+        # of the solid, what is in other view layers alone: nothing of it is noticed in this one
+        self._unwatched = set()
         for row, (item, inside) in enumerate(self.solid):
             for each in (item, *inside):
                 self._rows.setdefault(each.session_uid, []).append(row)
@@ -54,7 +63,10 @@ class Scenery:
         self._ends, self._matrices = np.empty((len(self.solid), 2, 3)), np.empty((len(self.solid), 4, 4))
 
     def lamps(self, depsgraph: bpy.types.Depsgraph | None) -> list[Placed]:
-        """What casts shadows: lamps that are on, and what glows, as `depsgraph` has evaluated them."""
+        """Return what casts shadows: lamps that are on, and glowing objects.
+
+        Values are those that `depsgraph` has evaluated.
+        """
         if self._glowing is None or self._unwatched:
             worn = [[slot.material for slot in item.material_slots] for item, _ in self.solid]
             materials = {each for own in worn for each in own} - {None}
@@ -63,8 +75,10 @@ class Scenery:
         return [placed for placed in self.lights if casts(_evaluated(placed[0], depsgraph).data)] + self._glowing
 
     def shining(self, depsgraph: bpy.types.Depsgraph | None) -> set[bpy.types.Object]:
-        """The objects of the scene that nodes, particles or instancing may let glow, or make lamps, where they do not stand
-        themselves; with the children that they instance."""
+        """Return objects whose nodes, particles or instancing may make lights elsewhere.
+
+        The children that they instance are included.
+        """
         found, self._reached = set(), set()
         for item, inside in self._makers:
             blocks = {item, *inside, *reached(item)}
@@ -76,13 +90,16 @@ class Scenery:
         return found
 
     def within(self, collection: bpy.types.Collection | None) -> list[Placed]:
-        """The things of which the object is in the `collection`."""
+        """Return the things whose object is in the `collection`."""
         homes = () if collection is None else (collection, *collection.children_recursive)
         inside = {item for home in homes for item in home.objects}
         return [placed for placed in self.things if placed[0] in inside] if inside else []
 
     def box(self, depsgraph: bpy.types.Depsgraph) -> np.ndarray | None:
-        """The box (2, 3), world metres, about the solid things as `depsgraph` has evaluated them; None if not `bounded`."""
+        """Return the bounding box (2, 3) of the solid things, world metres.
+
+        None if not `bounded`. An empty box has least at inf and most at -inf.
+        """
         if not self.bounded:
             return None
         if not self.solid:
@@ -98,14 +115,20 @@ class Scenery:
         return np.array([(middle - half).min(axis=0), (middle + half).max(axis=0)])
 
     def holds(self) -> bool:
-        """Whether what is noticed nowhere is there, and shown as before."""
+        """Return whether objects of other view layers exist and are shown as before.
+
+        The depsgraph of this view layer does not report changes of these.
+        """
         try:
             return all(item.hide_render == hides for item, hides in self._elsewhere)
         except ReferenceError:
             return False
 
     def notice(self, update: bpy.types.DepsgraphUpdate) -> bool:
-        """Take over that there is this `update`; whether that is possible, because it changes places and shapes alone."""
+        """Take over one `update` of the depsgraph; return whether that was possible.
+
+        It is not if more than places and shapes changed. Then the Scenery must be made anew.
+        """
         item = update.id
         kind = item.id_type  # several times as quick as isinstance
         if kind == "OBJECT":
@@ -123,7 +146,8 @@ class Scenery:
             self._glowing = self.instanced = None
         elif kind in ("LIGHT", "PARTICLE"):
             self.instanced = None
-        return kind != "SCENE"  # whatever is added, taken away, or made into something else changes it, too
+        # whatever is added, taken away, or made into something else changes it, too
+        return kind != "SCENE"
 
 
 def _evaluated(block: bpy.types.ID, depsgraph: bpy.types.Depsgraph | None) -> bpy.types.ID:
@@ -131,8 +155,11 @@ def _evaluated(block: bpy.types.ID, depsgraph: bpy.types.Depsgraph | None) -> bp
 
 
 def _shown(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Iterator[Placed]:
-    """Every object that a render of `scene` shows, those in instanced collections for each instance, once each; also those that
-    are hidden themselves, not by their collections."""
+    """Yield every object that a render of `scene` shows, once each.
+
+    Objects in instanced collections come once for each instance. Objects hidden by themselves are
+    included, those hidden by their collections are not.
+    """
     found = {}
     for layer in scene.view_layers:
         if layer.use:
@@ -160,7 +187,10 @@ def _with_instances(item: bpy.types.Object, inside: tuple[bpy.types.Object, ...]
 
 
 def _in_collection(collection: bpy.types.Collection) -> Iterator[bpy.types.Object]:
-    """What an instance of the `collection` shows. Not all_objects: Blender keeps those, and after an undo some are gone."""
+    """Yield what an instance of the `collection` shows.
+
+    It does not use all_objects: Blender caches those, and after an undo some are gone.
+    """
     if not collection.hide_render:
         yield from collection.objects
         for child in collection.children:
@@ -168,7 +198,7 @@ def _in_collection(collection: bpy.types.Collection) -> Iterator[bpy.types.Objec
 
 
 def matrix_of(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """The world matrix (4, 4) float64 as `depsgraph` has evaluated it."""
+    """Return the evaluated world matrix (4, 4) float64 of `placed`."""
     item, inside = placed
     own = np.array([tuple(row) for row in item.evaluated_get(depsgraph).matrix_world])
     if not inside:
@@ -181,23 +211,26 @@ def matrix_of(placed: Placed, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
 
 
 def _makes_instances(item: bpy.types.Object) -> bool:
-    """Whether more than a collection may be instanced by `item`, out of its own box."""
+    """Return whether `item` may make instances outside its own bounding box.
+
+    Instances of a collection do not count.
+    """
     return item.instance_type not in ("NONE", "COLLECTION") or any(m.type in ("NODES", "PARTICLE_SYSTEM") for m in item.modifiers)
 
 
 def casts(lamp: bpy.types.Light) -> bool:
-    """Whether the lamp is on and casts shadows."""
+    """Return whether the lamp is on and casts shadows."""
     return lamp.use_shadow and lamp.energy != 0 and any(lamp.color) and not _dark(lamp.node_tree if lamp.use_nodes else None)
 
 
 def _dark(tree: bpy.types.NodeTree | None) -> bool:
-    """Whether the nodes of a lamp all emit with the strength 0."""
+    """Return whether all emission nodes of a lamp have strength 0."""
     emissions = [node for node in tree.nodes if node.type == "EMISSION"] if tree is not None else []
     return bool(emissions) and not any(_set(node.inputs["Strength"]) for node in emissions)
 
 
 def emits(tree: bpy.types.NodeTree | None) -> bool:
-    """Whether a node of a material, or in a group of its nodes, emits light."""
+    """Return whether a node of a material, or of a group in it, emits light."""
     for node in tree.nodes if tree is not None else ():
         if node.type == "EMISSION" and _set(node.inputs["Strength"]) and _set(node.inputs["Color"]):
             return True
@@ -209,7 +242,7 @@ def emits(tree: bpy.types.NodeTree | None) -> bool:
 
 
 def _set(socket: bpy.types.NodeSocket) -> bool:
-    """Whether a strength or a colour may differ from 0."""
+    """Return whether a strength or color may differ from 0."""
     value = socket.default_value
     return socket.is_linked or (any(value[:3]) if hasattr(value, "__len__") else value != 0)
 
@@ -220,7 +253,10 @@ MOST_KEPT = 8
 
 
 def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) -> Scenery:
-    """What a render of `scene` shows; that of the frame before where `depsgraph` tells of all that changes."""
+    """Return the Scenery of `scene`.
+
+    It is the one of the frame before if `depsgraph` reports all changes since, as in the viewport.
+    """
     if depsgraph is None or depsgraph.mode != "VIEWPORT" or depsgraph.scene != scene:
         return Scenery(scene, depsgraph)
     if not _alone(noticed, "frame_change_post") or edited not in bpy.app.handlers.depsgraph_update_post:
@@ -235,15 +271,17 @@ def scenery_of(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph | None) ->
 
 
 def _alone(own, event: str) -> bool:
-    """Whether `own` is a handler of the `event`, and all others are ours: what those of others change then, Blender evaluates
-    without telling anyone."""
+    """Return whether `own` handles the `event` and all its other handlers are ours.
+
+    What handlers of others change in such an event, Blender evaluates without reporting it.
+    """
     handlers = getattr(bpy.app.handlers, event)
     return own in handlers and all(map(is_ours, handlers))
 
 
 @bpy.app.handlers.persistent
 def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """frame_change_post: take over what has changed, or forget all."""
+    """Handle frame_change_post: update the cached Scenery, or drop it."""
     key = scene.session_uid, depsgraph.view_layer_eval.name
     known = _kept.get(key)
     if known is not None and depsgraph.mode == "VIEWPORT" and not all(map(known.notice, depsgraph.updates)):
@@ -252,7 +290,7 @@ def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 @bpy.app.handlers.persistent
 def edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """depsgraph_update_post."""
+    """Handle depsgraph_update_post: update the cached Scenery, or drop the caches."""
     if _alone(edited, "depsgraph_update_post"):
         noticed(scene, depsgraph)
     else:

@@ -1,4 +1,4 @@
-"""The state machines that ship with Crowd LOD, as a menu."""
+"""The menu of state machines that come with Crowd LOD."""
 
 import bpy
 

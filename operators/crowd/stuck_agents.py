@@ -1,4 +1,4 @@
-"""Agents that chatter or are stuck for good, found ahead of time at a bounded cost."""
+"""Agents that chatter or get stuck, found ahead of time at a bounded cost."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -16,7 +16,13 @@ MOST_READS, MOST_BORDERS = 4_000_000, 4_000
 
 @dataclass(frozen=True)
 class Troubles:
-    """What was found among the first `agents` of `count`, `seconds` ahead."""
+    """What was found.
+
+    found: a Trouble for each kind.
+    agents: how many agents were checked, the first ones of the crowd.
+    count: all agents of the crowd.
+    seconds: how far ahead of the first frame was checked.
+    """
 
     found: tuple[Trouble, ...]
     agents: int
@@ -25,17 +31,17 @@ class Troubles:
 
     @property
     def sentence(self) -> str:
-        """All of it for the user, "" if all is well and all was looked at."""
+        """Return all of it as text for the user, "" if all is well and was checked."""
         parts = [str(each) for each in self.found]
         if self.agents < self.count or self.seconds < SECONDS:
             parts.append(
-                f"Only the first {self.agents:,} of {self.count:,} agents were looked at for trouble, {self.seconds:.3g} s ahead."
+                f"Only the first {self.agents:,} of {self.count:,} agents were checked for chattering or being stuck, {self.seconds:.3g} s ahead."
             )
         return " ".join(parts)
 
     @property
     def rows(self) -> list[dict]:
-        """For plan.json: the place where most agents of each kind are."""
+        """Return a dict for plan.json per kind, with the place where most agents have it."""
         return [
             {
                 "kind": each.kind,
@@ -50,10 +56,11 @@ class Troubles:
 
 
 def find(trajectory: Trajectory) -> Troubles:
-    """The troubles of the crowd from its first frame on.
+    """Find the crowd's troubles from its first frame on.
 
-    A minute ahead, but no further than MOST_BORDERS cells of the fastest agent; all agents, but no more than
-    MOST_AGENTS and what MOST_READS allow. Agents are placed at random, so the first are a fair sample.
+    It looks a minute ahead, but not beyond MOST_BORDERS cells of the fastest agent. It checks all
+    agents, but at most MOST_AGENTS and what MOST_READS allow. Agents are placed at random, so the
+    first ones are a fair sample.
     """
     crowd, machine, world = trajectory.start, trajectory.machine, trajectory.world
     borders = max(float(courant(machine, world, 1.0).max()), 1 / SECONDS)

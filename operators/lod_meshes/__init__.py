@@ -1,4 +1,6 @@
-"""LOD meshes of Blender's characters: read, decimated, dressed with the source's attributes, measured, chosen.
+"""Make LOD meshes of characters: read, decimate, transfer, measure, choose.
 
-In: a character's objects and its action. Out: objects in the collection "Crowd LOD", and what each LOD deviates, metres.
+In: a character's objects and its action.
+Out: objects in the collection "Crowd LOD", and the deviation of each LOD from the character, in
+    metres.
 """

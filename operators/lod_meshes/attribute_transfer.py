@@ -14,13 +14,16 @@ from .source_mesh import KEY, KINDS, NORMALS, Source, offset_of, positions, read
 from .surface import Surface
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
-INWARD = 0.2  # part of the way to its triangle's centre from where a corner looks for its side of a seam or sharp edge
-JUMP = 0.3  # part of the way in UVs from a corner to its triangle's centre that the nearest UVs may be off
+# part of the way to its triangle's centre from where a corner looks for its side of a seam or sharp
+# edge
+INWARD = 0.2
+# part of the way in UVs from a corner to its triangle's centre that the nearest UVs may be off
+JUMP = 0.3
 SHARP = 0.5  # difference between unit normals that a sharp edge makes, about 30 degrees
 ALIKE = 0.15  # difference between unit normals that may become one, about 9 degrees
 FEW = 3_000  # triangles of a LOD, up to which its normals are those that suit all of each triangle
-# Six points spread over a triangle: their barycentric weights. Source: Dunavant, "High degree efficient symmetrical Gaussian quadrature
-# rules for the triangle", 1985.
+# Six points spread over a triangle: their barycentric weights. Source: Dunavant, "High degree
+# efficient symmetrical Gaussian quadrature rules for the triangle", 1985.
 SPREAD = np.array([np.roll((1 - 2 * a, a, a), k) for a in (0.091576, 0.445948) for k in range(3)])
 BEYOND = 5.0  # how many sizes of a triangle beyond it its UVs are continued
 
@@ -87,7 +90,7 @@ def _seams(triangles: np.ndarray, ids: np.ndarray) -> np.ndarray:
 
 
 def unique_rows(rows: np.ndarray) -> np.ndarray:
-    """For each of rows (n, c) integers the number of its like, (n,)."""
+    """Return (n,) integers that are equal for equal `rows`, (n, c) integers."""
     number = np.zeros(len(rows), np.int64)
     for column in rows.T:
         _, value = np.unique(column, return_inverse=True)
@@ -264,7 +267,7 @@ def nearest_vertices(source: Source, points: np.ndarray) -> np.ndarray:
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:
-    """The vectors (n, 3) of length 1, or none."""
+    """Return the vectors (n, 3) scaled to length 1. Zero vectors stay zero."""
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-12)
 
 
@@ -278,13 +281,13 @@ def _same_side(nearest: np.ndarray, inwards: np.ndarray, centres: np.ndarray) ->
 
 
 def write_attribute(mesh: bpy.types.Mesh, name: str, domain: str, kind: str, values: np.ndarray) -> None:
-    """Give the mesh the attribute `name` with these values (n, width)."""
+    """Write `values` (n, width) to the attribute `name`, made if it is missing."""
     attribute = mesh.attributes.get(name) or mesh.attributes.new(name, kind, domain)
     attribute.data.foreach_set(KINDS[kind][0], np.ascontiguousarray(values).ravel())
 
 
 def mark_active(mesh: bpy.types.Mesh, source: bpy.types.Mesh) -> None:
-    """Let the same UV maps and colours be active as on the source."""
+    """Make the same UV maps and color attributes active on `mesh` as on `source`."""
     for index, layer in enumerate(source.uv_layers):
         if layer.active_render:
             mesh.uv_layers[layer.name].active_render = True
@@ -295,7 +298,7 @@ def mark_active(mesh: bpy.types.Mesh, source: bpy.types.Mesh) -> None:
 
 
 def set_normals(mesh: bpy.types.Mesh) -> None:
-    """Make the normals that travelled as an attribute the mesh's custom normals."""
+    """Turn the attribute NORMALS of `mesh` into its custom normals."""
     attribute = mesh.attributes.get(NORMALS)
     if attribute is not None:
         normals = np.empty((len(mesh.loops), 3), np.float32)

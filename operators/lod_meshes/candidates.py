@@ -1,4 +1,7 @@
-"""The candidates for the LODs of one character: made from it, measured, and known again while nothing that they depend on changes."""
+"""Candidates for the LODs of one character: made, measured, and recognized later.
+
+They are reused as long as nothing that they depend on changes.
+"""
 
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import suppress
@@ -21,8 +24,8 @@ from . import source_mesh as sources
 from .deviation import Measure, compare, poses
 from .pose_deformation import skin_of
 
-# LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for colour-blind eyes
-# (Okabe and Ito), and white. Linear RGB.
+# LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for
+# colour-blind eyes (Okabe and Ito), and white. Linear RGB.
 TINTS = (
     (0.80, 0.03, 0.03),
     (0.04, 0.60, 0.06),
@@ -33,28 +36,35 @@ TINTS = (
     (0.60, 0.19, 0.38),
     (0.85, 0.85, 0.85),
 )
-# Custom properties of a LOD's collection of one character group: the hash of what it was made from, which candidate it is,
-# and how many objects it has; of the finest, what was measured of those that were made. Of its objects: the hash of what was
-# made; how, why so, and the milliseconds it took.
+# Custom properties of a LOD's collection of one character group: the hash of what it was made from,
+# which candidate it is, and how many objects it has; of the finest, what was measured of those that
+# were made. Of its objects: the hash of what was made; how, why so, and the milliseconds it took.
 DIGEST, CANDIDATE, SIZE, MEASURED = "crowd_lod_digest", "crowd_lod_candidate", "crowd_lod_size", "crowd_lod_measured"
 AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_lod_why", "crowd_lod_ms"
 # Of Group, a value a LOD
 COLUMNS = {"vertices": int, "triangles": int, "deviations": float, "bounds": float, "rms": float, "worst": float}
-REACH = "reach"  # of what was measured: where the group stands, by how much materials displace it, its lowest point, centre, radius
-# Modifiers whose settings say all that they do; of others, such as physics, groups are measured again.
+# of what was measured: where the group stands, by how much materials displace it, its lowest point,
+# centre, radius
+REACH = "reach"
+# Modifiers whose settings say all that they do; of others, such as physics, groups are measured
+# again.
 PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
-USUALLY_LOST = 4.0  # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
+# see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
+USUALLY_LOST = 4.0
 VERSION = 19  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:
-    """Whether all that was made in `home` is there, and as it was made."""
+    """Return whether `home` still has all objects that were made in it, unedited."""
     objects = [item for item in home.objects if item.get(OWNED)]
     return len(objects) == home[SIZE] and all(item.get(AS_MADE) == _as_made(item) for item in objects)
 
 
 def _as_made(item: bpy.types.Object) -> str:
-    """A hash of what the user may edit in a LOD's object; its own mesh where that was made for it."""
+    """Return a hash of everything that the user may edit in a LOD's object.
+
+    The mesh is included only if it was made for this object.
+    """
     looks = [modifier.type for modifier in item.modifiers], item.data.name_full if WAY not in item else ""
     if WAY not in item:
         return repr(looks)
@@ -63,13 +73,23 @@ def _as_made(item: bpy.types.Object) -> str:
 
 
 class Ladder:
-    """The candidates for the LODs of one character group, by number: those of `ratios` of its triangles.
+    """The candidates for the LODs of one character group, one for each of `ratios`.
 
-    read() gives the `digest` of what they are made from; recall() what was measured of such before, find() what was made, in the collection
-    of all LODs, but for those `taken` by another group of the same objects; make() makes one, measure() measures it as well. read(),
-    make() and measure() yield their progress. rows: what was measured, a value for each of `kinds`; reach: the group's lowest point,
-    centre and radius, if they are known; found: the collections that there are, `made` those made now. settle() leaves of these only
-    the collections chosen, and removes what they were made from. place: four numbers, where the group stands and how.
+    Order of calls:
+    read() reads the source meshes and sets `digest`, a hash of everything that candidates depend
+        on.
+    recall() takes over measurements from an earlier run with the same digest.
+    measure() makes one candidate and measures it; make() only makes it.
+    find() takes over collections of an earlier run, except those `taken` by another group.
+    settle() keeps only the chosen collections, and removes the rest and the source meshes.
+
+    read(), make() and measure() yield their progress.
+
+    place: four numbers given: the origin x, y, z in world metres, and 1 if the group stands on its
+        lowest point, else 0. Kept with the displacement of each object added.
+    rows: measurements by candidate, a value for each of `kinds`.
+    reach: the group's lowest point, center and radius in metres, or None.
+    found: collections by candidate; made: those of them that are new.
     """
 
     def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], settings, place: Sequence[float]):
@@ -114,7 +134,7 @@ class Ladder:
                     self.found[k] = home
 
     def held(self, earlier: bpy.types.Collection | None, some: Sequence[int]) -> bool:
-        """Whether there was one of the candidates `some`."""
+        """Return whether `earlier` has a collection of one of the candidates `some`."""
         return any(home.get(CANDIDATE) in some for home in self._homes(earlier))
 
     def _homes(self, earlier: bpy.types.Collection | None) -> list[bpy.types.Collection]:
@@ -151,16 +171,22 @@ class Ladder:
             self.rows[k] += (compare(self.objects, list(self.found[k].objects), worst, self.diagonal, self.looks) if k else 0.0,)
 
     def columns(self, some: Sequence[int]) -> dict:
-        """What a Group has of the candidates `some`."""
+        """Return the values of a Group for the candidates `some`, by name of the field."""
         return dict(zip(self.kinds, zip(*(self.rows[k] for k in some), strict=True), strict=True)) | {"diagonal": self.diagonal}
 
     def lost(self) -> list[float]:
-        """Of the candidates measured, by which part of the character's size they deviate, times their triangles."""
+        """Return triangles x deviation / diagonal of measured candidates but the first.
+
+        The deviation is its upper bound. Candidates without deviation are left out.
+        """
         triangles, bounds = (list(self.kinds).index(name) for name in ("triangles", "bounds"))
         return [row[triangles] * row[bounds] / self.diagonal for k, row in self.rows.items() if k and row[bounds] > 0]
 
     def guess(self, group: Group, usual: Sequence[float]) -> Group:
-        """The group with what is known of its candidates, and guessed of the others; usual: what characters have `lost`."""
+        """Return the group with measured or guessed values of all candidates.
+
+        usual: values of `lost` of all characters, used where this character has no measurement.
+        """
         whole = self.rows[0][list(self.kinds).index("triangles")]
         own = {
             name: [self.rows[k][at] if k in self.rows else 0 for k in range(len(self.ratios))] for at, name in enumerate(self.kinds)
@@ -182,7 +208,7 @@ class Ladder:
 
 
 def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
-    """A hash of all that LODs take from the object."""
+    """Return a hash of everything that LODs take from the object."""
     blocks = source.keys and item.data.shape_keys.key_blocks
     looks = (
         [getattr(item, name) for name in mesh_data.SHOWN if name not in ("hide_render", "hide_viewport", "color")],
@@ -198,7 +224,11 @@ def _object_digest(item: bpy.types.Object, source: sources.Source) -> str:
 def _level_object(
     source, home: bpy.types.Collection, level: int, ratio: float, method: str, progress: float
 ) -> Generator[float, None, tuple[int, int]]:
-    """Put the LOD `level` of the source into `home`; yields `progress` and returns (vertices, triangles) of its mesh."""
+    """Put LOD `level` of `source` into `home`; return its (vertices, triangles).
+
+    Yields `progress` between its steps. LOD 0 of a mesh shares the character's data; its counts are
+    of the mesh with modifiers applied.
+    """
     item, name = source.item, f"{source.item.name} LOD {level}"
     if source.mesh is None or (level == 0 and ratio == 1 and item.type == "MESH"):
         # the character's own data; the counts are of what is drawn, modifiers applied
@@ -226,7 +256,10 @@ def _level_object(
 
 
 def _rigs(item: bpy.types.Object, groups: list[str]) -> list[set[str]]:
-    """Those of the vertex groups that armatures of `item` follow, by armature; of armatures with a bone of one name together."""
+    """Return for each armature of `item` the vertex groups that it deforms.
+
+    Armatures that share the name of a bone are merged.
+    """
     rigs: list[set[str]] = []
     for armature in armatures_of([item]):
         bones = {bone.name for bone in armature.data.bones if bone.use_deform}.intersection(groups)
@@ -248,13 +281,17 @@ def _copy(item: bpy.types.Object) -> bpy.types.Object:
         copy.make_local()
     for name in (OWNED, AS_MADE, WAY, WHY, MILLISECONDS):  # of a LOD that became a character
         copy.pop(name, None)
-    for collection in copy.users_collection:  # Blender puts a copy of a rigid body into the simulation
+    # Blender puts a copy of a rigid body into the simulation
+    for collection in copy.users_collection:
         collection.objects.unlink(copy)
     return copy
 
 
 def _stand_in(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
-    """A mesh object in place of `item`, which is of another kind: it goes where that goes, and follows its armature."""
+    """Return a mesh object in place of `item`, which has no mesh data of its own.
+
+    It copies the transforms of `item` and follows the same armatures.
+    """
     copy = mesh_data.mesh_like(item, mesh)
     copy.constraints.new("COPY_TRANSFORMS").target = item
     for armature in armatures_of([item]):

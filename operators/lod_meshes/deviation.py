@@ -20,8 +20,10 @@ from .shaded_pictures import bodies_of, within
 from .surface import Surface, has_area, moving, same_faces, spread
 
 SOLID = ("MESH", "CURVE", "SURFACE", "META", "FONT")  # types of objects that have faces
-EVENLY, POSES = 6, 12  # poses spread over the action, its ends included, and with those least like any before
-AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T  # the origin and a point on each axis
+# poses spread over the action, its ends included, and with those least like any before
+EVENLY, POSES = 6, 12
+# the origin and a point on each axis
+AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
 LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
 JOINTS = 500  # points of a mesh by which its poses are told apart
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
@@ -49,7 +51,7 @@ class Posed:
         return character, levels
 
     def shapes(self, frame: float) -> list[Shape]:
-        """The character's points and triangles, and each LOD's, at `frame`, world space."""
+        """Return the Shape of the character, then of each LOD, at `frame`, world space."""
         self.stage.frame_set(int(frame // 1), subframe=float(frame % 1))
         depsgraph = self.stage.view_layers[0].depsgraph
         return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
@@ -62,7 +64,11 @@ class Posed:
 
 
 def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Shape:
-    """(points (n, 3) float64, world space, triangles (m, 3)) of all objects together."""
+    """Return (points, triangles) of all objects together, world space.
+
+    points: (n, 3) float64.
+    triangles: (m, 3).
+    """
     points, triangles, count = [np.empty((0, 3))], [np.empty((0, 3), np.int32)], 0
     for item in objects:
         corners, faces = mesh_data.world_triangles(item.evaluated_get(depsgraph))
@@ -73,7 +79,7 @@ def _shape(objects: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> S
 
 
 def _surface(points: np.ndarray, triangles: np.ndarray) -> Surface | None:
-    """The surface: neither faces without area nor loose vertices are one."""
+    """Return the Surface without loose vertices and faces without area, or None."""
     used, triangles = np.unique(triangles[has_area(points[triangles])], return_inverse=True)
     return Surface(points[used], triangles.reshape(-1, 3)) if len(triangles) else None
 
@@ -201,7 +207,7 @@ class Measure:
 
 
 def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Generator[float, None, list[Shape]]:
-    """Yields the part done and returns what the objects are at each of the frames."""
+    """Return the Shape of `objects` at each of `frames`; yield the progress."""
     found = []
     with Posed(objects, ()) as posed:
         for frame in frames:
@@ -246,7 +252,10 @@ class _Acting:
             run.insert(0, run.pop(int(np.argmin([_apart(some, one).max() for one in some]))))
 
     def moving(self, poses: list[int]) -> Moving | None:
-        """The surface in `poses` of one run; None without a face."""
+        """Return the surface in `poses`, all of one run, or None without a face.
+
+        Quads are cut as in the first of `poses`.
+        """
         key = tuple(poses)
         if key not in self._moving:
             self._moving[key] = moving([self.shapes[k][0] for k in poses], self.shapes[poses[0]][1])
@@ -327,7 +336,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
-    """Measure again how far each LOD lies from its character, after you have edited LOD meshes"""
+    """Measure each LOD's deviation again, after you have edited LOD meshes"""
 
     bl_idname = "crowd_lod.measure_levels"
     bl_label = "Measure LOD Meshes"

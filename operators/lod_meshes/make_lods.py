@@ -33,9 +33,9 @@ class Outcome:
     def sentence(self) -> str:
         parts = [f"LOD meshes made: {', '.join(self.made) or 'none'}."]
         if self.kept:
-            parts.append(f"As they were, for nothing they depend on changed: {', '.join(self.kept)}.")
+            parts.append(f"Kept, because nothing that they depend on changed: {', '.join(self.kept)}.")
         if self.edited:
-            parts.append(f"Edited or deleted by hand, and so made anew: {', '.join(self.edited)}.")
+            parts.append(f"Made again, because they were edited or deleted by hand: {', '.join(self.edited)}.")
         return " ".join(parts)
 
 
@@ -54,7 +54,8 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     characters = characters_of(scene)
     if settings.choice == "BY_TOLERANCE":
         check_maps(settings)  # where agents are is asked after the meshes were read
-    copied = scene_data.shared(scene, "levels")  # a linked copy begins with the LODs of the other scene, which stay that one's
+    # a linked copy begins with the LODs of the other scene, which stay that one's
+    copied = scene_data.shared(scene, "levels")
     earlier = None if copied else settings.levels
     before = set(bpy.data.user_map())
     done = False
@@ -183,7 +184,8 @@ def _named(names: list[str], homes: list, before: set) -> None:
     for block in bpy.data.user_map():
         if block not in before:
             block[OWNED] = True
-            # free again, now that the earlier LODs are gone; never at the cost of what else has the name
+            # free again, now that the earlier LODs are gone; never at the cost of what else has the
+            # name
             block.rename(re.sub(r"\.\d+$", "", block.name), mode="NEVER")
     for g, (name, own) in enumerate(zip(names, homes, strict=True)):
         for k, home in enumerate(own):
@@ -196,7 +198,7 @@ def _named(names: list[str], homes: list, before: set) -> None:
 
 
 def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
-    """Why candidates are dropped, a line each: about those that were only guessed."""
+    """Return a line for each dropped candidate; "About" marks guessed values."""
     found = []
     for ladder, reasons in zip(ladders, dropped, strict=True):
         found += [f"{ladder.name}: {'' if k in ladder.rows else 'About '}{reasons[k]}" for k in sorted(reasons)]
@@ -204,12 +206,12 @@ def _told(ladders: list[Ladder], dropped: list[dict[int, str]]) -> list[str]:
 
 
 def _padded(columns: dict, count: int) -> dict:
-    """Columns of a Group, each with its last value repeated up to `count`."""
+    """Repeat the last value of each of a Group's columns up to `count` values."""
     return {name: value if name == "diagonal" else value + value[-1:] * (count - len(value)) for name, value in columns.items()}
 
 
 class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
-    """Make the LOD meshes of every character by decimation; the characters stay as they are"""
+    """Make decimated LOD meshes of every character; the characters do not change"""
 
     bl_idname = "crowd_lod.make_levels"
     bl_label = "Make LOD Meshes"

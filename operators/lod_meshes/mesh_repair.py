@@ -49,7 +49,7 @@ def drop_flat_parts(mesh: bpy.types.Mesh) -> None:
 
 
 def drop_loose(mesh: bpy.types.Mesh) -> None:
-    """Remove the mesh's vertices and edges without a face."""
+    """Remove the mesh's vertices and edges that have no face."""
     corners = np.empty(len(mesh.loops), np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
     if len(np.unique(corners)) == len(mesh.vertices):
@@ -65,7 +65,7 @@ def _delete_loose(body: bmesh.types.BMesh) -> None:
 
 @contextmanager
 def _edited(mesh: bpy.types.Mesh) -> Iterator[bmesh.types.BMesh]:
-    """The mesh to be edited, and then put back."""
+    """Yield a BMesh of `mesh`, and write it back afterwards."""
     body = bmesh.new()
     try:
         body.from_mesh(mesh)

@@ -23,9 +23,11 @@ KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
 TWICE = 2.0  # times as far away a way may be that keeps that
 AS_SIMILAR = 0.01  # difference in similarity that tells two pictures apart
 SLACK = 1.1  # how many times the precise way's distance the fast way's may be
-NEAR_ENOUGH = 5e-4  # of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
+# of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
+NEAR_ENOUGH = 5e-4
 MISSED = 1.1  # times the triangles asked for that are worth a word
-MOST_PRECISE = 300_000  # triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there
+# triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there
+MOST_PRECISE = 300_000
 
 
 @dataclass
@@ -53,15 +55,13 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
         mesh.name = name
         return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)
     if method == "PRECISE":
-        precise = _precise(source, ratio, name, "The precise way was asked for.")
+        precise = _precise(source, ratio, name, "The method Decimate Modifier was chosen.")
         return precise if precise.mesh.polygons else (yield from _fast(source, ratio, name, _without(precise)))
-    fast = yield from _fast(source, ratio, name, "The fast way was asked for.")
+    fast = yield from _fast(source, ratio, name, "The method Pose-Aware was chosen.")
     if method == "FAST":
         return fast
     if len(triangles) > MOST_PRECISE:
-        fast.why = (
-            f"Fast, as the mesh has {len(triangles):,} triangles, more than the {MOST_PRECISE:,} that the precise way is tried on."
-        )
+        fast.why = f"Pose-Aware: the mesh has {len(triangles):,} triangles; Decimate Modifier is tried only up to {MOST_PRECISE:,}."
         return fast
     yield
     precise = _precise(source, ratio, name, "")
@@ -78,14 +78,16 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
     better, reason = chosen_method(one, two)
     best, other = (fast, precise) if better else (precise, fast)
     best.why = (
-        f"{best.method.capitalize()}, as {reason}: the fast way is up to {one.near:.2%} of the size away, with UVs off on {one.off:.1%} of the "
-        f"surface, and shows {one.area:.0%} of its area, in {fast.milliseconds:.0f} ms; the precise way "
+        f"{'Pose-Aware' if best is fast else 'Decimate Modifier'}, as {reason}: Pose-Aware is up to {one.near:.2%} of the size away, with wrong UVs on {one.off:.1%} of the "
+        f"surface, {one.area:.0%} of the silhouette's area, in {fast.milliseconds:.0f} ms; Decimate Modifier "
         f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
     )
     bpy.data.meshes.remove(other.mesh)
     wanted = round(ratio * len(triangles))
     if len(best.mesh.polygons) > MISSED * wanted:
-        best.why += f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, parts of it would go."
+        best.why += (
+            f" It has {len(best.mesh.polygons):,} triangles, not {wanted:,}: with fewer, loose parts of the mesh would be lost."
+        )
     return best
 
 
@@ -104,7 +106,7 @@ class Errors:
     similar: float = 1.0
 
     def as_near_as(self, other: "Errors") -> bool:
-        """Whether the two hardly differ in distance."""
+        """Return whether the two hardly differ in distance."""
         near = self.near + NEAR_ENOUGH, other.near + NEAR_ENOUGH
         return max(near) <= SLACK * min(near)
 
@@ -114,7 +116,7 @@ def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
     kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
     near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
     if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
-        return kept[0], "it shows as much as the character"
+        return kept[0], "its silhouette keeps the character's area"
     if fast.off <= max(MOST_OFF, precise.off):
         if abs(fast.similar - precise.similar) > AS_SIMILAR and fast.as_near_as(precise):
             return (
@@ -125,7 +127,7 @@ def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
         return better, "it is no worse" if better else "it is closer"
     # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
     better = precise.off > MOST_OFF and fast.near * fast.off < precise.near * precise.off
-    return better, "it is closer, by more than its UVs are farther off" if better else "its UVs are closer"
+    return better, "its surface is much closer, which outweighs its less exact UVs" if better else "its UVs are closer"
 
 
 def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, None, Made]:
@@ -146,7 +148,7 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
 
 
 def _precise(source: Source, ratio: float, name: str, why: str) -> Made:
-    """By Blender's Decimate modifier, which keeps the layers itself."""
+    """Make the mesh by Blender's Decimate modifier, which keeps the layers itself."""
     start = clock.perf_counter()
     item = bpy.data.objects.new(name, source.mesh)
     try:
@@ -170,7 +172,7 @@ def _without(precise: Made) -> str:
     It leaves nothing of a mesh of many small parts.
     """
     bpy.data.meshes.remove(precise.mesh)
-    return "Fast, as the precise way leaves no face."
+    return "Pose-Aware: Decimate Modifier leaves no face."
 
 
 def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors]:
@@ -214,7 +216,7 @@ def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np
 
 
 def _uvs(layer: bpy.types.MeshUVLoopLayer) -> np.ndarray:
-    """The layer's UVs, (loops, 2) float32."""
+    """Return the layer's UVs: (loops, 2) float32."""
     uvs = np.empty((len(layer.uv), 2), np.float32)
     layer.uv.foreach_get("vector", uvs.ravel())
     return uvs

@@ -1,4 +1,4 @@
-"""How an object's points move in the poses of its action, as Blender's own evaluation has it."""
+"""Motion of an object's points in the poses of its action, evaluated by Blender."""
 
 from collections.abc import Iterator, Sequence
 
@@ -14,12 +14,15 @@ APART = 0.01  # of the size: how far points are moved to see how their surroundi
 
 
 def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
-    """Set the `skin` of `source` for poses at `frames`; None stays where nothing that its LODs follow deforms it. Yields
-    between the frames.
+    """Set `source.skin` for the poses at `frames`; yield between the frames.
 
-    LODs follow armatures, lattices and shape keys. Four twins of the mesh, three of them moved along an axis, tell place and
-    derivative. With shape keys, whose offsets are the points' own, one twin tells the place, and its sides the derivative; the
-    strongest keys that are at zero in all poses make one more each, alone at their full value.
+    The skin stays None where nothing that LODs follow deforms the object. LODs follow armatures,
+    lattices and shape keys.
+
+    Without shape keys, four copies of the mesh are evaluated, three of them moved along an axis:
+    they give each point's place and its derivative. With shape keys, offsets differ from point to
+    point. Then one copy gives the places, and the sides of its triangles give the derivatives. The
+    strongest keys that are at zero in all poses add one more pose each, alone at full value.
     """
     item, mesh = source.item, source.mesh
     if mesh is None or item.type != "MESH":
@@ -53,7 +56,10 @@ def skin_of(source: Source, frames: Sequence[float]) -> Iterator[None]:
 
 
 def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
-    """The offsets (k, n, 3) at full value of the strongest of the shape keys that are at zero in all poses; values: (poses, keys)."""
+    """Return offsets (k, n, 3) at full value of the strongest keys that never move.
+
+    values: (poses, keys). A key that is 0 in all poses never moves. At most MOST are returned.
+    """
     blocks = source.item.data.shape_keys.key_blocks
     offsets = [
         (abs(blocks[name].slider_max) or 1.0) * source.offset(k) for k, name in enumerate(source.keys) if not values[:, k].any()
@@ -63,7 +69,10 @@ def _unmoved(source: Source, values: np.ndarray) -> np.ndarray:
 
 
 def _twin(source: Source, points: np.ndarray, made: list[bpy.types.ID]) -> bpy.types.Object:
-    """A copy of the object with the source's mesh at `points`, that only what LODs follow deforms; `made` gets it."""
+    """Return a copy of the object with the source's mesh at `points`.
+
+    Only what LODs follow deforms it. Its data-blocks are added to `made`.
+    """
     twin, mesh = source.item.copy(), source.mesh.copy()
     made += [twin, mesh]
     if twin.override_library:

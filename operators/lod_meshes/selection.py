@@ -1,4 +1,4 @@
-"""The LODs of a scene by tolerance: the candidates, and where the shot has its agents."""
+"""Choice of LODs by tolerance: candidates, and distances of agents in the shot."""
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,11 @@ MOST_FRAMES = 9  # of the shot, evenly, that are looked at
 
 
 def ratios_of(settings) -> list[float]:
-    """The parts of the triangles that the LODs to be made keep: those that are set, or by tolerance all candidates."""
+    """Return the part of the triangles that each LOD, or each candidate, keeps.
+
+    By tolerance these are all candidates (LADDER), else the ratios of the settings. CrowdError if
+    the tolerance is invalid, or if the ratios do not decrease.
+    """
     if settings.choice == "BY_TOLERANCE":
         LevelPolicy((0.0,), "PIXELS", tolerance=round(settings.tolerance, 6))  # refuses a wrong one
         return list(LADDER)
@@ -35,9 +39,10 @@ def ratios_of(settings) -> list[float]:
 
 
 def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Generator[float, None, list[Shot]]:
-    """Of each group the Shot of up to MOST_FRAMES of the frames; yields the part done.
+    """Find where the shot has agents: yield the progress, return the Shots.
 
-    A group that none shows may be anywhere within the camera's clip range.
+    There is one Shot for each group, from up to MOST_FRAMES of the shot's frames. A group that no
+    frame shows counts as anywhere within the camera's clip range.
     """
     settings = scene.crowd_lod
     frames = parse_frames(settings.frames, settings.step)
@@ -66,16 +71,24 @@ def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Generator[float,
 
 
 def cast_of(scene: bpy.types.Scene, trajectory: Trajectory) -> Library:
-    """The characters that a build of `scene` has, where rigs can show all groups that move."""
+    """Return the Library of characters that a build of `scene` makes.
+
+    A group whose action lasts one frame has one pose. For every other group, rigs are assumed to be
+    able to show its motion.
+    """
     ranges = [action_range(objects) for _, objects, _ in characters_of(scene)]
     return Library(np.array([first == last for first, last in ranges], np.intp))
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """keep: of each group the candidates to keep; dropped: why the others are not, a sentence each, by their numbers; finest: of each
-    group the finest of those kept that builds have; tolerance: pixels, what LODs deviate so that they fit in memory, 0 without such a
-    limit."""
+    """The choice of candidates. Candidates go by their number in the ladder.
+
+    keep: for each group, the candidates to keep.
+    dropped: for each group, a sentence for each dropped candidate that says why.
+    finest: for each group, the finest LOD that builds have, as an index into its `keep`.
+    tolerance: pixels, raised until LODs fit in memory; 0 where the limit of memory changes nothing.
+    """
 
     keep: list[list[int]]
     dropped: list[dict[int, str]]
@@ -84,7 +97,14 @@ class Chosen:
 
 
 def chosen(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None]) -> Chosen:
-    """The candidates that are Chosen of the `groups`, which have what is known of theirs, or guessed: of groups without a shot all."""
+    """Choose the candidates to keep.
+
+    groups: character groups with values of all their candidates, measured or guessed.
+    shots: for each group its Shot. None keeps all its candidates.
+
+    With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
+    CrowdError if no tolerance is enough.
+    """
     settings = scene.crowd_lod
     tolerance, keep, dropped, memory = round(settings.tolerance, 6), [], [], 0.0
     for group, shot in zip(groups, shots, strict=True):

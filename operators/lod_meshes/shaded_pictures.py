@@ -1,4 +1,4 @@
-"""Reads what shading shows of meshes: normals, colours, images; and compares LODs by it."""
+"""Shaded comparison of LODs: read normals, colors and images, compare pictures."""
 
 from collections.abc import Sequence
 
@@ -13,12 +13,17 @@ from ..blender.material_colors import Looks
 from .source_mesh import NORMALS, Source
 
 AROUND = np.radians((35, 155, 275))  # where the body is looked at from
-VIEWS = [np.roll(np.eye(3), -k, axis=0) for k in (1, 2, 3)]  # right, up and towards the eye: along each axis
+# right, up and towards the eye: along each axis
+VIEWS = [np.roll(np.eye(3), -k, axis=0) for k in (1, 2, 3)]
 TALL, MOST_TALL = 128, 300  # pixels of a body's size: where no camera looks, and at most
 
 
 def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks: Looks) -> Body:
-    """The mesh with these materials, in the space that `matrix` (4, 4) leads to; its images are in `looks`."""
+    """Return the Body of `mesh` with `materials`, transformed by `matrix`.
+
+    matrix: (4, 4), from the mesh's space to the Body's.
+    looks: collects the images of the materials.
+    """
     points, triangles, corners, faces = mesh_data.read_triangles(mesh)
     normals, slots = np.empty((len(mesh.loops), 3), np.float32), np.empty(len(mesh.polygons), np.int32)
     if NORMALS in mesh.attributes:
@@ -39,7 +44,10 @@ def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks
 
 
 def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, looks: Looks) -> Body | None:
-    """All objects together as `depsgraph` has them, in the world; None without a face."""
+    """Return one Body of all `objects` as `depsgraph` has evaluated them, or None.
+
+    It is in world space. None if no object has a face.
+    """
     found = []
     for item in objects:
         evaluated = item.evaluated_get(depsgraph)
@@ -62,14 +70,24 @@ def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgrap
 
 
 def side(azimuth: float) -> np.ndarray:
-    """(3, 3): right, up and towards the eye that looks from there."""
+    """Return (3, 3) axes of a horizontal view: right, up, towards the eye.
+
+    azimuth: radians, the direction from the body to the eye.
+    """
     towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
     return np.stack([np.array([-towards[1], towards[0], 0.0]), (0.0, 0.0, 1.0), towards])
 
 
 def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float:
-    """The metres that a pixel shows from which on the pictures of two bodies differ by WITHIN at most, in the mean of all sides, however
-    much farther off: 0 if their `diagonal`, metres, may be LARGEST pixels, inf if they differ by more when they are smallest."""
+    """Return the size of a pixel, in metres, from which on two bodies look alike.
+
+    Pictures look alike if their mean difference over all sides is at most WITHIN. From this size on
+    they do at every coarser one. The result is 0 if they look alike at every size up to a diagonal
+    of LARGEST pixels, and inf if they differ even in the smallest picture.
+
+    images: (i, size, size, 4) uint8, of the bodies' materials.
+    diagonal: metres, of the character's bounding box.
+    """
     scale, differences = LARGEST / diagonal, []
     for axes in map(side, AROUND):
         flat = [body.points @ axes.T * (scale, scale, -scale) for body in (one, other)]
@@ -81,8 +99,16 @@ def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float
 
 
 def alike(one: Body, other: Body, images: np.ndarray, centre: np.ndarray, distance: float, camera: Camera) -> tuple[float, float]:
-    """(mean difference of sRGB values from 0 to 1, structural similarity) of two bodies' pictures, in the mean of all sides, as the
-    camera shows them that looks at centre (3,) from `distance` metres. Pictures are MOST_TALL at most."""
+    """Return (mean difference, structural similarity) of two bodies' pictures.
+
+    Both are means over all sides. The difference is of sRGB values from 0 to 1. Each picture is
+    what `camera` shows when it looks at `centre` from `distance`, reduced to at most MOST_TALL
+    pixels.
+
+    images: (i, size, size, 4) uint8, of the bodies' materials.
+    centre: (3,) metres.
+    distance: metres.
+    """
     found = []
     for azimuth in AROUND:
         axes = side(azimuth)
@@ -94,7 +120,10 @@ def alike(one: Body, other: Body, images: np.ndarray, centre: np.ndarray, distan
 
 
 def similarity(source: Source, mesh: bpy.types.Mesh) -> float:
-    """The structural similarity of a LOD's mesh to its source at rest, TALL pixels large, in the mean of all sides."""
+    """Return the structural similarity of a LOD's mesh to its source at rest.
+
+    It is the mean over the three VIEWS, with the source TALL pixels large.
+    """
     if source.body is None:
         looks = Looks()
         source.body = body_of(source.mesh, source.mesh.materials, np.eye(4), looks), looks

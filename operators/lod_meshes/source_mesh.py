@@ -1,4 +1,4 @@
-"""What LOD meshes are made from: the objects of a character, as modified, at rest."""
+"""Source meshes of LODs: a character's objects at rest, with modifiers applied."""
 
 import hashlib
 from collections.abc import Iterator
@@ -16,9 +16,11 @@ from ..blender.rig_dependencies import armatures_of, curves_of, movers_of
 from .mesh_repair import drop_flat_parts, mend
 from .surface import Surface
 
-FOLLOWED = {"ARMATURE", "LATTICE"}  # modifiers that deform a LOD as they do its source, and so are left to it
+# modifiers that deform a LOD as they do its source, and so are left to it
+FOLLOWED = {"ARMATURE", "LATTICE"}
 DEFORMERS = {"CLOTH", "HOOK", "MESH_CACHE", "MESH_DEFORM", "MESH_SEQUENCE_CACHE", "SOFT_BODY", "SURFACE_DEFORM", "WAVE"}
-# What a LOD takes from its source beyond Blender's own layers travels as attributes of these names, gone when it is done.
+# What a LOD takes from its source beyond Blender's own layers travels as attributes of these names,
+# gone when it is done.
 NORMALS, KEY = "crowd_lod_normals", "crowd_lod_key_"
 # Types of attributes: (name of the value, numbers in it, their type).
 KINDS = {
@@ -39,11 +41,21 @@ KINDS = {
 
 @dataclass
 class Source:
-    """An object as LODs are made from it: `mesh` is its shape as modified, in its own space and rest pose, without loose
-    vertices; None if that has no faces. groups: the names of the mesh's vertex groups, which modifiers may have made other
-    than the object's. keys: its shape keys that LODs keep, whose offsets are attributes of the mesh. notes: sentences on what
-    LODs leave out. skin: how its points move, see skin.skin_of. share: its part of the character's triangles.
-    custom_normals: whether it has such, or sharp edges."""
+    """One object of a character, as the input of decimation.
+
+    item: the user's object.
+    mesh: its shape with modifiers applied, in its own space and rest pose, without loose vertices;
+        None if that has no faces. FOLLOWED modifiers are not applied: LODs have them, too.
+    groups: names of the mesh's vertex groups. Modifiers may have made others than the object has.
+    keys: names of the shape keys that LODs keep. Their offsets are attributes of the mesh (see
+        KEY).
+    notes: sentences that say what LODs leave out.
+    custom_normals: whether it has custom normals or sharp edges.
+    charts: attribute_transfer.Charts, made when first needed; None before.
+    body: (Body, Looks) for the shaded pictures, made by shaded_pictures.similarity; None before.
+    skin: how its points move in the poses (see pose_deformation.skin_of); None if they do not.
+    share: its part of the character's triangles, from 0 to 1.
+    """
 
     item: bpy.types.Object
     mesh: bpy.types.Mesh | None
@@ -52,13 +64,14 @@ class Source:
     notes: list[str] = field(default_factory=list)
     custom_normals: bool = False
     charts: object = None  # transfer.Charts, when first asked for
-    body: object = None  # what its pictures show, and its Looks, when first asked for: see shaded.similarity
+    # what its pictures show, and its Looks, when first asked for: see shaded.similarity
+    body: object = None
     skin: Skin | None = None
     share: float = 1.0
 
     @cached_property
     def geometry(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """points, triangles, corners, faces, as io.read_triangles gives them."""
+        """Return (points, triangles, corners, faces) as mesh_data.read_triangles does."""
         return mesh_data.read_triangles(self.mesh)
 
     @cached_property
@@ -67,12 +80,15 @@ class Source:
 
     @cached_property
     def posed(self) -> tuple[Skin | None, list[Surface]]:
-        """(the skin in the poses that tell most, the surface in each)."""
+        """Return (the skin in the most distinct poses, the surface in each of them).
+
+        The skin is None, and the list is empty, if nothing deforms the mesh.
+        """
         skin = self.skin and self.skin.telling(self.geometry[1])
         return skin, [Surface(place, self.geometry[1]) for place in skin.place] if skin else []
 
     def offset(self, key: int) -> np.ndarray:
-        """How far the key of that number moves the mesh's vertices at the value 1, (n, 3) float32."""
+        """Return vertex offsets of shape key number `key` at value 1: (n, 3) float32."""
         return offset_of(self.mesh, key)
 
     @cached_property
@@ -82,7 +98,10 @@ class Source:
 
 @contextmanager
 def staged(item: bpy.types.Object) -> Iterator[bpy.types.Depsgraph]:
-    """A depsgraph in which `item` is evaluated, alone with what it depends on, at frame 1."""
+    """Yield a depsgraph with `item` and its dependencies alone, at frame 1.
+
+    It belongs to a scene of its own, which is removed afterwards.
+    """
     stage = bpy.data.scenes.new("Crowd LOD source")
     try:
         stage.collection.objects.link(item)
@@ -94,7 +113,10 @@ def staged(item: bpy.types.Object) -> Iterator[bpy.types.Depsgraph]:
 
 @contextmanager
 def _at_rest(item: bpy.types.Object) -> Iterator[None]:
-    """The armatures that `item` follows are at rest: what else shapes it, such as a shrinkwrap on a body, is then, too."""
+    """Set the armatures that `item` follows to rest position, and restore them.
+
+    Armatures that it follows through other objects are included.
+    """
     rigs = [armature for armature in movers_of([item]) if armature.type == "ARMATURE"] if armatures_of([item]) else []
     before = {rig.data: rig.data.pose_position for rig in rigs}
     try:
@@ -107,7 +129,10 @@ def _at_rest(item: bpy.types.Object) -> Iterator[None]:
 
 
 def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh | None:
-    """A new mesh of `item` as modified, with all its layers; None if it has none, as hair has not."""
+    """Return a new mesh of `item` with modifiers applied and all layers.
+
+    Return None if the object has no mesh, as with hair.
+    """
     try:
         return bpy.data.meshes.new_from_object(item.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph)
     except RuntimeError:
@@ -115,8 +140,11 @@ def evaluated_mesh(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bp
 
 
 def read_source(item: bpy.types.Object) -> Source:
-    """The object as LODs are made from it; CrowdError if it has vertices at NaN or infinity. Its mesh is the caller's to
-    remove."""
+    """Read `item` as the Source of its LODs. The caller must remove its mesh.
+
+    Modifiers are those that renders show.
+    CrowdError if the mesh has vertices at NaN or infinity.
+    """
     twin = item.copy()
     made = [twin]
     try:
@@ -139,7 +167,7 @@ def read_source(item: bpy.types.Object) -> Source:
 
 
 def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C901 - to be cut with the LOD meshes
-    """The source of `item` from its copy `twin`, whose data is its own."""
+    """Read the Source of `item` from its copy `twin`, which has its own data."""
     notes = _notes(item)
     values = {name: twin.data.shape_keys.key_blocks[name].value for name in _moving_keys(item)}
     if values:
@@ -151,7 +179,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C9
         mesh = evaluated_mesh(twin, depsgraph)
         offsets = {name: _offset(twin, depsgraph, name, mesh) for name in values} if mesh is not None else {}
         if any(offset is None for offset in offsets.values()):
-            notes.append("Its shape keys are baked as they are now: a modifier makes another mesh of each.")
+            notes.append("Its shape keys are baked at their current values: with them, a modifier changes the number of vertices.")
             bpy.data.meshes.remove(mesh)
             for name, value in values.items():
                 key = twin.data.shape_keys.key_blocks[name]
@@ -159,7 +187,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C9
             depsgraph.view_layer.update()
             mesh, offsets = evaluated_mesh(twin, depsgraph), {}
         if any(instance.is_instance for instance in depsgraph.object_instances):
-            notes.append("What it instances is left out.")
+            notes.append("The objects that it instances are left out.")
         slots = [slot.material if slot.link == "OBJECT" else None for slot in item.material_slots]
     if mesh is None or not len(mesh.polygons):
         if mesh is not None:
@@ -175,7 +203,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C9
         normals = np.empty((len(mesh.loops), 3), np.float32)
         mesh.corner_normals.foreach_get("vector", normals.ravel())
         if mesh.has_custom_normals:
-            mesh.attributes.remove(mesh.attributes["custom_normal"])  # it is relative to this very mesh
+            # it is relative to this very mesh
+            mesh.attributes.remove(mesh.attributes["custom_normal"])
         mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
     mend(mesh, split_sharp=NORMALS not in mesh.attributes)
     points = positions(mesh)
@@ -191,7 +220,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C9
 
 
 def _group_names(mesh: bpy.types.Mesh) -> list[str]:
-    """The names of the mesh's vertex groups, which it tells through an object alone."""
+    """Return the names of the mesh's vertex groups, read through a temporary object."""
     item = bpy.data.objects.new(mesh.name, mesh)
     try:
         return item.vertex_groups.keys()
@@ -200,21 +229,24 @@ def _group_names(mesh: bpy.types.Mesh) -> list[str]:
 
 
 def positions(mesh: bpy.types.Mesh) -> np.ndarray:
-    """The mesh's vertices, (n, 3) float32, in its own space."""
+    """Return the mesh's vertices: (n, 3) float32, in its own space."""
     points = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.vertices.foreach_get("co", points.ravel())
     return points
 
 
 def offset_of(mesh: bpy.types.Mesh, key: int) -> np.ndarray:
-    """The offsets (n, 3) float32 that travel as the mesh's attribute of the key of that number."""
+    """Return the stored offsets of shape key number `key`: (n, 3) float32."""
     offset = np.empty((len(mesh.vertices), 3), np.float32)
     mesh.attributes[f"{KEY}{key}"].data.foreach_get("vector", offset.ravel())
     return offset
 
 
 def _offset(twin, depsgraph, name: str, rest: bpy.types.Mesh) -> np.ndarray | None:
-    """How far the shape key `name` moves the vertices of the modified mesh, (n, 3); None if it makes another mesh."""
+    """Return the offset of each vertex by the shape key `name`, or None: (n, 3).
+
+    None if the key changes the number of vertices.
+    """
     key = twin.data.shape_keys.key_blocks[name]
     key.value = 1
     depsgraph.view_layer.update()
@@ -228,7 +260,10 @@ def _offset(twin, depsgraph, name: str, rest: bpy.types.Mesh) -> np.ndarray | No
 
 
 def _moving_keys(item: bpy.types.Object) -> list[str]:
-    """The names of the object's relative shape keys that are animated, driven or not at zero."""
+    """Return names of relative shape keys that are animated, driven or not at zero.
+
+    Muted keys and the basis are left out. Any key counts as animated where there are NLA tracks.
+    """
     keys = getattr(item.data, "shape_keys", None)
     if keys is None or item.type != "MESH" or not keys.use_relative:
         return []
@@ -248,7 +283,7 @@ def _notes(item: bpy.types.Object) -> list[str]:
     notes = []
     baked = [modifier.name for modifier in item.modifiers if modifier.type in DEFORMERS and modifier.show_render]
     if baked:
-        notes.append(f"What its modifiers {', '.join(baked)} do at frame 1 is baked.")
+        notes.append(f"The result of its modifiers {', '.join(baked)} at frame 1 is baked.")
     if any(modifier.type == "PARTICLE_SYSTEM" for modifier in item.modifiers):
         notes.append("Its particles are left out.")
     keys = getattr(item.data, "shape_keys", None)
@@ -258,7 +293,12 @@ def _notes(item: bpy.types.Object) -> list[str]:
 
 
 def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarray]]:
-    """(domain, type, values (n, width)) of each of the mesh's attributes that is not Blender's own, by name."""
+    """Return {name: (domain, type, values)} of the mesh's attributes.
+
+    values: (n, width), of the types in KINDS.
+
+    Left out are positions, names that begin with ".", and other types.
+    """
     found = {}
     for attribute in mesh.attributes:
         if attribute.data_type in KINDS and not attribute.name.startswith(".") and attribute.name != "position":
@@ -270,19 +310,27 @@ def read_attributes(mesh: bpy.types.Mesh) -> dict[str, tuple[str, str, np.ndarra
 
 
 def read_weights(mesh: bpy.types.Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(vertex (k,) intp, group (k,) intp, weight (k,) float64) of all the mesh's weights, by vertex."""
+    """Return all vertex weights, ordered by vertex.
+
+    vertex: (k,) intp.
+    group: (k,) intp, index of the vertex group.
+    weight: (k,) float64.
+    """
     table = [(vertex.index, entry.group, entry.weight) for vertex in mesh.vertices for entry in vertex.groups]
     vertex, group, weight = np.array(table, np.float64).reshape(-1, 3).T
     return vertex.astype(np.intp), group.astype(np.intp), weight
 
 
 def text_digest(*values) -> str:
-    """A hash of values by what they print as."""
+    """Return a SHA-256 hash of the printed form of `values`."""
     return hashlib.sha256(repr(values).encode()).hexdigest()
 
 
 def digest(mesh: bpy.types.Mesh, *others) -> str:
-    """A hash of the mesh's shape, attributes, weights and materials, and of what else is given."""
+    """Return a hash of the mesh and of `others`.
+
+    It covers shape, attributes, vertex weights and names of materials.
+    """
     points, triangles, _, faces = mesh_data.read_triangles(mesh)
     weights = read_weights(mesh)
     attributes = read_attributes(mesh)

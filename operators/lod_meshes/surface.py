@@ -1,4 +1,4 @@
-"""Surfaces of triangles: the nearest points on one, samples of one, the distance between two."""
+"""Surfaces of triangles: nearest points, samples, and distances between two."""
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
@@ -11,19 +11,27 @@ from ...crowd_lod.simplification.hausdorff import Moving
 from ...crowd_lod.simplification.triangle_mesh import ranges
 
 ANYWHERE, ROUNDED = 1e19, 1e-5  # metres, and part of a distance that float32 may round away, amply
-LOST = 4e-8  # of a triangle's longest side over the square of its height as part of that: what the tree errs by, in float32
+# of a triangle's longest side over the square of its height as part of that: what the tree errs by,
+# in float32
+LOST = 4e-8
 NEAR = 5e-5  # of the surface's size: what it may err by
-CLOSER, HALVED = 400, 5  # triangles, where samples are farthest off, that are looked at closer, and how often these are divided
+# triangles, where samples are farthest off, that are looked at closer, and how often these are
+# divided
+CLOSER, HALVED = 400, 5
 FARTHEST = 50  # triangles whose sides are looked at where that is roughly known
 SILHOUETTE = 256  # pixels across a surface's silhouette
 FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
 
 
 class Surface:
-    """A surface of triangles that can be asked for nearest points. points: (n, 3) metres; triangles: (m, 3) indices.
+    """A triangle surface with queries for nearest points.
 
-    Blender's tree keeps float32: it is built about the middle of the points, with lines along thin triangles, to which it
-    knows the way.
+    points: (n, 3) metres, kept as float64.
+    triangles: (m, 3) indices.
+
+    Blender's BVH tree stores float32. To lose little precision it is built relative to the middle
+    of the points. It cannot find the way to very thin triangles, so it also holds lines along
+    these.
     """
 
     def __init__(self, points: np.ndarray, triangles: np.ndarray):
@@ -32,12 +40,19 @@ class Surface:
 
     @cached_property
     def lines(self) -> tuple[np.ndarray, np.ndarray]:
-        """(ends (l, 2, 3), the triangle (l,) of each) of lines along the longest sides of the triangles that are too thin for the
-        tree, so dense that all of the triangle is NEAR."""
+        """Return lines along the triangles that are too thin for the BVH tree.
+
+        They run along the longest side of each, and are so dense that every point of the triangle
+        is within NEAR of the surface's size.
+
+        ends: (l, 2, 3) metres.
+        triangle: (l,) triangle of each line.
+        """
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
         squares = np.stack([np.einsum("md,md->m", side, side) for side in (b - a, c - b, a - c)])
         longest = squares.max(axis=0, initial=0)
-        doubled = squares[0] * squares[2] - np.einsum("md,md->m", b - a, a - c) ** 2  # the area, squared
+        # the area, squared
+        doubled = squares[0] * squares[2] - np.einsum("md,md->m", b - a, a - c) ** 2
         near = NEAR * float(np.ptp(self.points, axis=0).max())
         thin = np.flatnonzero(LOST * longest**2.5 > near * doubled)
         height = np.sqrt(doubled[thin].clip(0) / longest[thin])
@@ -56,19 +71,30 @@ class Surface:
         return BVHTree.FromPolygons((np.concatenate([self.points, ends]) - self.middle).tolist(), triangles.tolist())
 
     def nearest(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """(at (k, 3) metres, triangle (k,) intp, distance (k,) metres) of the surface's points nearest to points (k, 3)."""
+        """Return the surface's nearest points to `points`, (k, 3).
+
+        at: (k, 3) metres.
+        triangle: (k,) intp.
+        distance: (k,) metres.
+        """
         hits = list(self._hits(points))
         at = np.array([hit[0] for hit in hits], np.float64).reshape(-1, 3) + self.middle
         triangle = np.concatenate([np.arange(len(self.triangles)), self.lines[1]])[[hit[2] for hit in hits]]
         return at, triangle, np.array([hit[3] for hit in hits], np.float64)
 
     def distances(self, points: np.ndarray) -> np.ndarray:
-        """(k,) metres, of points (k, 3) to the surface: sooner than by `nearest`."""
+        """Return the distance (k,) metres of `points` (k, 3) to the surface.
+
+        This is faster than `nearest`.
+        """
         return np.array([hit[3] for hit in self._hits(points)], np.float64)
 
     def _hits(self, points: np.ndarray) -> Iterator[tuple]:
-        """What the tree finds nearest to each of points (k, 3). It is no farther off than that of the point before and the way
-        from there, but for rounding: the tree need not be searched beyond."""
+        """Yield the tree's result for each of `points` (k, 3).
+
+        A point's distance is at most that of the point before plus the way between them, but for
+        rounding. This limits the search.
+        """
         points, find = points - self.middle, self.tree.find_nearest
         ways = np.linalg.norm(np.diff(points, axis=0, prepend=points[:1]), axis=1) + ROUNDED * np.ptp(self.points, axis=0).max()
         most = ANYWHERE
@@ -80,31 +106,39 @@ class Surface:
 
     @cached_property
     def area(self) -> np.ndarray:
-        """Twice that of each triangle, (m,) square metres."""
+        """Return twice the area of each triangle: (m,) square metres."""
         a, b, c = (self.points[self.triangles[:, i]] for i in range(3))
         return np.linalg.norm(np.cross(b - a, c - a), axis=1)
 
     @cached_property
     def shown(self) -> float:
-        """The area of its silhouette, square metres, in the mean of some directions."""
+        """Return the area of the silhouette, square metres, a mean over some directions."""
         return float(areas(self.points, self.triangles, np.zeros(len(self.triangles), np.intp), 1, SILHOUETTE)[0])
 
     @property
     def corners(self) -> np.ndarray:
-        """The points (k, 3) metres of its triangles."""
+        """Return the points (k, 3) that triangles use, metres."""
         return self.points[np.unique(self.triangles)]
 
     def at(self, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """The points (k, 3) metres at barycentric weights (k, 3) of triangles (k,)."""
+        """Return points (k, 3) metres at barycentric `weights` (k, 3) of triangles (k,)."""
         return np.einsum("kc,kcd->kd", weights, self.points[self.triangles[triangle]])
 
     def samples(self, count: int) -> np.ndarray:
-        """Points (k, 3) metres on the surface: those of its corners, then `count` spread evenly over its area."""
+        """Return points (k, 3) metres: the corners, then `count` spread evenly by area.
+
+        Only the corners if the surface has no area.
+        """
         return np.concatenate([self.corners, self.at(*scattered(self.area, count))]) if self.area.any() else self.corners
 
 
 def scattered(area: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(triangle (count,), barycentric weights (count, 3)) of points spread evenly over triangles of `area` (m,), not all 0."""
+    """Return `count` points spread evenly by area: (triangle, barycentric weights).
+
+    The result is (count,) and (count, 3), always the same for the same input.
+
+    area: (m,) of the triangles, not all 0.
+    """
     random = np.random.default_rng(0)
     face = np.searchsorted(np.cumsum(area) / area.sum(), (np.arange(count) + random.random(count)) / count)
     root, v = np.sqrt(random.random(count)), random.random(count)
@@ -112,15 +146,24 @@ def scattered(area: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def has_area(corners: np.ndarray) -> np.ndarray:
-    """Whether anything shows of triangles (m, 3, 3), (m,) bool."""
+    """Return which triangles (m, 3, 3) are not degenerate: (m,) bool.
+
+    A degenerate triangle is lower than FLAT of its longest side, and shows nothing.
+    """
     sides = corners - np.roll(corners, 1, axis=1)
     longest = np.linalg.norm(sides, axis=2).max(axis=1, initial=0)
     return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) > FLAT * longest**2
 
 
 def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None:
-    """The surface of triangles (m, 3) of points (n, 3) in each of some poses, without faces that have no area in any; None without
-    others. Points that are one in all poses, as importers split them along seams, are one."""
+    """Return the surface in several poses as a Moving, or None if it has no faces.
+
+    Triangles without area in every pose are left out. Points at the same place in every pose are
+    merged, since importers split them along seams.
+
+    points: for each pose (n, 3) metres.
+    triangles: (m, 3).
+    """
     triangles = triangles[np.any([has_area(each[triangles]) for each in points], axis=0)]
     if not len(triangles):
         return None
@@ -141,8 +184,10 @@ def moving(points: Sequence[np.ndarray], triangles: np.ndarray) -> Moving | None
 
 
 def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
-    """Whether triangles (m, 3) are those of the same faces, but for quads that are cut along the other diagonal, as Blender cuts those
-    that a pose folds."""
+    """Return whether two triangulations (m, 3) have the same faces.
+
+    Quads may be cut along either diagonal: Blender cuts them the other way where a pose folds them.
+    """
     if one.shape != other.shape:
         return False
     changed = (one != other).any(axis=1)
@@ -154,30 +199,40 @@ def same_faces(one: np.ndarray, other: np.ndarray) -> bool:
 
 
 def deviation(one: Surface, other: Surface, count: int) -> tuple[float, float]:
-    """(symmetric Hausdorff distance, root mean square), metres, between two surfaces, at the vertices, the triangles' middles and
-    `count` samples of each, and at more on the triangles where these are farthest off, which are divided again and again.
+    """Return (symmetric Hausdorff distance, root mean square) of surfaces, metres.
 
-    The true Hausdorff distance is at least this; it lies between samples by at most their spacing. Sources: Aspert,
-    Santa-Cruz, Ebrahimi, "MESH: measuring errors between surfaces using the Hausdorff distance", 2002; for the division Guthe,
-    Borodin, Klein, "Fast and accurate Hausdorff distance calculation between meshes", 2005.
+    Distances are measured at vertices, centers of triangles, and `count` samples of each surface.
+    The triangles farthest off are then divided up to HALVED times and measured more densely. The
+    root mean square is of the samples alone.
+
+    The true Hausdorff distance is at least the result. Between samples it exceeds it by at most
+    their spacing. Sources: Aspert, Santa-Cruz, Ebrahimi, "MESH: measuring errors between surfaces
+    using the Hausdorff distance", 2002; for the division Guthe, Borodin, Klein, "Fast and accurate
+    Hausdorff distance calculation between meshes", 2005.
     """
     found = [_away(a, b, count) for a, b in ((one, other), (other, one))]
     return max(most for most, _ in found), max(rms for _, rms in found)
 
 
 def spread(one: Surface, other: Surface, count: int) -> float:
-    """The root mean square, metres, of the distances of `count` samples of each of two surfaces to the other; the larger one."""
+    """Return the root mean square distance of two surfaces, metres.
+
+    It is measured at `count` samples of each surface, to the other. The larger one counts.
+    """
     return max(float(np.sqrt(np.mean(b.distances(a.at(*scattered(a.area, count))) ** 2))) for a, b in ((one, other), (other, one)))
 
 
 def roughly(one: Surface, other: Surface, count: int) -> float:
-    """About the symmetric Hausdorff distance, metres, of two surfaces: at `count` points of each, corners and middles of as many
-    of its triangles as that makes, and on the sides of those that are farthest off: good enough for a choice."""
+    """Estimate the symmetric Hausdorff distance of two surfaces, metres.
+
+    It looks at a corner and the center of about `count` / 2 triangles of each, then at the corners
+    and sides of the FARTHEST triangles farthest off. That is good enough for a choice.
+    """
     return max(_roughly(a, b, count // 2) for a, b in ((one, other), (other, one)))
 
 
 def _roughly(one: Surface, other: Surface, count: int) -> float:
-    """The same from `one` to `other` alone."""
+    """Estimate the largest distance from `one` to `other` at about `count` triangles."""
     some = np.arange(0, len(one.triangles), max(1, len(one.triangles) // count))
     face, weights = np.concatenate([some, some]), np.repeat([(1.0, 0, 0), (1 / 3, 1 / 3, 1 / 3)], len(some), axis=0)
     off = other.distances(one.at(face, weights))
@@ -187,7 +242,7 @@ def _roughly(one: Surface, other: Surface, count: int) -> float:
 
 
 def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
-    """The same from `one` to `other` alone."""
+    """Return (largest distance, root mean square) from `one` to `other`, metres."""
     used, triangles = np.unique(one.triangles, return_inverse=True)
     corners = other.distances(one.points[used])
     if not one.area.any():
@@ -216,6 +271,9 @@ def _away(one: Surface, other: Surface, count: int) -> tuple[float, float]:
 
 
 def _quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
-    """The three outer quarters (3 m, 3, ...) of triangles, by what is at their corners and in the middles of the sides from each
-    corner on, both (m, 3, ...)."""
+    """Return the three outer quarters, (3 m, 3, ...), of triangles.
+
+    corners: (m, 3, ...) values at the corners.
+    middles: (m, 3, ...) values in the middle of the side from each corner to the next.
+    """
     return np.concatenate([np.stack([corners[:, i], middles[:, i], middles[:, i - 1]], axis=1) for i in range(3)])

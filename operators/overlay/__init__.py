@@ -1,4 +1,4 @@
-"""The viewport overlay: the frame's plan as arrays to draw, and the drawing (Blender's gpu module).
+"""The viewport overlay: drawing a frame's plan with Blender's gpu module.
 
 In: Frame, baked characters, a view. Out: pixels of a viewport or a picture.
 """

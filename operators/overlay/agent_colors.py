@@ -1,4 +1,4 @@
-"""The colours that the overlay gives to agents."""
+"""The colors that the overlay gives to agents."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,8 +14,12 @@ from .skinned_characters import Character
 
 @dataclass(frozen=True)
 class Colours:
-    """index: (n,) uint8, each agent's colour in palette (p, 4) float32, linear RGBA; of culled agents only where `culled`, then
-    they show theirs, too."""
+    """The agents' colors, as indices into a palette.
+
+    index: (n,) uint8, each agent's color in `palette`.
+    palette: (p, 4) float32, linear RGBA.
+    culled: whether culled agents show their color too; if not, their index has no meaning.
+    """
 
     index: np.ndarray
     palette: np.ndarray
@@ -23,29 +27,32 @@ class Colours:
 
 
 def by_level(frame: Frame) -> Colours:
-    """By LOD."""
+    """Color agents by LOD."""
     index = np.zeros(len(frame.crowd), np.uint8)  # frame.levels would be measured for all agents
     index[frame.buckets.order] = frame.buckets.levels
     return Colours(index, _opaque(TINTS))
 
 
 def by_state(frame: Frame) -> Colours:
-    """As the state machine says."""
+    """Color agents by state, in the state machine's colors."""
     return Colours(frame.crowd.state, _opaque(linear(frame.trajectory.machine.state_colours / 255)))
 
 
 def by_group(frame: Frame) -> Colours:
-    """By character group; with more groups than tints they begin again."""
+    """Color agents by character group; colors repeat after the last of TINTS."""
     return Colours(frame.crowd.group % np.uint8(len(TINTS)), _opaque(TINTS))
 
 
 def by_reason(frame: Frame) -> Colours:
-    """By the reason, of reasons.REASONS, why an agent is culled or has not the finest LOD."""
+    """Color agents by the reason why they are culled or do not have the finest LOD.
+
+    The reasons are those of crowd_lod.planning.reasons.REASONS.
+    """
     return Colours(reasons(frame), _opaque(TINTS), culled=True)
 
 
 def by_material(frame: Frame, characters: Sequence[Character]) -> Colours:
-    """In the mean colour of each group's materials."""
+    """Color agents with the mean color of their group's materials."""
     return Colours(frame.crowd.group, _opaque([character.colour for character in characters]))
 
 

@@ -1,4 +1,4 @@
-"""Pointing at an agent in the viewport, to read what the plan made of it."""
+"""Picking an agent in the viewport, to read what the plan decided about it."""
 
 import bpy
 import numpy as np
@@ -10,7 +10,10 @@ WITHIN = 40.0  # nominal pixels from the cursor
 
 
 def under(screen: bpy.types.Screen, x: int, y: int) -> bpy.types.Region | None:
-    """The viewport's region at the window's pixel (x, y), unless another, such as the sidebar, lies over it."""
+    """Return the viewport's main region at the window's pixel (x, y).
+
+    None if there is no viewport, or if another region, such as the sidebar, covers the pixel.
+    """
     for area in screen.areas:
         here = [r for r in area.regions if r.x <= x < r.x + r.width and r.y <= y < r.y + r.height]
         if area.type == "VIEW_3D" and here and all(region.type == "WINDOW" for region in here):
@@ -19,7 +22,7 @@ def under(screen: bpy.types.Screen, x: int, y: int) -> bpy.types.Region | None:
 
 
 class CROWDLOD_OT_inspect(bpy.types.Operator):
-    """Point at an agent in the viewport: why it is shown or culled, its LOD and what that costs; click keeps it"""
+    """Pick an agent in the viewport: see why it is shown or culled, its LOD and cost"""
 
     bl_idname = "crowd_lod.inspect"
     bl_label = "Inspect Agent"
@@ -34,7 +37,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
         self._before = context.scene.crowd_lod.agent
         context.window_manager.modal_handler_add(self)
         context.window.cursor_modal_set("EYEDROPPER")
-        context.workspace.status_text_set("Point at an agent; click keeps it, Esc ends")
+        context.workspace.status_text_set("Point at an agent; click to keep it, Esc to cancel")
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event) -> set[str]:

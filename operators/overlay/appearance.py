@@ -1,4 +1,4 @@
-"""How the scene's settings want the overlay to look: the style, what it draws instances of, their colours, the drawing."""
+"""How the overlay looks by the scene's settings: style, characters, colors."""
 
 from dataclasses import replace
 
@@ -12,7 +12,14 @@ from .skinned_characters import Character
 
 
 def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[str, ...]]:
-    """(style, the characters as far as it needs them, sentences for the user) of the scene, which has so many LODs."""
+    """Return (style, characters, notes) of the scene.
+
+    Where the characters are missing, not read yet, or do not fit, meshes become points.
+
+    levels: least number of LODs that each character must have.
+    characters: only if the style needs them.
+    notes: sentences for the user.
+    """
     settings = scene.crowd_lod
     style = Style(
         settings.overlay_mode,
@@ -36,14 +43,14 @@ def style_of(scene, levels: int) -> tuple[Style, tuple[Character, ...], tuple[st
 
 
 def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | None:
-    """What the style draws instances of, on the GPU."""
+    """Return the style's characters or boxes, on the GPU; None for points."""
     if style.mode == "POINTS":
         return None
     return Cast(groups, characters if style.mode == "MESHES" else ())
 
 
 def colours_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colours:
-    """The agents' colours; `chosen` is of the setting overlay_colour."""
+    """Return the agents' colors; `chosen` is a value of the setting overlay_color."""
     if chosen == "STATE":
         return agent_colors.by_state(frame)
     if chosen == "GROUP":
@@ -56,7 +63,10 @@ def colours_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> 
 
 
 def drawing_of(settings, frame: Frame, style: Style, coloured: agent_colors.Colours, framed: bool = True) -> Drawing:
-    """The drawing of the frame as the settings have it; `framed` with the lines of the camera's frustum."""
+    """Return the frame's Drawing by the settings.
+
+    framed: whether to draw the lines of the camera's frustum and LOD ranges.
+    """
     slopes = frame.trajectory.heights if settings.tilt else None
     fades = None
     if style.mode == "MESHES" and settings.overlay_fade:

@@ -1,4 +1,7 @@
-"""The baked characters of each scene, for the overlay: baked outside the drawing, anew when what they came from changed."""
+"""The baked characters of each scene, kept for the overlay.
+
+They are baked outside drawing, and again when their sources have changed.
+"""
 
 import hashlib
 import time as clock
@@ -21,9 +24,17 @@ from .skinned_characters import Character, baking
 
 @dataclass
 class Casting:
-    """A scene's characters: those of `characters` once all are baked; until then `baking` bakes the next. key,
-    painted: of what they came from, and of their images' pixels; looked: when those were last compared, seconds. told: what the
-    user should know of it."""
+    """A scene's characters, baked or being baked.
+
+    key: digest of everything they are baked from.
+    painted: checksum of the pixels of their images.
+    looked: time in seconds when key and painted were last compared.
+    characters: those baked so far.
+    baking: the generator that bakes the next character, or None.
+    progress: 0 to 1.
+    ready: whether baking has ended, also after an error.
+    told: sentences for the user.
+    """
 
     key: bytes
     painted: int
@@ -39,7 +50,10 @@ _castings: dict[int, Casting] = scene_cache.kept({}, by_scene=True)
 
 
 def casting_of(scene: bpy.types.Scene) -> Casting | None:
-    """The characters of the scene's LOD meshes, to be baked soon if they are not; None without LOD meshes."""
+    """Return the characters of the scene's LOD meshes, or None without LOD meshes.
+
+    If they are not baked yet, a timer starts to bake them.
+    """
     levels = scene.crowd_lod.levels
     if levels is None or not levels.children or not levels.children[0].children:
         _castings.pop(scene.session_uid, None)
@@ -47,7 +61,8 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
     known, now = _castings.get(scene.session_uid), clock.monotonic()
     if known is None or now > known.looked + LOOK_AGAIN:
         key, looks = _key(levels)
-        seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"  # to read pixels takes milliseconds
+        # to read pixels takes milliseconds
+        seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"
         painted = _painted(looks.found) if seen else known.painted
         if known is None or (known.key, known.painted) != (key, painted):
             known = _castings[scene.session_uid] = Casting(key, painted, now)
@@ -58,7 +73,10 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
 
 
 def read(scene: bpy.types.Scene) -> Iterator[float]:
-    """Bake the characters of the scene's LOD meshes now, outside a drawing; yields the progress, 0 to 1."""
+    """Bake the characters of the scene's LOD meshes now; yield the progress, 0 to 1.
+
+    Call it outside drawing.
+    """
     levels = scene.crowd_lod.levels
     key, looks = _key(levels)
     casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
@@ -68,12 +86,15 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
 
 
 def drop(scene: bpy.types.Scene) -> None:
-    """Let go what is baked for the scene."""
+    """Drop the scene's baked characters."""
     _castings.pop(scene.session_uid, None)
 
 
 def bake_some() -> float | None:
-    """A timer: bake a little, which makes and removes data-blocks and so must not be done while Blender draws."""
+    """Timer: bake a few frames.
+
+    Baking adds and removes data-blocks, which must not be done while Blender draws.
+    """
     for scene in bpy.data.scenes:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:
@@ -103,11 +124,15 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     except Exception as error:
         traceback.print_exc()
         casting.characters, casting.baking, casting.ready = (), None, True
-        casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): the console has more.",)
+        casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for details.",)
 
 
 def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
-    """The collections of the LODs of a character group, in the scene with this session_uid."""
+    """Return the collections of a group's LODs.
+
+    scene: the scene's session_uid.
+    number: index of the character group.
+    """
     levels = next(each for each in bpy.data.scenes if each.session_uid == scene).crowd_lod.levels
     return [level.children[number] for level in levels.children]
 
@@ -120,8 +145,11 @@ def _redraw() -> None:
 
 
 def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
-    """A digest of all that the characters are baked from, but for the pixels of the images in the looks. Weights are slow to
-    read: they are taken for changed when an object is painted or edited, and when that ends."""
+    """Return (digest of the characters' sources, looks of their materials).
+
+    The pixels of the looks' images are left out. Weights are slow to read: they count as changed
+    when an object enters or leaves a painting or edit mode.
+    """
     digest, looks, told = hashlib.sha256(), Looks(), set()
     for home in (home for level in levels.children for home in level.children):
         items = [item for item in home.all_objects if item.type == "MESH"]
@@ -145,7 +173,7 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
 
 
 def _painted(images: list[bpy.types.Image]) -> int:
-    """A checksum of the images' pixels."""
+    """Return a checksum of the images' pixels."""
     found = 0
     for image in images:
         values = np.empty(len(image.pixels), np.float32)

@@ -1,4 +1,7 @@
-"""What the overlay draws, as arrays: the agents as instances or points, the camera's frustum and LOD ranges as lines."""
+"""What the overlay draws, as arrays: agents, camera frustum and LOD ranges.
+
+Agents are instances or points; the frustum and the ranges are lines.
+"""
 
 from dataclasses import dataclass
 
@@ -14,15 +17,21 @@ from .agent_colors import Colours, by_level
 CULLED = (0.45, 0.45, 0.45, 0.6)
 FRUSTUM = (0.9, 0.75, 0.0, 1.0)
 CULLED_SIZE = 0.6  # of a visible agent's
-MOST_CULLED = 100_000  # points: of a larger crowd every so many-th agent shows where it is culled, in all frames the same
+# points: of a larger crowd every so many-th agent shows where it is culled, in all frames the same
+MOST_CULLED = 100_000
 WIDTH = 0.6  # of a point, in radii of the agent's sphere
 SHARES = 1024  # steps of a cross-fade
 
 
 @dataclass(frozen=True)
 class Style:
-    """How a crowd is drawn. mode: MESHES, BOXES or POINTS. culled: whether culled agents show, as faint points. turn: radians
-    about z that turn a character to +x. materials: meshes in their materials' colours."""
+    """How a crowd is drawn.
+
+    mode: MESHES, BOXES or POINTS.
+    culled: whether culled agents show, as faint points.
+    turn: radians about z that turn a character to face +x.
+    materials: whether meshes have the colors of their materials.
+    """
 
     mode: str = "POINTS"
     culled: bool = True
@@ -32,18 +41,25 @@ class Style:
 
 @dataclass(frozen=True)
 class Drawing:
-    """One frame's instances, points and lines, in metres relative to `origin`, (3,) float64 world metres, the camera's
-    place: float32 holds them to a millimetre wherever in the world the shot plays.
+    """One frame's instances, points and lines, in metres relative to `origin`.
 
-    agents: (m, 8) float32, the instances, those of a draw one after the other: x, y, z of the feet, heading, phase, look,
-    pitch, roll (radians). look is 4 x the colour in the palette + 2 + share: of the dither pattern, above 0 what lies
-    below it, below 0 the rest, 0 all. draws: (LOD, group, first instance, count), the finest LOD first. palette: (p, 4)
-    float32, linear. turn, materials: see Style. fading: whether any share
-    is not 0.
+    Relative positions keep float32 accurate to a millimetre, wherever in the world the shot is.
 
-    positions: (n, 3) float32, the points, the agents' sphere centres: LOD 0 first, those culled last. colours: (n, 4)
-    float32, linear RGBA. sizes: (n,) float32, relative to the largest character's. diameter: metres that size 1 stands
-    for. lines: (m, 2, 3) float32, both ends; line_colours: (m, 2, 4) float32.
+    origin: (3,) float64, world metres, the camera's position.
+    agents: (m, 8) float32, the instances, sorted by draw: x, y, z of the feet, heading, phase,
+        look, pitch, roll (radians). look is 4 * color index + 2 + share. share selects the part of
+        a dither pattern that is drawn: above 0 the pattern below it, below 0 the rest, at 0 all.
+    draws: (LOD, group, first instance, count) each, the finest LOD first.
+    palette: (p, 4) float32, linear.
+    turn, materials: see Style.
+    fading: whether LODs cross-fade, so that a share may differ from 0.
+    positions: (n, 3) float32, the points, at the centers of the agents' spheres: LOD 0 first,
+        culled agents last.
+    colours: (n, 4) float32, linear RGBA, of the points.
+    sizes: (n,) float32, relative to the largest character's.
+    diameter: metres of a point of size 1.
+    lines: (m, 2, 3) float32, both ends.
+    line_colours: (m, 2, 4) float32, linear RGBA.
     """
 
     origin: np.ndarray
@@ -62,7 +78,7 @@ class Drawing:
 
     @property
     def nbytes(self) -> int:
-        """Of all its arrays."""
+        """Bytes of all arrays."""
         return sum(each.nbytes for each in vars(self).values() if isinstance(each, np.ndarray))
 
 
@@ -73,9 +89,12 @@ def drawing(
     slopes: HeightMap | None = None,
     fades: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Drawing:
-    """The drawing of `frame`.
+    """Return the Drawing of `frame`.
 
-    colours: None for those of the LODs. slopes: what agents lean with. fades: from fading.fade, of all agents.
+    colours: None for the colors of the LODs.
+    slopes: height map that agents lean with; None to keep them upright.
+    fades: (finer, share) of all agents, from crowd_lod.planning.cross_fade.fades_of; None for no
+        cross-fade.
     """
     crowd, origin = frame.crowd, frame.camera.origin
     colours = colours or by_level(frame)
@@ -120,12 +139,13 @@ def drawing(
 def _instances(
     frame: Frame, colours: Colours, slopes: HeightMap | None, fades: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, tuple]:
-    """(agents, draws) of a Drawing: every visible agent, in a cross-fade in both LODs."""
+    """Return (agents, draws) of a Drawing; cross-fading agents are in both LODs."""
     crowd, order = frame.crowd, frame.buckets.order
     levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
     if fades is not None:
         finer, share = (values[order] for values in fades)
-        share = (share * SHARES).round().clip(share > 0, SHARES - 1) / SHARES  # so that both LODs hold it to the bit
+        # so that both LODs hold it to the bit
+        share = (share * SHARES).round().clip(share > 0, SHARES - 1) / SHARES
         both = np.flatnonzero(share > 0)
         levels = np.concatenate([finer, finer[both] + np.uint8(1)])
         shares = np.concatenate([-share, share[both]])
@@ -147,11 +167,13 @@ def _instances(
 
 
 def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(ends, colours) of the frustum's edges and of a rectangle where each LOD begins, in its tint; of several where it
-    begins elsewhere for other groups.
+    """Return (ends, colors) of the lines of the camera's frustum and LOD ranges.
 
-    begins: (G, n - 1) metres, see levels.limits. ends: (m, 2, 3) float64, world metres; colours: (m, 2, 4) float32, linear
-    RGBA. A panoramic camera has no frustum.
+    The lines are the frustum's edges, and a rectangle where each LOD begins, in its tint. Where
+    groups have other limits, a LOD has several rectangles. A panoramic camera has no lines.
+    Returns ends (m, 2, 3) float64, world metres, and colors (m, 2, 4) float32, linear RGBA.
+
+    begins: (G, n - 1) metres, see crowd_lod.levels.assignment.limits.
     """
     if camera.kind == "PANO":
         return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)

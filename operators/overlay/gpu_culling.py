@@ -1,11 +1,14 @@
-"""Culling, LOD assignment and LOD sorting as compute shaders: the chapter's own way, with NumPy's results to the bit.
+"""Culling, LOD assignment and LOD sorting in compute shaders, as in the chapter.
 
-The GPU has float32. It decides whom no rounding can put on the other side of a plane or of a LOD's border; the others,
-some ten in a million, it gives in a bucket of their own, which `radar` and `assign` then part. Positions go up relative to
-the area's middle, once for all cameras that look at the same crowd.
+The results equal NumPy's to the bit, although the GPU has only float32. The GPU decides an agent
+only if no rounding can move it to the other side of a plane or of a LOD's border. The others, about
+ten in a million, go into a bucket of their own, the open one. `radar` and `assign` then decide
+those on the CPU. Positions are uploaded relative to the area's middle, once for all cameras that
+look at the same crowd.
 
-Blender's gpu module has neither storage buffers, nor indirect draws, nor memory that threads share: agents go up as
-textures, runs of agents are summed in passes, and the order is read back.
+Blender's gpu module has no storage buffers, no indirect draws and no memory shared between threads.
+So agents are uploaded as textures, runs of agents are summed in several passes, and the order is
+read back.
 """
 
 import statistics
@@ -49,7 +52,12 @@ PASSES = {
 
 @cache
 def program(name: str, levels: int, radial: bool) -> "GPUShader":
-    """The compute shader of a pass, for so many LODs, by the distance along the view or from the camera."""
+    """Return the compute shader of a pass.
+
+    name: a key of PASSES.
+    levels: number of LODs.
+    radial: measure the distance from the camera (True), or along the view axis (False).
+    """
     from gpu import shader
     from gpu.types import GPUShaderCreateInfo
 
@@ -73,7 +81,10 @@ def program(name: str, levels: int, radial: bool) -> "GPUShader":
 
 
 class Planner:
-    """Plans a trajectory's frames on the GPU: a `sorter` of frame.plan. Needs a GPU context; keeps what it uploaded."""
+    """Culls and sorts a trajectory's frames on the GPU: a `sorter` for frame.plan.
+
+    Needs a GPU context. Keeps what it uploaded for the next frame.
+    """
 
     def __init__(self, trajectory: Trajectory):
         area = trajectory.world.area
@@ -85,7 +96,10 @@ class Planner:
     def __call__(
         self, crowd: Crowd, order: np.ndarray | None, camera: Camera, policy: LevelPolicy, begin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """(places (m,) int32, offsets (n + 1,)) of the visible agents' buckets; arguments as for frame.Sorter."""
+        """Return (places, offsets) of the visible agents' buckets.
+
+        The arguments and results are those of frame.Sorter: places (m,) int32, offsets (n + 1,).
+        """
         from gpu.types import Buffer, GPUUniformBuf
 
         count, levels = len(crowd), policy.count
@@ -106,7 +120,7 @@ class Planner:
         return _settled(places, ends, *self.spheres, crowd, order, camera, policy, begin)
 
     def _upload(self, crowd: Crowd, order: np.ndarray | None) -> None:
-        """Put on the GPU what is not there yet."""
+        """Upload the columns that have changed since the last call."""
         asked = order, crowd.group
         if any(new is not old for new, old in zip(asked, self._asked, strict=True)):
             agents = np.empty((len(crowd), 2), np.float32)
@@ -122,8 +136,12 @@ class Planner:
 
 
 def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) -> tuple[np.ndarray, np.ndarray]:
-    """(the shader's CrowdPlan (36,), spheres (G * n, 4)), float32: planes and origin relative to `middle` (3,); of each
-    group the height of the centre, the reach and the size of both, then where its LODs begin."""
+    """Return (the shader's CrowdPlan (36,), spheres (G * n, 4)), both float32.
+
+    CrowdPlan: planes, view axis and origin relative to `middle` (3,), and the slack for rounding.
+    spheres: n rows per group. The first row holds the height of the center, the reach, and |height|
+        + reach. Row k holds where LOD k begins.
+    """
     frustum = planes(camera)
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
     normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
@@ -141,7 +159,10 @@ def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) 
 
 
 def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, middle: float = 0.0) -> "GPUTexture":
-    """A texture of `count` texels, TEXELS to a row, with `values` (count,) or (count, k), less `middle`, in float32."""
+    """Return a texture of `count` texels, TEXELS to a row.
+
+    values: (count,) or (count, k), stored in float32 less `middle`; None leaves the texture unset.
+    """
     from gpu.types import Buffer, GPUTexture
 
     size = TEXELS, max(1, -(-count // TEXELS))
@@ -169,14 +190,18 @@ def _dispatch(shader, name: str, threads: int, textures: dict, view, numbers: di
 
 
 def _read(texture, count: int) -> np.ndarray:
-    """The first `count` numbers of an R32UI texture, int32."""
+    """Return the first `count` numbers of an R32UI texture, int32."""
     return np.asarray(memoryview(texture.read())).ravel()[:count].view(np.int32)
 
 
 def _settled(  # noqa: PLR0913 - to be cut with the overlay
     places, ends, centre, radius, crowd, order, camera, policy, begin
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The buckets once the places of the last, the open ones, are put where they belong. ends: (n + 2,), from 0."""
+    """Decide the agents of the open bucket and return (places, offsets) with them.
+
+    ends: (n + 2,), starts with 0; bucket k is places[ends[k]:ends[k + 1]], and the last bucket is
+        the open one.
+    """
     places, open_, offsets = places[: ends[-2]], places[ends[-2] :], ends[:-1]
     if not len(open_):
         return places, offsets
@@ -191,21 +216,25 @@ def _settled(  # noqa: PLR0913 - to be cut with the overlay
 
 
 class Faster:
-    """Plans frames in whichever way has measured faster for the crowd: on the GPU, or as frame.plan does. Both give the
-    same. A software renderer is not tried: its GPU is the same processor, and takes many times as long. Nor is a driver
-    again that failed. usable: whether the GPU may be tried, None if not known."""
+    """Plans frames on the GPU or with NumPy, whichever measured faster for the crowd.
+
+    Both give the same frame. A software renderer is not tried: it runs on the CPU and takes many
+    times as long. A driver that failed is not tried again.
+
+    usable: whether the GPU may be tried; None if not known yet.
+    """
 
     def __init__(self, usable: bool | None = None):
         self.usable = usable
         self.clear()
 
     def clear(self) -> None:
-        """Let go what is on the GPU."""
+        """Drop everything on the GPU: the planner's textures and the compiled programs."""
         self._trajectory = self._planner = None
         program.cache_clear()
 
     def plan(self, trajectory: Trajectory, *arguments) -> Frame:
-        """frame.plan(trajectory, *arguments)."""
+        """Return frame.plan(trajectory, *arguments), made the faster way."""
         import gpu
 
         if self.usable is None:
@@ -219,7 +248,7 @@ class Faster:
         except Exception as error:  # whatever a driver makes of compute shaders, NumPy plans on
             if isinstance(error, CrowdError) or not on_gpu:
                 raise
-            print(f"Crowd LOD plans without the GPU, which failed: {error}", file=sys.stderr)
+            print(f"Crowd LOD plans frames on the CPU from now on, because the GPU failed: {error}", file=sys.stderr)
             self.usable = on_gpu = False
             frame = plan(trajectory, *arguments)
         took = self._took[on_gpu]
@@ -229,8 +258,13 @@ class Faster:
 
 
 def worth_the_gpu(here: list[float], there: list[float]) -> bool:
-    """Whether the next plan is to be made on the GPU. here, there: milliseconds of the last plans without and with it;
-    their medians leave out the first of each, which makes blocks or compiles."""
+    """Return whether to make the next plan on the GPU.
+
+    False while plans without the GPU take less than WORTH milliseconds. Compares medians, so that
+    the slow first plan of each way (it builds blocks or compiles) does not decide.
+
+    here, there: milliseconds of the last plans without and with the GPU.
+    """
     if len(here) < TRIES or statistics.median(here) < WORTH:
         return False
     return len(there) < TRIES or statistics.median(there) < statistics.median(here)

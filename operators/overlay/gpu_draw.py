@@ -1,4 +1,7 @@
-"""Draws what overlay/draw_data.py says, on the GPU: into the viewport, or into any framebuffer with any view."""
+"""Draws a Drawing of draw_data.py on the GPU.
+
+The target is the viewport, or any framebuffer with any view.
+"""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,9 +28,13 @@ KEY = np.array([-0.4, 0.55, 0.75])  # towards the key light, in the viewer's spa
 
 
 class Cast:
-    """The characters on the GPU: all that stays from frame to frame. Needs a GPU context, as all below.
+    """The characters on the GPU: everything that stays the same from frame to frame.
 
-    characters: one a group, or () for boxes. nbytes: of what was uploaded, but for boxes.
+    Like all code below, it needs a GPU context.
+
+    characters: one per group, or () to draw boxes.
+    nbytes: bytes of the characters' arrays and of the textures of skinned frames; boxes are not
+        counted.
     """
 
     def __init__(self, groups: tuple[Group, ...], characters: tuple[Character, ...]):
@@ -49,13 +56,16 @@ class Cast:
         self.nbytes = skinned + sum(each.nbytes for each in arrays if isinstance(each, np.ndarray))
 
     def kind(self, level: int, group: int) -> str:
-        """How programs.mesh_interface draws the LOD of the group."""
+        """Return the kind (shader_programs.mesh_interface) that draws the group's LOD."""
         if not self.characters:
             return "RIGID"
         return "JOINTS" if self.skinned[group][level] is None else "FRAMES"
 
     def bind(self, shader, level: int, group: int) -> None:
-        """Give `shader`, of programs.mesh_interface and of kind(), what it poses the group's LOD with."""
+        """Bind the joint texture or skinned frames that pose the group's LOD to `shader`.
+
+        shader: a program with shader_programs.mesh_interface of the same kind().
+        """
         if self.kind(level, group) == "JOINTS":
             shader.uniform_sampler("joint_frames", self.joints[group])
         else:
@@ -64,10 +74,17 @@ class Cast:
 
 
 class Batches:
-    """A drawing on the GPU. nbytes: of what is there."""
+    """A Drawing uploaded to the GPU.
+
+    nbytes: bytes of the Drawing's arrays.
+    """
 
     def __init__(self, what: Drawing, cast: Cast | None = None, before: "Batches | None" = None):
-        """before: an earlier one, of which all that is the same is taken over."""
+        """Upload the Drawing `what`.
+
+        cast: the characters or boxes to instance; None draws points and lines alone.
+        before: an earlier Batches; every texture or batch whose arrays are equal is reused from it.
+        """
         from gpu.types import Buffer, GPUUniformBuf
 
         self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
@@ -82,7 +99,7 @@ class Batches:
         self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colours)
 
     def _make(self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray) -> Any:
-        """What `make` makes of the arrays, or made of the same ones before."""
+        """Return make(*arrays), or the result of `before` if its arrays are equal."""
         known, made = before._made.get(name, ((), None)) if before is not None else ((), None)
         if len(known) != len(arrays) or not all(map(np.array_equal, known, arrays)):
             made = make(*arrays)
@@ -91,10 +108,12 @@ class Batches:
 
 
 def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tuple[int, int], ui_scale: float) -> None:
-    """Draw into the active framebuffer, `size` pixels wide and high.
+    """Draw into the active framebuffer.
 
-    view: (4, 4) float64, world to viewer's space; projection: (4, 4) float64, OpenGL's clip space. ui_scale: pixels of
-    this screen per nominal pixel of POINT_PIXELS and LINE_PIXELS.
+    view: (4, 4) float64, world to viewer's space.
+    projection: (4, 4) float64, viewer's space to OpenGL's clip space.
+    size: width and height of the framebuffer in pixels.
+    ui_scale: pixels of this screen per nominal pixel of POINT_PIXELS and LINE_PIXELS.
     """
     import gpu
     from mathutils import Matrix
@@ -127,7 +146,11 @@ def paint(batches: Batches, view: np.ndarray, projection: np.ndarray, size: tupl
 
 
 def put_depth(depth, size: tuple[int, int]) -> None:
-    """Fill the active framebuffer, `size` pixels wide and high, with the depth (a Buffer) that was read from another."""
+    """Fill the depth of the active framebuffer with depths read from another one.
+
+    depth: a Buffer of depths.
+    size: width and height of the framebuffer in pixels.
+    """
     import gpu
     from gpu.types import GPUTexture
 
@@ -140,7 +163,7 @@ def put_depth(depth, size: tuple[int, int]) -> None:
 
 
 def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> None:
-    """One instanced draw a LOD and group, the finest LOD first."""
+    """Draw each LOD and group with one instanced draw, the finest LOD first."""
     import gpu
 
     cast, bound = batches.cast, None
@@ -170,7 +193,10 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
 
 
 def view_buffer(matrix: np.ndarray, view: np.ndarray) -> "Buffer":
-    """What changes with the viewer, as the shaders' CrowdView."""
+    """Return the values that change with the view, as the shaders' CrowdView.
+
+    matrix, view: (4, 4), from the drawing's origin to clip space, and world to viewer's space.
+    """
     from gpu.types import Buffer
 
     key = view[:3, :3].T @ KEY
@@ -182,7 +208,7 @@ def view_buffer(matrix: np.ndarray, view: np.ndarray) -> "Buffer":
 
 @contextmanager
 def _gpu_state() -> Iterator[None]:
-    """Depth-tested, blended, points as large as the shader says; afterwards as it was."""
+    """Enable depth test, alpha blending and point sizes; restore at the end."""
     import gpu
 
     depth_test, depth_mask, blend = gpu.state.depth_test_get(), gpu.state.depth_mask_get(), gpu.state.blend_get()
@@ -200,7 +226,7 @@ def _gpu_state() -> Iterator[None]:
 
 
 def _texture(texels: np.ndarray) -> "GPUTexture":
-    """A texture of texels (height, width, 4) float32."""
+    """Return a texture of texels (height, width, 4) float32."""
     from gpu.types import Buffer, GPUTexture
 
     height, width, _ = texels.shape
@@ -209,18 +235,18 @@ def _texture(texels: np.ndarray) -> "GPUTexture":
 
 
 def _palette_texture(palette: np.ndarray) -> "GPUTexture":
-    """A row of colours (p, 4) float32."""
+    """Return a texture with one row of colors (p, 4) float32."""
     return _texture(palette[None])
 
 
 def _point_batch(positions: np.ndarray, colours: np.ndarray, sizes: np.ndarray) -> "GPUBatch | None":
-    """The points of a Drawing, or None without any."""
+    """Return the batch of a Drawing's points, or None without points."""
     columns = {"position": positions, "colour": colours, "size": sizes}
     return _batch(columns, None, "POINTS") if len(positions) else None
 
 
 def _line_batch(lines: np.ndarray, colours: np.ndarray) -> "GPUBatch | None":
-    """The lines of a Drawing, or None without any."""
+    """Return the batch of a Drawing's lines, or None without lines."""
     from gpu_extras.batch import batch_for_shader
 
     columns = {"pos": lines.reshape(-1, 3), "color": encoded(colours).reshape(-1, 4)}
@@ -228,8 +254,14 @@ def _line_batch(lines: np.ndarray, colours: np.ndarray) -> "GPUBatch | None":
 
 
 def _agent_texture(agents: np.ndarray, turn: np.ndarray) -> "GPUTexture":
-    """Three texels an instance, one after the other, programs.TEXELS to a row: what every vertex would work out anew.
-    agents: (m, 8) float32, turn: () radians, of a Drawing."""
+    """Return the texture of instances, three texels each.
+
+    The texels hold what every vertex would compute again: the axes, position, phase and look.
+    Texels follow one another, shader_programs.TEXELS to a row.
+
+    agents: (m, 8) float32, of a Drawing.
+    turn: () radians, of a Drawing.
+    """
     m, (heading, phase, look, pitch, roll) = len(agents), agents.T[3:]
     rows = -(-3 * m // shader_programs.TEXELS)
     texels = np.zeros((rows * shader_programs.TEXELS, 4), np.float32)
@@ -240,13 +272,23 @@ def _agent_texture(agents: np.ndarray, turn: np.ndarray) -> "GPUTexture":
 
 
 def _joint_texture(frames: np.ndarray) -> "GPUTexture":
-    """A row a frame, three texels a joint. frames: (F, J, 3, 4) float32."""
+    """Return a texture with a row per frame and three texels per joint.
+
+    frames: (F, J, 3, 4) float32.
+    """
     return _texture(frames.reshape(len(frames), -1, 4))
 
 
 def _skinned_frames(mesh: SkinnedMesh, frames: int, joints) -> "GPUTexture | None":
-    """A row a frame, a texel a vertex: its place and its normal, skinned on the GPU with the texture `joints`. None for a
-    mesh that is too large, and is skinned at each drawing of an instance."""
+    """Return a texture of the mesh skinned at every frame, or None.
+
+    A row per frame, a texel per vertex: its position and its packed normal, skinned on the GPU.
+    None if the mesh has no triangles or is too large (WIDEST, MOST_SKINNED); a mesh that is too
+    large is skinned again in each draw.
+
+    frames: number of frames.
+    joints: the texture of joint frames.
+    """
     import gpu
     from gpu.types import GPUFrameBuffer, GPUTexture
 
@@ -265,7 +307,10 @@ def _skinned_frames(mesh: SkinnedMesh, frames: int, joints) -> "GPUTexture | Non
 
 
 def _images(pictures: np.ndarray) -> "GPUTexture":
-    """A texture of `pictures` (n, size, size, 4) uint8."""
+    """Return an array texture of pictures; one white texel if there are none.
+
+    pictures: (n, size, size, 4) uint8.
+    """
     from gpu.types import Buffer, GPUTexture
 
     if not len(pictures):
@@ -279,18 +324,27 @@ def _images(pictures: np.ndarray) -> "GPUTexture":
 
 
 def _mesh_batch(mesh: SkinnedMesh, joints: bool) -> "GPUBatch | None":
-    """The batch of a LOD mesh, with what its `joints` move where they do so at each instance; None without triangles."""
+    """Return the batch of a LOD mesh, or None without triangles.
+
+    joints: whether the draw skins the mesh, so that the batch needs positions, normals, joints and
+        weights.
+    """
     columns = {"uv": mesh.uvs, "base_colour": mesh.colours, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
     return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
 
 
 def _jointed(mesh: SkinnedMesh) -> dict[str, np.ndarray]:
-    """The vertex attributes of programs.mesh_interface's JOINTS."""
+    """Return the vertex attributes of kind JOINTS (shader_programs.mesh_interface)."""
     return {"position": mesh.points, "normal": mesh.normals, "joints": mesh.joints, "weights": mesh.weights}
 
 
 def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, kind: str = "TRIS") -> "GPUBatch":
-    """A batch with a vertex attribute a column, (n,) or (n, k), float32 or uint16."""
+    """Return a batch with one vertex attribute per column.
+
+    columns: name to values (n,) or (n, k), float32 or uint16.
+    triangles: vertex indices, or None for a batch without an index buffer.
+    kind: GPU primitive type.
+    """
     from gpu.types import GPUBatch, GPUIndexBuf, GPUVertBuf, GPUVertFormat
 
     form = GPUVertFormat()
@@ -306,8 +360,10 @@ def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, 
 
 
 def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """A box on the ground that the group's bounding sphere goes around, its normals those of a rounded one: eight
-    vertices, no floor."""
+    """Return (columns, triangles) of a box inscribed in the group's bounding sphere.
+
+    The box stands on the ground: eight vertices, no floor, smooth normals.
+    """
     half = np.sqrt(max(group.radius**2 - group.centre**2, (0.2 * group.radius) ** 2) / 2)
     corners = np.array([(x, y, z) for z in (0, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
     normals = corners * (1, 1, 2) - (0, 0, 0.5)

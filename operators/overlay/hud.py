@@ -1,4 +1,4 @@
-"""What the overlay writes over the viewport: figures as lines of text, and a ring round the agent they tell of."""
+"""The overlay's text in the viewport, and the ring around the picked agent."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -17,7 +17,8 @@ from .gpu_draw import LINE_PIXELS
 STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
 WHITE, RING, BEHIND = (0.9, 0.9, 0.9, 1.0), (1.0, 1.0, 1.0, 1.0), (0.0, 0.0, 0.0, 0.5)  # sRGB
 SAMPLE = "Agents 0123456789, visible"  # of the figures' letters, for their mean width
-LETTERS, LINE, MARGIN = 11.0, 18.0, 10.0  # nominal pixels; LINE is that of Blender's own text, the viewport's name and so on
+# nominal pixels; LINE is that of Blender's own text, the viewport's name and so on
+LETTERS, LINE, MARGIN = 11.0, 18.0, 10.0
 LEAST = 8.0  # nominal pixels, the ring's least radius
 CORNERS = 48
 NARROWEST = 120.0  # nominal pixels, below which nothing is written
@@ -25,17 +26,21 @@ NARROWEST = 120.0  # nominal pixels, below which nothing is written
 
 @dataclass(frozen=True)
 class Line:
-    """A line of text, and the linear colour of a square before it, if it has one."""
+    """A line of text.
+
+    colour: linear color of a square before the text, or None for no square.
+    """
 
     text: str
     colour: tuple[float, float, float] | None = None
 
 
 def figures(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None = None) -> tuple[Line, ...]:
-    """What the overlay says of `frame`.
+    """Return the overlay's lines of text about `frame`.
 
-    drawing: milliseconds that it took to hand its drawing to the GPU. gpu_bytes: of what is kept there. account: of the
-    agent that was picked.
+    drawing: milliseconds to hand the frame's drawing to the GPU.
+    gpu_bytes: bytes kept on the GPU.
+    account: of the picked agent, or None.
     """
     agents, visible = len(frame.crowd), len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
@@ -57,7 +62,7 @@ def figures(frame: Frame, drawing: float, gpu_bytes: int, account: Account | Non
 
 
 def told(account: Account) -> list[tuple[str, str]]:
-    """(name, value) of all that is known of an agent."""
+    """Return (name, value) pairs of all that is known of an agent."""
     unknown = "-" if account.pixels is None else "not measured"
     return [
         ("Agent", f"{account.agent:,}"),
@@ -76,7 +81,7 @@ def share(drawn: int, full: int) -> str:
 
 
 def short(number: int) -> str:
-    """Three digits and a letter: 12,345,678 is 12.3 M."""
+    """Return a number with three digits and a letter: 12,345,678 gives 12.3 M."""
     for least, unit, letter in ((1e9, 1e9, "G"), (1e6, 1e6, "M"), (1e4, 1e3, "k")):
         if number >= least:
             return f"{number / unit:.3g} {letter}"
@@ -84,12 +89,15 @@ def short(number: int) -> str:
 
 
 def size(count: int) -> str:
-    """Bytes, in decimal units."""
+    """Return a count of bytes as text, in decimal units."""
     return f"{count} bytes" if count < 1000 else f"{short(count)}B" if count >= 1e4 else f"{count / 1000:.3g} kB"
 
 
 def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
-    """`said` in lines of at most so many letters, and no more than `rows` of them: the last then is dots."""
+    """Return `said` wrapped to lines of at most `letters` characters.
+
+    rows: the most lines returned; if there are more, the last one is "...".
+    """
     found = []
     for line in said:
         first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ")
@@ -98,8 +106,12 @@ def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
 
 
 def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale: float) -> tuple[float, float]:
-    """Write into the box (left, bottom, right, top) of the region that is being drawn, pixels, from the top down; returns
-    the (right, bottom) of what was written."""
+    """Write lines of text from the top down into a box of the region being drawn.
+
+    Returns (right, bottom) of the text, or (left, top) if the box is too small for any text.
+
+    box: (left, bottom, right, top) in pixels of the region.
+    """
     import blf
 
     left, bottom, right, top = box
@@ -124,7 +136,7 @@ def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale
 
 
 def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:
-    """Fill a rectangle of the region, pixels, with a colour, sRGB."""
+    """Fill a rectangle of the region, in pixels, with an sRGB color."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -137,7 +149,7 @@ def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:
 
 @contextmanager
 def blended() -> Iterator[None]:
-    """Colours mix with what is there by their alpha; afterwards as it was."""
+    """Enable alpha blending; restore the blend mode at the end."""
     import gpu
 
     before = gpu.state.blend_get()
@@ -149,8 +161,12 @@ def blended() -> Iterator[None]:
 
 
 def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, float, float]:
-    """(left, bottom, right, top) in pixels of what the sidebar, the toolbar and the headers leave free of a viewport's
-    region, below the lines that Blender writes itself."""
+    """Return the part of a viewport's region that is free of other regions and text.
+
+    Left out: sidebar, toolbar, headers, asset shelf, and the lines of text that Blender itself
+    writes at the top.
+    Returns (left, bottom, right, top) in pixels of the region.
+    """
     left, bottom, right, top = region.x, region.y, region.x + region.width, region.y + region.height
     for other in area.regions:
         if other.width <= 1 or other.height <= 1:
@@ -169,7 +185,10 @@ def free_box(area, region, overlay, ui_scale: float) -> tuple[float, float, floa
 
 
 def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
-    """Draw a ring round the agent into the region that is being drawn, in its pixels."""
+    """Draw a ring around an agent into the region being drawn, in its pixels.
+
+    Draws nothing if the agent is behind the viewer.
+    """
     from gpu_extras.batch import batch_for_shader
 
     matrix, group = np.array(region.data.perspective_matrix, np.float64), frame.trajectory.groups[frame.crowd.group[agent]]

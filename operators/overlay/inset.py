@@ -1,4 +1,7 @@
-"""The crowd from above in a corner of the viewport (chapter figure 1.5): agents as points, frustum and LOD ranges as lines."""
+"""The inset: the crowd from above, in a corner of the viewport.
+
+Source: chapter figure 1.5. Agents are points; the camera's frustum and LOD ranges are lines.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -19,9 +22,12 @@ BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
 
 
 def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(view, projection), (4, 4) float64 each, of a view straight down, +y up, on the area and on the eye (3,), metres.
+    """Return (view, projection), (4, 4) float64 each, of a view straight down, +y up.
 
-    places: (n, 3), metres from the eye; none is clipped for its height.
+    The view covers the area and the eye, and no height of `places` is clipped.
+
+    eye: (3,) world metres.
+    places: (n, 3) metres, relative to the eye.
     """
     aspect = SIZE[0] / SIZE[1]
     low = np.minimum(eye[:2], (area.x_min, area.y_min))
@@ -36,18 +42,21 @@ def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndar
 
 
 def pixels(ui_scale: float) -> tuple[int, int]:
-    """Width and height of the picture."""
+    """Return width and height of the inset's texture in pixels."""
     return round(SIZE[0] * ui_scale), round(SIZE[1] * ui_scale)
 
 
 def nbytes(texture) -> int:
-    """Of the picture on the GPU, or of None."""
+    """Return the bytes of the texture on the GPU; 0 for None."""
     return 4 * texture.width * texture.height if texture else 0
 
 
 def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale: float) -> "GPUTexture":
-    """The picture of SIZE, a texture. It is sRGB, so that what is painted linear and what Blender's own shaders encode
-    are the same colours as in the viewport."""
+    """Return the inset painted to a texture of `pixels(ui_scale)`.
+
+    The texture is sRGB. So both our linear colors and the colors that Blender's shaders encode look
+    as in the viewport.
+    """
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     size = pixels(ui_scale)
@@ -60,8 +69,13 @@ def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale
 
 
 def show(texture, box: tuple[float, float, float, float], taken: tuple[float, float], ui_scale: float) -> None:
-    """Draw the picture into the right bottom corner of the box (left, bottom, right, top) of the region, pixels, beside or
-    below what is taken of its left top corner, to (right, bottom)."""
+    """Draw the texture in the box's bottom right corner, beside or below the text.
+
+    Draws nothing where it would be smaller than SMALLEST of its size.
+
+    box: (left, bottom, right, top) in pixels of the region.
+    taken: (right, bottom) of the text, which begins in the box's top left corner.
+    """
     from gpu_extras.presets import draw_texture_2d
 
     left, bottom, right, top = box

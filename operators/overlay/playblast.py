@@ -1,4 +1,7 @@
-"""The playblast: the scene's solid picture and the overlay over it, as a viewport shows them, drawn without a window."""
+"""The playblast: the scene in solid shading, with the overlay drawn over it.
+
+The pictures look as in a viewport, and need no window.
+"""
 
 import subprocess
 import sys
@@ -27,7 +30,10 @@ GAMMA = 2.2  # of the picture, where Blender's viewports lay overlays over it
 
 
 class Canvas:
-    """Pictures of `size`, (width, height) pixels, drawn on the GPU. To be freed."""
+    """Draws pictures on the GPU. Call free() at the end.
+
+    size: (width, height) in pixels.
+    """
 
     def __init__(self, size: tuple[int, int]):
         from gpu.types import GPUFrameBuffer, GPUOffScreen, GPUTexture
@@ -44,10 +50,14 @@ class Canvas:
     def picture(  # noqa: PLR0913 - to be cut with the overlay
         self, scene, layer, viewport: tuple, view: np.ndarray, projection: np.ndarray, batches: Batches | None, caption: str = ""
     ) -> np.ndarray:
-        """(height, width, 4) uint8, sRGB, bottom row first: the scene's view layer as the viewport, (space, region), shows it;
-        over it the batches, hidden by what stands before them, and the caption.
+        """Return the picture of the scene with the overlay and a caption.
 
-        view, projection: see drawing.paint.
+        The view layer is drawn as the viewport shows it. The batches are drawn over it, hidden by
+        geometry in front of them, and the caption last.
+        Returns (height, width, 4) uint8, sRGB, bottom row first.
+
+        viewport: (space, region).
+        view, projection: see gpu_draw.paint.
         """
         import gpu
         from mathutils import Matrix
@@ -71,7 +81,7 @@ class Canvas:
         return picture
 
     def _read(self, buffer) -> np.ndarray:
-        """The framebuffer's colours, (height, width, 4) uint8."""
+        """Return the framebuffer's colors, (height, width, 4) uint8."""
         width, height = self.size
         return np.array(memoryview(buffer.read_color(0, 0, width, height, 4, 0, "UBYTE"))).reshape(height, width, 4)
 
@@ -88,8 +98,13 @@ class Canvas:
 
 
 def _merged(below: np.ndarray, over: np.ndarray) -> np.ndarray:
-    """The colours (n, 4) uint8, sRGB, `over` with its alpha multiplied in, laid over `below` as Blender's viewports do it,
-    with linear light for the overlay and GAMMA for all else (gpu_shader_display_transform)."""
+    """Return the colors `over` laid over `below`, as Blender's viewport does it.
+
+    The overlay is blended as linear light, everything else with GAMMA
+    (gpu_shader_display_transform).
+
+    below, over: (n, 4) uint8, sRGB; `over` has its alpha multiplied in.
+    """
     over = over / np.float32(255)
     light = (below / np.float32(255)) ** GAMMA * (1 - over[:, 3:]) + linear(over)
     return np.rint(255 * light.clip(0, 1) ** (1 / GAMMA)).astype(np.uint8)
@@ -97,8 +112,11 @@ def _merged(below: np.ndarray, over: np.ndarray) -> np.ndarray:
 
 @contextmanager
 def solid_viewport(scene: bpy.types.Scene) -> Iterator[tuple]:
-    """(space, region) of a viewport that shows the whole scene in solid shading, as its Workbench renders are shaded, on the
-    world's colour; afterwards it is as it was."""
+    """Yield (space, region) of a viewport in solid shading; restore it at the end.
+
+    The viewport must show the whole scene; CrowdError if there is none. Its shading is that of the
+    scene's Workbench renders, on the world's color.
+    """
     areas = (area for screen in bpy.data.screens for area in screen.areas if area.type == "VIEW_3D")
     whole = (area for area in areas if area.spaces[0].local_view is None and not area.spaces[0].use_local_collections)
     area = next((area for area in whole if not area.spaces[0].region_3d.use_clip_planes), None)
@@ -125,8 +143,13 @@ def _set(shading: bpy.types.View3DShading, values: dict) -> None:
 
 
 class Playblast:
-    """Pictures of a stage of the preview, `size` pixels large, drawn with the overlay. As a context: it lets go of all it
-    holds."""
+    """Draws the pictures of a preview's stage with the overlay.
+
+    Use it as a context manager: at the end it frees everything it holds.
+
+    stage: the preview's scene.
+    size: width and height of the pictures in pixels.
+    """
 
     def __init__(self, stage: bpy.types.Scene, trajectory: Trajectory, size: tuple[int, int]):
         self.stage, self.trajectory, self.size = stage, trajectory, size
@@ -143,7 +166,10 @@ class Playblast:
         character_cache.drop(self.stage)
 
     def prepare(self) -> Iterator[float]:
-        """Read the characters; yields the progress, 0 to 1."""
+        """Read the characters; yield the progress, 0 to 1.
+
+        CrowdError if the characters cannot be drawn as the scene's settings ask.
+        """
         yield from character_cache.read(self.stage)
         self.style, self.characters, self.notes = style_of(self.stage, policy_of(self.stage.crowd_lod).count)
         if self.style.mode != self.stage.crowd_lod.overlay_mode:
@@ -151,7 +177,7 @@ class Playblast:
         self.cast = cast_of(self.trajectory.groups, self.style, self.characters)
 
     def place(self, frame: Frame) -> None:
-        """Hand the frame's agents to the GPU."""
+        """Upload the frame's agents to the GPU."""
         settings = self.stage.crowd_lod
         coloured = colours_of(settings.overlay_color, frame, self.characters)
         # the frustum that is looked along is the picture's edge
@@ -159,11 +185,11 @@ class Playblast:
         self.batches = Batches(what, self.cast)
 
     def main(self, path: Path, caption: str) -> None:
-        """Write what the stage's camera sees, the agents included."""
+        """Write the view of the stage's camera to `path`, with the agents."""
         self._draw(path, caption, self.batches)
 
     def above(self, path: Path, caption: str) -> None:
-        """Write what the stage's camera sees."""
+        """Write the view of the stage's camera to `path`, without the agents."""
         self._draw(path, caption, None)
 
     def _draw(self, path: Path, caption: str, batches: Batches | None) -> None:
@@ -178,16 +204,19 @@ class Playblast:
 def camera_matrices(
     camera: bpy.types.Object, depsgraph: bpy.types.Depsgraph, render: bpy.types.RenderSettings, size: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(view, projection), as drawing.paint takes them, of the camera's picture of `size` pixels."""
+    """Return (view, projection) of the camera's picture of `size` pixels.
+
+    Both are (4, 4) float64, as gpu_draw.paint takes them.
+    """
     view = np.linalg.inv(np.array(camera.evaluated_get(depsgraph).matrix_world, np.float64))
     (x, y), (scale_x, scale_y) = size, (render.pixel_aspect_x, render.pixel_aspect_y)
     return view, np.array(camera.calc_matrix_camera(depsgraph, x=x, y=y, scale_x=scale_x, scale_y=scale_y), np.float64)
 
 
 def need_gpu() -> None:
-    """Start the GPU where there is no window. CrowdError if there is none.
+    """Start the GPU in background mode; CrowdError if there is none.
 
-    Without a driver Blender does not raise but ends, so another process tries first.
+    Without a driver, Blender exits instead of raising an error. So another process tries first.
     """
     if not bpy.app.background:
         return
@@ -195,7 +224,7 @@ def need_gpu() -> None:
 
     if bpy.app.version < (5, 1, 0):
         raise CrowdError(
-            f"Blender {bpy.app.version_string} has no GPU without a window: take Blender 5.1 or later for the engine overlay, "
+            f"Blender {bpy.app.version_string} has no GPU in background mode: use Blender 5.1 or later for the engine overlay, "
             "or another engine."
         )
     code = "import bpy, gpu; gpu.init()"
@@ -203,7 +232,7 @@ def need_gpu() -> None:
     command = [*(blender if bpy.app.binary_path else [sys.executable, "-c"]), code]
     if subprocess.run(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL).returncode:
         raise CrowdError(
-            "The engine overlay needs OpenGL or Vulkan, and no driver of them starts here: install one (Mesa's draws without "
+            "The engine overlay needs OpenGL or Vulkan, and no driver for either starts here: install one (Mesa works without "
             "a graphics card), or choose another engine."
         )
     with console.quiet():

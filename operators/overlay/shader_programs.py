@@ -1,4 +1,7 @@
-"""Shader programs: the bodies are files in shaders/, their interfaces are declared here. Compiled when first used."""
+"""Shader programs, compiled on first use.
+
+The shader bodies are files in shaders/. Their interfaces are declared here.
+"""
 
 from functools import cache
 from pathlib import Path
@@ -13,15 +16,18 @@ VIEW = "struct CrowdView { mat4 matrix; vec4 key; };"
 
 
 def source(*names: str) -> str:
-    """The shader files one after the other."""
+    """Return the text of the shader files, one after the other."""
     return "\n".join((SHADERS / name).read_text(encoding="utf-8") for name in names)
 
 
 def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
-    """What all programs that draw instances of meshes take in; see `Batches` for what it is.
+    """Return the inputs that all programs for mesh instances share.
 
-    kind: RIGID for boxes; JOINTS for meshes that are skinned from joint frames; FRAMES for those that are already, at each
-    frame of the action.
+    For what the inputs hold, see gpu_draw.Batches.
+
+    kind: RIGID for boxes; JOINTS for meshes skinned in the draw from joint frames; FRAMES for
+        meshes skinned before at each frame of the action.
+    materials: whether meshes have the colors of their materials, instead of the palette's.
     """
     info = _vertex_interface(kind)
     info.typedef_source(VIEW)
@@ -59,7 +65,7 @@ def _vertex_interface(kind: str) -> "GPUShaderCreateInfo":
 
 
 def _compiled(info, name: str, *shared: str) -> "GPUShader":
-    """The program of the shader files of that name, the vertex shader's after the `shared` ones."""
+    """Compile the program `name`; the `shared` files go before its vertex shader."""
     from gpu import shader
 
     info.vertex_source(source(*shared, f"{name}.vert.glsl"))
@@ -69,7 +75,11 @@ def _compiled(info, name: str, *shared: str) -> "GPUShader":
 
 @cache
 def meshes(kind: str, materials: bool, fading: bool) -> "GPUShader":
-    """Draws instances: of LOD meshes, in their materials' colours or those of the palette, or of rigid boxes."""
+    """Return the program that draws instances of LOD meshes or of rigid boxes.
+
+    kind, materials: see mesh_interface.
+    fading: whether instances may be dithered for a cross-fade.
+    """
     from gpu.types import GPUStageInterfaceInfo
 
     info = mesh_interface(kind, materials)
@@ -88,7 +98,7 @@ def meshes(kind: str, materials: bool, fading: bool) -> "GPUShader":
 
 @cache
 def skin() -> "GPUShader":
-    """Skins a mesh at all frames of an action, into a texture."""
+    """Return the program that skins a mesh at all frames of an action into a texture."""
     from gpu.types import GPUStageInterfaceInfo
 
     between = GPUStageInterfaceInfo("crowd_lod_skin")
@@ -102,7 +112,7 @@ def skin() -> "GPUShader":
 
 @cache
 def points() -> "GPUShader":
-    """Draws round points."""
+    """Return the program that draws round points."""
     from gpu.types import GPUShaderCreateInfo, GPUStageInterfaceInfo
 
     between = GPUStageInterfaceInfo("crowd_lod_points")
@@ -122,7 +132,7 @@ def points() -> "GPUShader":
 
 @cache
 def depth() -> "GPUShader":
-    """Writes depths, and no colour."""
+    """Return the program that writes depths and no color."""
     from gpu.types import GPUShaderCreateInfo
 
     info = GPUShaderCreateInfo()
@@ -135,13 +145,13 @@ def depth() -> "GPUShader":
 
 @cache
 def lines() -> "GPUShader":
-    """Draws lines of a width in pixels; Blender's own."""
+    """Return Blender's own program for lines with a width in pixels."""
     from gpu import shader
 
     return shader.from_builtin("POLYLINE_FLAT_COLOR")
 
 
 def forget() -> None:
-    """Let the programs go."""
+    """Drop the compiled programs."""
     for made in (meshes, skin, points, depth, lines):
         made.cache_clear()

@@ -1,4 +1,7 @@
-"""Bakes a character group's LOD meshes and its action into arrays: joint frames, skinning weights, looks."""
+"""Bakes a character group's LOD meshes and action into arrays.
+
+The arrays are joint frames, skinning weights and looks.
+"""
 
 import time as clock
 from collections.abc import Callable, Generator, Sequence
@@ -14,7 +17,8 @@ from ..blender import cleanup, mesh_data
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import action_range, armatures_of
 
-MOST_JOINTS = 16384 // 3  # in a row of a texture, which every GPU takes 16384 wide, three texels each
+# in a row of a texture, which every GPU takes 16384 wide, three texels each
+MOST_JOINTS = 16384 // 3
 MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even steps
 TICK = 0.25  # seconds of baking at a time
 POSES = 5  # at which the baked character is compared with Blender's own
@@ -25,10 +29,14 @@ TOLERANCE = 1e-3  # of the character's diagonal, beyond which the difference is 
 class Character:
     """A character group as the shaders draw it.
 
-    frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning. meshes: one a LOD, finest first. images: (n, size, size, 4)
-    uint8, sRGB, bottom row first: the images of the meshes' materials. colour: (3,) linear, the mean base colour. off:
-    metres by which a vertex of LOD 0 is off Blender's own at worst; inf where that is not comparable. told: a sentence
-    about it, if it is more than TOLERANCE.
+    frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning.
+    meshes: one per LOD, finest first.
+    images: (n, size, size, 4) uint8, sRGB, bottom row first: the images of the meshes' materials.
+    colour: (3,) linear, the mean base color of the vertices of all LODs.
+    off: greatest distance in metres of a vertex of LOD 0 from Blender's own; inf if the two cannot
+        be compared.
+    told: a sentence about `off` for the user if it is more than TOLERANCE of the diagonal, else
+        None.
     """
 
     name: str
@@ -42,8 +50,14 @@ class Character:
 
 @dataclass(frozen=True)
 class _Part:
-    """One mesh object. number: in the order of all levels. item: the object, rest: its copy without armatures. rig: the armature that
-    deforms it, or None. bones: the names its weights (v, len(bones)) float32 refer to."""
+    """A mesh object of one LOD.
+
+    number: index over the objects of all LODs.
+    item: the object.
+    rest: a copy of `item` without armatures.
+    rig: the armature that deforms `item`, or None.
+    bones: names of the columns of its weights (v, len(bones)) float32.
+    """
 
     number: int
     item: bpy.types.Object
@@ -53,14 +67,21 @@ class _Part:
 
 
 def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
-    """What `baking` bakes of the collections `homes`, in one go."""
+    """Bake the collections `homes` in one go and return the Character; see `baking`."""
     return finished(baking(name, lambda: homes))
 
 
 def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Generator[float, None, Character]:
-    """Bake the character group `name`, whose LOD k is the collection find()[k], with the place of its instance_offset as
-    origin, over its whole action. Nothing of the user's is changed, and nothing is left in the file when it yields its
-    progress, 0 to 1: Blender may go on in between. Returns the Character."""
+    """Bake a character group over its whole action; yield the progress, 0 to 1.
+
+    Returns the Character. CrowdError if it has more than MOST_JOINTS joints.
+    Nothing of the user's is changed. At each yield nothing temporary is left in the file, so that
+    Blender may go on in between.
+
+    name: of the character group.
+    find: called after each yield; find()[k] is the collection of LOD k, and its instance_offset is
+        the origin.
+    """
     looks, read, done, recorder = Looks(), [], 0, None
     while True:
         homes = find()
@@ -99,7 +120,7 @@ def _go_to(stage: bpy.types.Scene, time: float) -> None:
 def _character(  # noqa: PLR0913 - to be cut with the overlay
     name: str, stage, levels: list[list["_Part"]], read: list[tuple], times, recorder, looks: Looks
 ) -> Character:
-    """The character of what was recorded and read of the parts of its levels."""
+    """Return the Character of the recorded matrices and the parts read at rest."""
     joints = _Joints(recorder)
     meshes, sources = [], []
     for level in levels:
@@ -108,7 +129,7 @@ def _character(  # noqa: PLR0913 - to be cut with the overlay
         meshes.append(merge([mesh for _, mesh in pieces]))
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
-        raise CrowdError(f"it has {frames.shape[1]:,} joints, bones of all its objects; use at most {MOST_JOINTS:,}")
+        raise CrowdError(f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at most {MOST_JOINTS:,}")
     off = _compare(stage, levels[0], sources[0], frames, times, recorder.origin)
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
@@ -139,7 +160,10 @@ def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:
 
 
 class _Recorder:
-    """World matrices over time: of objects, and of what armatures do to a point of the world."""
+    """Records matrices over time.
+
+    They are the matrices of objects, and of bones as they move points in the world.
+    """
 
     def __init__(self, origin: np.ndarray):
         self.origin = origin
@@ -162,14 +186,14 @@ class _Recorder:
                 self.bones.setdefault((rig.name, bone), []).append(from_rig @ moved @ to_rig)
 
     def _placed(self, item, depsgraph) -> np.ndarray:
-        """The object's matrix to the character's space."""
+        """Return the object's matrix, (4, 4), to the character's space."""
         matrix = np.array(item.evaluated_get(depsgraph).matrix_world, np.float64)
         matrix[:3, 3] -= self.origin
         return matrix
 
 
 class _Joints:
-    """The character's joints, each kept once."""
+    """The character's joints, each distinct one stored once."""
 
     def __init__(self, recorder: _Recorder):
         self.recorder = recorder
@@ -177,7 +201,7 @@ class _Joints:
         self.kept: list[np.ndarray] = []
 
     def index(self, part: _Part, bone: str | None) -> int:
-        """The joint that moves the part as `bone` does, or as the object itself does."""
+        """Return the joint that moves the part with `bone`, or with its object if None."""
         matrices = np.array(self.recorder.objects[part.number])
         if bone is not None:
             matrices[:, :3, 3] += self.recorder.origin  # an armature acts in the world
@@ -194,8 +218,12 @@ class _Joints:
 
 
 def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
-    """(points (v, 3), weights (v, bones), and of each corner that differs from all others: vertex, normal, uv, colour,
-    layer; triangles of those; whether they are closed) of the part at rest."""
+    """Return the part at rest: its vertices, and its distinct corners.
+
+    Returns (points (v, 3), weights (v, bones), then of each distinct corner its vertex, normal, uv,
+    and look (base color and image layer), then triangles (t, 3) of corner indices, and whether the
+    surface is closed).
+    """
     evaluated = part.rest.evaluated_get(depsgraph)
     mesh = evaluated.to_mesh(preserve_all_data_layers=True, depsgraph=depsgraph)
     try:
@@ -221,7 +249,8 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
         table = np.array([looks.of(material) for material in materials], np.float32)
         look = table[slots[faces].clip(0, len(materials) - 1)].repeat(3, axis=0)
         loop = corners.ravel()
-        uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])  # only an image needs them, and they split vertices
+        # only an image needs them, and they split vertices
+        uvs = np.where(look[:, 3:] < 0, np.float32(0), uvs[loop])
         rows = np.concatenate([triangles.reshape(-1, 1), normals[loop].round(4), uvs, look], axis=1, dtype=np.float32)
         _, kept, number = np.unique(rows.view(f"V{rows.shape[1] * 4}").ravel(), return_index=True, return_inverse=True)
         vertices = triangles.ravel()[kept]
@@ -231,8 +260,10 @@ def _read(part: _Part, depsgraph: bpy.types.Depsgraph, looks: Looks) -> tuple:
 
 
 def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, SkinnedMesh]:
-    """(the mesh a vertex, the mesh a corner) of the part, with its joints' numbers. The first has points, joints and
-    weights alone."""
+    """Return the part as (mesh of vertices, mesh of distinct corners).
+
+    The first mesh has only points, joints and weights.
+    """
     points, weights, vertices, normals, uvs, look, triangles, solid = read
     columns, kept = strongest(weights)
     free = kept[:, 0] == 0  # such vertices go with the object
@@ -259,7 +290,10 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
 
 
 def _compare(stage, parts: list[_Part], sources: list[SkinnedMesh], frames, times: np.ndarray, origin) -> float:
-    """The greatest distance, metres, of a vertex of the skinned `sources` from Blender's own, over POSES of `times`."""
+    """Return the greatest distance of the skinned `sources` from Blender's vertices.
+
+    In metres, over POSES of the `times`; inf if vertex counts differ.
+    """
     for part in parts:
         if part.item.name not in stage.collection.objects:
             stage.collection.objects.link(part.item)

@@ -1,4 +1,4 @@
-"""A viewport's own view as a camera of the plan."""
+"""The viewport's own view as a Camera to plan with."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from ...crowd_lod.culling.camera import Camera, Window, referential
 
 
 def viewpoint(context) -> Camera:
-    """The view of the context's viewport region, which is being drawn."""
+    """Return the view of the region being drawn as a Camera."""
     space, view, region = context.space_data, context.region_data, context.region
     camera = space.camera if space.use_local_camera else context.scene.camera
     through = view.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA"
@@ -20,11 +20,14 @@ def viewpoint(context) -> Camera:
 
 
 def camera_of(view: np.ndarray, projection: np.ndarray, pixels: tuple[int, int], clip: tuple[float, float]) -> Camera:
-    """The camera whose picture, so many pixels wide and high, has these matrices.
+    """Return the Camera that has these matrices.
 
-    view: (4, 4) float64, world to viewer's space; projection: (4, 4) float64, OpenGL's, perspective or orthographic.
-    clip: near and far in metres, for perspective, where a matrix of float32 no longer tells the far one; an orthographic
-    view of Blender's begins behind the viewer.
+    view: (4, 4) float64, world to viewer's space.
+    projection: (4, 4) float64, OpenGL's, perspective or orthographic.
+    pixels: width and height of the picture.
+    clip: near and far in metres, used for perspective: a float32 matrix no longer holds the far
+        one. An orthographic view takes both from the matrix, because Blender's begins behind the
+        viewer.
     """
     origin, X, Y, Z = referential(np.linalg.inv(view), "of the viewport")
     edges = np.array([-1.0, 1.0])

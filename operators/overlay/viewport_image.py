@@ -1,4 +1,7 @@
-"""The viewport's picture with the crowd: Blender's own Render Viewport Image does not call what add-ons draw."""
+"""The operator that renders the viewport's picture with the crowd.
+
+Blender's own Render Viewport Image does not call the draw handlers of add-ons.
+"""
 
 import bpy
 import numpy as np
@@ -11,7 +14,7 @@ from .playblast import Canvas, camera_matrices
 
 
 class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
-    """Make an image of what the viewport shows, crowd included; through the camera it is as large as a render"""
+    """Render the viewport with the crowd; in camera view, at the size of a render"""
 
     bl_idname = "crowd_lod.render_viewport"
     bl_label = "Render Viewport Image"
@@ -42,7 +45,7 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
 
 
 def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
-    """(view, projection, size in pixels) of the viewport's picture."""
+    """Return (view, projection, size in pixels) of the viewport's picture."""
     seen, camera = space.region_3d, space.camera
     if seen.view_perspective == "CAMERA" and camera is not None and camera.type == "CAMERA":
         depsgraph, render = context.evaluated_depsgraph_get(), context.scene.render
@@ -53,7 +56,7 @@ def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, in
 
 
 def _show(image: bpy.types.Image) -> None:
-    """Open the image in a window."""
+    """Open the image in a new window."""
     bpy.ops.wm.window_new()
     area = bpy.context.window_manager.windows[-1].screen.areas[0]
     area.type = "IMAGE_EDITOR"

@@ -1,4 +1,4 @@
-"""The viewport overlay: draws the current frame's plan, and keeps it for the sidebar."""
+"""Draws the current frame's plan in viewports, and keeps it for the sidebar."""
 
 import sys
 import time as clock
@@ -31,12 +31,19 @@ if TYPE_CHECKING:
 
 @dataclass
 class Shown:
-    """What the viewport shows of a scene: a frame, or a problem, ready for the user.
+    """What the viewport shows of a scene: a frame, or a problem.
 
-    crowd_inputs, frame_inputs, cast_inputs: what it follows from, as values that compare. looked: when the trajectory was last
-    compared with the map and the state machine, seconds. cast, batches: on the GPU; prepared, painted: milliseconds to put
-    them there, and to ask for them once. above: the picture from above, once it was asked for. notes: what the user should
-    know of it.
+    crowd_inputs, frame_inputs, cast_inputs: the values that the frame's trajectory and bias, the
+        frame, and the cast depend on; compared to find changes.
+    looked: time in seconds when the trajectory was last compared with the map and the state
+        machine.
+    coloured: the agents' colors.
+    cast, batches: on the GPU.
+    prepared: milliseconds to upload them.
+    painted: milliseconds to submit one draw of them.
+    above: texture of the frame from above, once it was needed.
+    notes: sentences for the user.
+    problem: a sentence for the user, if nothing can be shown.
     """
 
     crowd_inputs: tuple = ()
@@ -57,8 +64,8 @@ class Shown:
 _handlers = []
 _shown: dict[int, Shown] = scene_cache.kept({}, by_scene=True)
 REST = 0.3  # seconds that a frame is shown before its open shutter is asked for
-# Of scenes with motion blur: (what an open shutter is asked for, since when, seconds), and (that, read_shutter's
-# answer).
+# Of scenes with motion blur: (what an open shutter is asked for, since when, seconds), and (that,
+# read_shutter's answer).
 _asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 _shutters: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 _faster = scene_cache.kept(gpu_culling.Faster())
@@ -81,7 +88,7 @@ def unregister() -> None:
 
 
 def _let_go() -> None:
-    """Remove the handlers, and what they keep."""
+    """Remove the draw handlers; drop the caches of scenes and the shader programs."""
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
     scene_cache.forget()
@@ -89,30 +96,33 @@ def _let_go() -> None:
 
 
 def _stop() -> None:
-    """A timer: a draw handler must not remove another one while Blender goes through them."""
+    """Timer: remove the draw handlers, which must not be done while Blender draws."""
     _let_go()
     _redraw_sidebars()
 
 
 def latest(scene: bpy.types.Scene) -> Frame | None:
-    """The frame that the viewport shows of `scene`, or None."""
+    """Return the frame that the viewport shows of `scene`, or None."""
     shown = shown_of(scene)
     return shown and shown.frame
 
 
 def shown_of(scene: bpy.types.Scene) -> Shown | None:
-    """What the viewport shows of `scene`; None while its overlay is off, or was never drawn."""
+    """Return what the viewport shows of `scene`.
+
+    None while the overlay is off, or before it was first drawn.
+    """
     return _shown.get(scene.session_uid) if scene.crowd_lod.overlay else None
 
 
 def problem(scene: bpy.types.Scene) -> str | None:
-    """A sentence saying why nothing is drawn for `scene`, or None."""
+    """Return a sentence that says why nothing is drawn for `scene`, or None."""
     shown = shown_of(scene)
     return _failure or (shown and shown.problem)
 
 
 def account_of(scene: bpy.types.Scene) -> Account | None:
-    """What there is to tell of the agent that the scene's settings name; None without one."""
+    """Return the account of the agent picked in the scene's settings, or None."""
     shown, agent = shown_of(scene), scene.crowd_lod.agent
     if shown is None or shown.frame is None or not 0 <= agent < len(shown.frame.crowd):
         return None
@@ -120,7 +130,7 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
 
 
 def _draw(part) -> None:
-    """A draw handler: whatever goes wrong in `part` ends here, and is told once."""
+    """Draw handler: call `part`; on any error print it once and stop the overlay."""
     global _failure
     context = bpy.context
     if _failure or not context.scene.crowd_lod.overlay or not context.space_data.overlay.show_overlays:
@@ -129,13 +139,13 @@ def _draw(part) -> None:
         part(context)
     except Exception as error:
         traceback.print_exc()
-        _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; the console has more."
+        _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; see the console for details."
         print(f"Crowd LOD: {_failure}", file=sys.stderr)
         bpy.app.timers.register(_stop)
 
 
 def _draw_crowd(context) -> None:
-    """POST_VIEW"""
+    """POST_VIEW handler: draw the crowd."""
     shown = _follow(context)
     if shown.batches is not None:
         view, region = context.region_data, context.region
@@ -151,13 +161,14 @@ def _draw_crowd(context) -> None:
 
 
 def _draw_figures(context) -> None:
-    """POST_PIXEL: of what _draw_crowd has just drawn in the same region."""
+    """POST_PIXEL handler: draw text, ring and inset over the crowd just drawn."""
     scene, region = context.scene, context.region
     shown, settings, ui_scale = _shown.get(scene.session_uid), scene.crowd_lod, context.preferences.system.ui_scale
     if shown is None or shown.frame is None or not (settings.hud or settings.inset or settings.agent >= 0):
         return
     box = hud.free_box(context.area, region, context.space_data.overlay, ui_scale)
-    main = context.region_data == context.space_data.region_3d  # of a quad view only the one that turns freely
+    # of a quad view only the one that turns freely
+    main = context.region_data == context.space_data.region_3d
     above = _picture_from_above(shown, ui_scale) if settings.inset and main else None
     told = account_of(scene)
     if told is not None:
@@ -171,7 +182,7 @@ def _draw_figures(context) -> None:
 
 
 def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
-    """The texture of the frame from above, painted once."""
+    """Return the texture of the frame from above, painted once per frame."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
         what = drawing(shown.frame, Style("POINTS"), shown.coloured)
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
@@ -181,7 +192,7 @@ def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
 
 
 def _follow(context) -> Shown:
-    """What to show of the context's scene, computed only where its inputs have changed."""
+    """Return what to show of the context's scene; compute only what has changed."""
     scene = context.scene
     before = _shown.get(scene.session_uid)
     shown = _shown_now(context, before)
@@ -248,7 +259,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
 
 
 def _crowd_inputs(scene) -> tuple:
-    """What trajectory and bias follow from, but for the images' pixels and the state machine's text."""
+    """Return the inputs of trajectory and bias, except image pixels and machine text."""
     settings = scene.crowd_lod
     chosen = settings.map_image, settings.machine, settings.height_image, settings.bias_image
     blocks = (block and block.session_uid for block in chosen)
@@ -257,7 +268,7 @@ def _crowd_inputs(scene) -> tuple:
 
 
 def _values(camera: Camera) -> tuple:
-    """All of the camera, as values that compare."""
+    """Return all fields of the camera as values that can be compared."""
     found = (getattr(camera, each.name) for each in fields(camera))
     return tuple(value.tobytes() if isinstance(value, np.ndarray) else value for value in found)
 
@@ -269,11 +280,13 @@ def _same(one: Bias | None, other: Bias | None) -> bool:
 
 
 def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
-    """(key, what read_shutter says, or () while that is not known).
+    """Return (key, read_shutter's answer); the answer is () while it is not known.
 
-    Other times are read in a scene made for it, which must not be done while Blender draws: a timer does it, and the
-    viewport is drawn again. As the next frame then takes long (stepping.stage), frames that pass go without. What the
-    camera does at other times alone is noticed when the frame or the camera changes.
+    Reading other times needs a temporary scene, which must not be made while Blender draws. So a
+    timer reads them and redraws the viewport. The frame after that takes long (see
+    frame_stepping.stage), so frames that pass quickly are shown without it.
+    If the camera's motion is edited only at other times, the change shows once the frame or the
+    camera changes.
     """
     render = scene.render
     if not render.use_motion_blur:
@@ -290,7 +303,11 @@ def _open_shutter(scene, time: float, eyes: tuple[Camera, ...]) -> tuple:
 
 
 def _read_shutters() -> float | None:
-    """Read the shutters asked for; while an animation plays or the frame changes later, for the next frame would ask again."""
+    """Timer: read the shutters asked for.
+
+    Returns seconds to the next call, or None if done.
+    Waits while an animation plays or the frame has just changed: the next frame would ask again.
+    """
     if image_data.playing():
         return LOOK_AGAIN
     rest = max((since for _, since in _asked.values()), default=-np.inf) + REST - clock.monotonic()
@@ -300,7 +317,8 @@ def _read_shutters() -> float | None:
         key, _ = _asked.pop(scene.session_uid, (None, None))
         if key is not None:
             try:
-                with frame_stepping.stage() as at:  # stepped, the scene would lose what the user has not keyed yet
+                # stepped, the scene would lose what the user has not keyed yet
+                with frame_stepping.stage() as at:
                     _shutters[scene.session_uid] = key, read_shutter(scene, key[0], at)
             except CrowdError:  # the drawing itself says so
                 _shutters[scene.session_uid] = key, ()

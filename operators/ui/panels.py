@@ -1,4 +1,4 @@
-"""The sidebar: draws only. The panels stand in the order of the work."""
+"""The panels of the sidebar, in the order of the work. They only draw."""
 
 import textwrap
 
@@ -35,7 +35,7 @@ class _Sidebar:
 
 
 class _Step(_Sidebar):
-    """A step of the work; `body(context, layout, settings)` draws it."""
+    """The panel of one step of the work; `body(context, layout, settings)` draws it."""
 
     bl_parent_id = "CROWDLOD_PT_main"
 
@@ -200,7 +200,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 _say(context, layout, line, "DOT")
 
     def ratios(self, context, layout, settings) -> None:
-        """What each LOD keeps and where it begins, to be set."""
+        """Draw, for each LOD, the settings of what it keeps and where it begins."""
         camera = context.scene.camera
         far = camera.data.clip_end if camera is not None and camera.type == "CAMERA" else None
         grid = layout.column(align=True)
@@ -289,7 +289,7 @@ def _length(context, units: float) -> str:
 
 
 def _distance(context, units: float | None) -> str:
-    """Where a LOD begins, as limits has it; None where that is not known."""
+    """Return a distance of `limits`, where a LOD begins, as text; "-" for None."""
     if units is None:
         return "-"
     return _length(context, units) if abs(units) < float("inf") else "never" if units > 0 else "always"
@@ -305,7 +305,7 @@ def _table(layout, head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
 
 
 def _cells(layout, texts: tuple[str, ...], icon: str = "NONE", columns: int = 0) -> bpy.types.UILayout:
-    """A row of equal columns with these texts in the first of them."""
+    """Draw a row of equal columns, the first of them with these texts, and return it."""
     cells = layout.grid_flow(row_major=True, columns=columns or len(texts), even_columns=True, align=True)
     for index, text in enumerate(texts):
         cells.label(text=text, icon=icon if index == 0 else "NONE")
@@ -313,7 +313,7 @@ def _cells(layout, texts: tuple[str, ...], icon: str = "NONE", columns: int = 0)
 
 
 def _say(context, layout, sentence: str, icon: str) -> None:
-    """A sentence, broken into lines that fit the sidebar."""
+    """Draw a sentence, broken into lines that fit the sidebar."""
     letters = int(context.region.width / context.preferences.system.ui_scale / 7.2) - 5
     column = layout.column(align=True)
     column.alert = icon == "ERROR"

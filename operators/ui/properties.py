@@ -18,7 +18,7 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..crowd.renamed_settings import renamed
 from ..crowd.scene_crowd import set_down
 
-OLD = {"options": {"HIDDEN"}, "description": "The same, under the name that files and older scripts have for it"}
+OLD = {"options": {"HIDDEN"}, "description": "Old name of this setting, for older files and scripts"}
 METHODS = (
     ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off, and take the closer one"),
     ("POSE_AWARE", "Pose-Aware", "Quadric edge collapse that heeds the poses of the action and keeps UV seams"),
@@ -41,12 +41,12 @@ THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
 def outdate(settings, _) -> None:
-    """Update of what the crowd costs by: the estimate no longer holds."""
+    """Clear the cost estimate: update callback of settings that change the cost."""
     settings.estimate = ""
 
 
 class CrowdLodGroup(bpy.types.PropertyGroup):
-    """What was measured of one character group (`name` is its name), and LOD thresholds of its own."""
+    """Measurements of the character group `name`, and its own LOD thresholds."""
 
     center: renamed(FloatProperty, "center", name="Center", unit="LENGTH", description="Height of the bounding sphere's center")
     centre: FloatProperty(name="Center", **OLD)
@@ -70,7 +70,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         description="Largest distance found of each LOD's surface from the character's, both ways, over its action",
     )
     bounds: FloatVectorProperty(
-        name="Bound", size=MOST_LEVELS, unit="LENGTH", description="What each LOD deviates at most, which LODs are chosen by"
+        name="Bound", size=MOST_LEVELS, unit="LENGTH", description="Upper bound of each LOD's deviation, by which LODs are chosen"
     )
     rms: FloatVectorProperty(
         name="RMS", size=MOST_LEVELS, unit="LENGTH", description="Root mean square of the distances, in the worst pose"
@@ -80,7 +80,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         name="Shaded",
         size=MOST_LEVELS,
         default=(-1.0,) * MOST_LEVELS,
-        description="Length that a pixel shows from which on each LOD's shaded picture is like the character's; below 0 if not known",
+        description="Length per pixel from which on each LOD's shaded picture matches the character's; below 0 if not known",
     )
     diagonal: FloatProperty(name="Diagonal", unit="LENGTH", description="Of the bounding box; 0 while no LOD was measured")
     finest: IntProperty(
@@ -89,7 +89,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         max=MOST_LEVELS - 1,
         description="Finer LODs of this group are not built, to fit in Memory for Characters",
     )
-    own_thresholds: BoolProperty(name="Own Thresholds", description="This group's LODs begin elsewhere than the others'")
+    own_thresholds: BoolProperty(name="Own Thresholds", description="This group has LOD distances of its own")
     thresholds: FloatVectorProperty(
         name="Threshold",
         precision=3,
@@ -109,7 +109,10 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
 
 
 class CrowdLodSettings(bpy.types.PropertyGroup):
-    """The crowd of a scene. Everything a plan depends on is here or in the scene itself."""
+    """The crowd of a scene: all settings that its plan depends on.
+
+    Everything else that a plan depends on is in the scene itself.
+    """
 
     characters: PointerProperty(
         type=bpy.types.Collection,
@@ -132,7 +135,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         min=0,
         soft_max=1_000_000,
         max=MOST_AGENTS,
-        description="How many there are in the crowd",
+        description="Number of agents in the crowd",
     )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
     center: renamed(
@@ -200,7 +203,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     )
     shading_counts: BoolProperty(
         name="Shading Counts",
-        description="A LOD by tolerance also begins no nearer than where its shaded picture differs by 2 % of white at most",
+        description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % of white at most",
     )
     level_count: IntProperty(
         update=outdate,
@@ -248,7 +251,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     metric: EnumProperty(
         update=outdate,
         name="Distance",
-        description="By what an agent's LOD is chosen",
+        description="How the distance that chooses an agent's LOD is measured",
         items=[
             ("AXIS", "Along the View", "Depth, which size on screen depends on"),
             ("RADIAL", "From the Camera", "Straight distance; panoramic cameras always use it"),
@@ -268,13 +271,13 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         min=0,
         max=0.5,
         subtype="FACTOR",
-        description="How far beyond the distance where a LOD begins an agent changes to it in the overlay, as a part of that "
+        description="How far an agent must pass a LOD's distance before it changes LOD in the overlay, as a part of that "
         "distance. Preview and build have none",
     )
     bias_image: PointerProperty(
         type=bpy.types.Image,
         name="Detail Map",
-        description="Painted over the ground: white stands for four times as near, black for four times as far, grey for no change",
+        description="Painted over the ground: white gives the LOD of a quarter of the distance, black of four times, gray no change",
     )
     cull_to_border: BoolProperty(
         name="Cull to Render Region", description="Leave out what lies outside the render region, where one is set"
@@ -296,7 +299,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     shadows: BoolProperty(
         name="Shadows and Reflections",
         default=True,
-        description="Keep characters outside the picture whose shadows fall into it, or whom mirrors show; the camera itself "
+        description="Keep characters outside the picture whose shadows fall into it, or that mirrors show; the camera itself "
         "does not see them",
     )
     mirrors: PointerProperty(
@@ -330,7 +333,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         description="Camera of the second picture; none looks straight down on crowd and frustum",
     )
     frames: StringProperty(name="Frames", default="1:120", description="Frames to preview: a range 1:120 or a list 1,40,80")
-    step: IntProperty(name="Step", default=10, min=1, description="Of a range of frames every so many are previewed")
+    step: IntProperty(name="Step", default=10, min=1, description="Preview every so many frames of a range")
     width: IntProperty(name="Width", default=960, min=16, max=8192, subtype="PIXEL", description="Width of the pictures")
     folder: StringProperty(
         name="Output",
@@ -359,7 +362,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     overlay_colour: EnumProperty(name="Overlay Color", items=OVERLAY_COLORS, **OLD)
     overlay_camera: EnumProperty(
         name="Seen From",
-        description="Whose view culls and chooses LODs in the overlay",
+        description="View that culls agents and chooses LODs in the overlay",
         items=[
             ("SCENE", "Scene Camera", "Culling and LODs are those of the scene's camera"),
             ("VIEWPORT", "Viewport", "Culling and LODs are those of each viewport's own view"),
@@ -369,7 +372,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     inset: BoolProperty(
         name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
     )
-    agent: IntProperty(name="Agent", default=-1, min=-1, description="The agent that the overlay rings and tells of; -1 is none")
+    agent: IntProperty(name="Agent", default=-1, min=-1, description="The agent that the overlay marks and describes; -1 is none")
     overlay_culled: BoolProperty(
         name="Culled Agents",
         default=True,
@@ -385,7 +388,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     version: IntProperty(name="Version", min=0, description="Which version of Crowd LOD these settings are of")
     # what the steps made and measured; found by pointer, so a rename does not lose it
     groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
-    trouble: StringProperty(name="Trouble", description="Which agents get stuck, as Populate found")
+    trouble: StringProperty(name="Trouble", description="Agents that get stuck, found by Populate")
     memory_tolerance: FloatProperty(
         name="Tolerance for Memory",
         min=0,

@@ -139,7 +139,7 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(bui
         capfd.readouterr()
         assert commands._run([*words, "--out", str(out), *more], "crowd-lod") == 0
         result = json.loads(capfd.readouterr().out)
-        assert ("take the one that it was baked from" in result["summary"]) == bool(more)
+        assert ("open the file that it was baked from" in result["summary"]) == bool(more)
         farm(out, tmp_path)
         for number in FRAMES:
             (tmp_path / f"farm_{number}.png").rename(tmp_path / f"{name}_{number}.png")

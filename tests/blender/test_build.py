@@ -158,7 +158,7 @@ def test_levels_made_anew_ask_for_a_new_build(built, capfd):
     list(make_levels(built))
     built.frame_set(2)
     assert sum(1 for _ in instances(built)) == 0
-    assert "not those that its build shows: press Build again" in capfd.readouterr().err
+    assert "have changed since its build was made: press Build again" in capfd.readouterr().err
     list(builder.build(built))
     built.frame_set(3)
     middle = {item.data.name: len(item.data.polygons) for level, item, _ in instances(built) if level == 1}

@@ -176,13 +176,13 @@ def asks_is_viewport(body):
     tree.links.new(ends[0].outputs[0], ends[1].inputs[0])
     tree.nodes.new("GeometryNodeIsViewport")
     body.modifiers.new("asks", "NODES").node_group = tree
-    return "body", "ask whether they are in a viewport"
+    return "body", "use the node Is Viewport"
 
 
 def displaced_by_noise(body):
     tree = material(body)
     displaced_by(tree, tree.nodes.new("ShaderNodeTexNoise").outputs[0])
-    return "skin", "nothing bounds the height"
+    return "skin", "by an unlimited height"
 
 
 @pytest.mark.parametrize("case", [asks_is_viewport, displaced_by_noise])

@@ -199,7 +199,7 @@ def played(built, way, frames):
 def test_rigid_bodies_that_are_not_baked_are_told_of(scene):
     assert frame_stepping.unbaked(scene) == ""
     by_rigid_body(scene)
-    assert "are as played from frame 1 on: bake their cache" in frame_stepping.unbaked(scene)
+    assert "are not baked, and were played from frame 1 on: bake their cache" in frame_stepping.unbaked(scene)
 
 
 @pytest.mark.parametrize("way", [None, by_property, by_frame])

@@ -237,7 +237,7 @@ def test_a_missing_library_is_named(tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "scene.blend"))
     path.unlink()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "scene.blend"))
-    with pytest.raises(CrowdError, match=r"linked, of the character group linked, is missing: bring back .*library\.blend"):
+    with pytest.raises(CrowdError, match=r"linked, of the character group linked, is missing: restore .*library\.blend"):
         made()
 
 

@@ -207,14 +207,14 @@ def test_no_face_is_flipped_or_doubled(way):
 def test_the_way_and_why_are_kept_with_each_lod_and_auto_takes_one_of_both():
     body = new("body", tube("body"))
     points = {}
-    for way, says in (("FAST", "The fast way was asked for."), ("PRECISE", "The precise way was asked for.")):
+    for way, says in (("FAST", "The method Pose-Aware was chosen."), ("PRECISE", "The method Decimate Modifier was chosen.")):
         made = lod(1, body, way)
         points[way] = [tuple(vertex.co) for vertex in made.data.vertices]
         assert (made["crowd_lod_way"], made["crowd_lod_why"]) == (way, says) and made["crowd_lod_ms"] > 0
     made = lod(1, body, "AUTO")
     assert points["FAST"] != points["PRECISE"]
     assert points[made["crowd_lod_way"]] == [tuple(vertex.co) for vertex in made.data.vertices]
-    assert made["crowd_lod_why"].startswith(made["crowd_lod_way"].capitalize())
+    assert made["crowd_lod_why"].startswith({"FAST": "Pose-Aware", "PRECISE": "Decimate Modifier"}[made["crowd_lod_way"]])
     assert "% of the size away" in made["crowd_lod_why"]
 
 

@@ -172,7 +172,7 @@ def test_what_was_measured_and_is_spoilt_is_measured_anew(levelled):
     group = levelled.crowd_lod.groups[0]
     for name, value in (("radius", float("nan")), ("period", -1.0), ("deviations", [float("nan")] * 8)):
         setattr(group, name, value)
-        with pytest.raises(RuntimeError, match="character group adult is spoilt: press Populate"):
+        with pytest.raises(RuntimeError, match="character group adult are damaged: press Populate"):
             bpy.ops.crowd_lod.build()
         assert bpy.ops.crowd_lod.populate() == {"FINISHED"} and bpy.ops.crowd_lod.make_levels() == {"FINISHED"}
         group = levelled.crowd_lod.groups[0]

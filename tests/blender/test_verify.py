@@ -171,7 +171,9 @@ def test_every_way_to_film_is_proven_as_it_is_rendered(lit, plain, tmp_path, fil
     result = rendered(lit, tmp_path / "out")
     row = result["frames"][0]
     if filmed is stereo and not PAIRS:
-        assert result["ok"] and result["left_out"] == ["One eye was looked at: this Blender does not read back pictures of two."]
+        assert result["ok"] and result["left_out"] == [
+            "Only one eye was rendered: this Blender version cannot read stereo pictures back."
+        ]
         return
     assert result["ok"] and row["b_pixels"] == 0 and row["bare_pixels"] > 0 and not result["left_out"]
     assert 0 < row["visible"] < row["agents"] and row["visible"] != without["visible"]

@@ -285,7 +285,7 @@ def test_a_working_folder_that_is_gone_is_one_sentence(tmp_path, monkeypatch):
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    with pytest.raises(CrowdError, match="no working folder"):
+    with pytest.raises(CrowdError, match="The working folder, in which"):
         files.absolute(Path("out"))
     assert files.absolute(tmp_path / "out") == tmp_path / "out"
 

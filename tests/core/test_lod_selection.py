@@ -22,7 +22,7 @@ def test_candidates_that_do_not_pay_are_dropped_with_the_reason():
     assert dropped == {
         1: "900 triangles save less than a fifth of the 1,000 of the next finer LOD.",
         3: "450 triangles save less than a fifth of the 500 of the next finer LOD.",
-        4: "200 triangles deviate no less than 190.",
+        4: "200 triangles deviate as much as 190 triangles, or more.",
         6: "40 triangles would begin 76 m away, and the farthest agent is 40 m away.",
     }
     assert choose(LODS, 1.0, [View(straight(), 2.0, 400.0)])[0] == [0, 2, 5, 6]
@@ -45,7 +45,7 @@ def test_a_zoom_and_the_tolerance_change_what_pays():
 def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
     group = replace(LODS, triangles=(1000, 500, 190, 40), deviations=(0, 0.1, 0.3, 1.5))  # from 6, 16 and 76 m on
     one, other = View(straight(), 2.0, 4.0), View(straight(), 300.0, 400.0)
-    few, many = "are too few for all agents in 1 of the 2 frames looked at", "and more than it takes in the others."
+    few, many = "are too few for all agents in 1 of the 2 frames checked", "and more than needed in the others."
     assert choose(group, 1.0, [one, other]) == ([0, 3], {1: f"500 triangles {few}, {many}", 2: f"190 triangles {few}, {many}"})
     tele = replace(straight(), window=Window(-0.1, 0.1, -0.1, 0.1))  # from 51 m on
     _, dropped = choose(group, 1.0, [one, View(tele, 2.0, 40.0)])
@@ -54,7 +54,7 @@ def test_the_reason_holds_in_every_frame_and_in_an_orthographic_view():
     assert choose(group, 3.0, [flat]) == (
         [0, 2],
         {
-            1: "500 triangles are more than it takes at any distance, for the camera is orthographic.",
+            1: "500 triangles are more than the tolerance needs at any distance, for the camera is orthographic.",
             3: "40 triangles show more than the tolerance at any distance, for the camera is orthographic.",
         },
     )

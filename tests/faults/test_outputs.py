@@ -229,5 +229,5 @@ def test_names_too_long_and_a_working_folder_that_is_gone_are_one_sentence(trial
     leave = lambda: os.rmdir(gone)  # noqa: E731
     run = subprocess.run(command, cwd=gone, preexec_fn=leave, capture_output=True, text=True)
     said = run.stderr.removeprefix("sh: 0: getcwd() failed: No such file or directory\n")  # of a shell that Blender starts
-    assert run.returncode == 1 and one_sentence(said) and "no working folder" in said, said
+    assert run.returncode == 1 and one_sentence(said) and "The working folder, in which" in said, said
     assert os.listdir(tmp_path) == []

@@ -1,1 +1,1 @@
-"""Geometry-node groups, one a file."""
+"""Geometry-node groups, one per file."""

@@ -1,4 +1,4 @@
-"""The node group that shows, of the points of many frames, those of the scene's frame, and instances them."""
+"""The node group that instances the points of the current frame of many."""
 
 import bpy
 
@@ -10,13 +10,17 @@ VERSION = 3
 
 
 def baked() -> bpy.types.GeometryNodeTree:
-    """The group of this version, which needs no handler: points of many frames, with the attribute frame (INT), in;
-    collection instances of those whose frame's shutter is open out.
+    """Return the node group that shows baked points without a handler.
 
-    The inputs of instances.instances, and Rate (frames of the timeline per frame of the animation) and Opens (part of a
-    frame by which the shutter opens before it). Points may have velocities in metres per frame, move_before and
-    move_after, and turn_before and turn_after (roll, pitch, heading) in radians per frame: they hold until the frame,
-    and from it on.
+    Points: of many frames, with the attribute frame (INT). Collection instances of the points come
+    out whose frame's shutter is open.
+
+    Inputs: those of instances.instances; Rate (frames of the timeline per frame of the animation);
+    Opens (part of a frame by which the shutter opens before it).
+
+    Points may have velocities: move_before and move_after, metres per frame, and turn_before and
+    turn_after (roll, pitch, heading), radians per frame. "before" holds until the frame, "after"
+    from it on.
     """
     return current(NAME, VERSION, _wire)
 
@@ -71,7 +75,7 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
 
 
 def _math(tree, operation: str, *values) -> bpy.types.NodeSocket:
-    """The result of a math node on sockets and numbers."""
+    """Return the result of a math node on sockets and numbers."""
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = operation
     for socket, value in zip(node.inputs, values, strict=False):
@@ -83,7 +87,7 @@ def _math(tree, operation: str, *values) -> bpy.types.NodeSocket:
 
 
 def _velocity(tree, name: str, before: bpy.types.NodeSocket, away: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-    """The way since the frame, by the velocity that then holds."""
+    """Return the displacement since the frame, by the velocity before or after it."""
     either = tree.nodes.new("GeometryNodeSwitch")
     either.input_type = "VECTOR"
     tree.links.new(before, either.inputs["Switch"])

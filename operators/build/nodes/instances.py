@@ -9,12 +9,17 @@ VERSION = 5
 
 
 def instances() -> bpy.types.GeometryNodeTree:
-    """The group of this version: points with heading, pitch, roll (radians) and pose (index) in, collection instances
-    out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn). Points without pitch and roll stand upright.
+    """Return the node group that instances characters on points, in this version.
 
-    Inputs: Geometry, Characters (a collection with one child a character, in natural order of names), Turn (radians about z
-    that turn a character to +x). A group of another version is rebuilt in place, so that files saved with it follow;
-    its modifiers then need their inputs again.
+    Points: with the attributes heading, pitch, roll (radians) and pose (index). Instances of
+    collections come out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn). Points without pitch
+    and roll stand upright.
+
+    Inputs: Geometry, Characters (a collection with one child per character, in natural order of
+    names), Turn (radians about z that turn a character to +x).
+
+    A group of another version is rebuilt in place, so that files saved with it follow. Its
+    modifiers then need their inputs again.
     """
     return current(NAME, VERSION, _wire)
 
@@ -58,7 +63,7 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
 
 
 def _rotation(tree, **angles: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
-    """The rotation of Euler angles in radians."""
+    """Return the rotation of Euler angles in radians."""
     euler, rotation = tree.nodes.new("ShaderNodeCombineXYZ"), tree.nodes.new("FunctionNodeEulerToRotation")
     for axis, socket in angles.items():
         tree.links.new(socket, euler.inputs[axis])
