@@ -59,7 +59,7 @@ def closed(points: np.ndarray, triangles: np.ndarray) -> bool:
     """
     if not len(triangles):
         return True
-    n = np.int64(len(points))
+    n = len(points)
     tail, head = triangles.astype(np.int64).ravel(), np.roll(triangles, -1, axis=1).astype(np.int64).ravel()
     if not np.array_equal(np.sort(tail * n + head), np.sort(head * n + tail)):
         return False

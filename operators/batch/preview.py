@@ -26,20 +26,11 @@ from ...crowd_lod.reporting.html_report import page
 from ...crowd_lod.validation.leave_out_timing import savings
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
-from ..build import frame_update, render_setup
+from ..build import frame_update, render_setup, view_layers
 from ..build.hidden_characters import shows_characters
 from ..crowd import lights
-from ..crowd.scene_crowd import (
-    bias_of,
-    characters_of,
-    frame_of,
-    groups_of,
-    machine_of,
-    measure_groups,
-    policy_of,
-    store_groups,
-    trajectory_of,
-)
+from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
+from ..crowd.scene_world import bias_of, machine_of
 from ..crowd.stuck_agents import find
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import TINTS, make_levels
@@ -207,7 +198,7 @@ def stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     scene_data.let_go(stage, "build")
     for layer in stage.view_layers if leaves_out(stage) else ():
         layer.update()
-        render_setup.exclude(layer.layer_collection, stage.crowd_lod.characters)
+        view_layers.exclude(layer.layer_collection, stage.crowd_lod.characters)
     set_up(stage, wanted)
     return stage
 

@@ -22,7 +22,8 @@ from ...crowd_lod.progress import share
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
 from ..crowd import lights
-from ..crowd.scene_crowd import bias_of, characters_of, groups_of, home_of, policy_of, trajectory_of
+from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
+from ..crowd.scene_world import bias_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of
 from .frame_update import members
 from .scaled_textures import bytes_of, shown_images

@@ -3,7 +3,7 @@
 Geometry nodes put the instances on the points.
 """
 
-from collections.abc import Generator, Iterable, Sequence
+from collections.abc import Generator, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -24,6 +24,7 @@ from .change_detection import made_of, shown_by
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
 from .phase_characters import Cast, Wanted, make_cast
+from .view_layers import exclude
 
 # Custom properties. Of a point object: its LOD and its bucket; in builds from before there were
 # rigs its poses, and their rates.
@@ -363,46 +364,6 @@ def _library(parent: bpy.types.Collection, name: str, key: str, level: int) -> b
     made[OWNED], made[key] = True, level
     parent.children.link(made)
     return made
-
-
-def exclude(layer: bpy.types.LayerCollection, collection: bpy.types.Collection) -> None:
-    """Exclude the `collection` from the view layer, wherever it is in `layer`."""
-    for child in layer.children:
-        if child.collection == collection:
-            child.exclude = True
-        exclude(child, collection)
-
-
-def layers_of(scene: bpy.types.Scene) -> dict[str, bpy.types.LayerCollection]:
-    """Return the layer collection of the scene's build by view layer name.
-
-    Its `exclude` says whether the build is shown there. Empty where the user has moved the build
-    out of the scene.
-    """
-    found = {}
-    for layer in scene.view_layers:
-        places = [layer.layer_collection]
-        while places:
-            place = places.pop()
-            places += place.children
-            if place.collection == scene.crowd_lod.build:
-                found[layer.name] = place
-    return found
-
-
-def show_in(scene: bpy.types.Scene, names: Sequence[str]) -> None:
-    """Show the scene's build only in the view layers `names`; other settings stay."""
-    for name, place in layers_of(scene).items():
-        if place.exclude != (name not in names):
-            place.exclude = not place.exclude
-
-
-def check_layers(scene: bpy.types.Scene, names: Sequence[str]) -> None:
-    """Raise CrowdError if `scene` lacks a view layer of the `names`."""
-    for name in names:
-        if name not in scene.view_layers:
-            known = ", ".join(layer.name for layer in scene.view_layers)
-            raise CrowdError(f"The scene {scene.name} has no view layer {name}: give one of {known}.")
 
 
 def _library_of(top: bpy.types.Collection) -> bpy.types.Collection | None:

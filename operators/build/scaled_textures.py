@@ -12,7 +12,8 @@ import numpy as np
 from ...crowd_lod.levels.assignment import deviations, grain, limits
 from ...crowd_lod.levels.texture_scale import halvings, scaled, texel
 from ..blender import cameras, color_space, mesh_data, scene_data
-from ..crowd.scene_crowd import bias_of, characters_of, home_of, policy_of, trajectory_of
+from ..crowd.scene_crowd import characters_of, home_of, policy_of, trajectory_of
+from ..crowd.scene_world import bias_of
 
 # custom property of a scaled image: a hash of what it was made from, and how often that was halved
 SCALED = "crowd_lod_scaled"

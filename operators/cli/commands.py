@@ -24,7 +24,7 @@ from ..batch import error_report
 from ..batch.preview import COLOR_MODES, Preview, preview
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping
-from ..build import bake, render_setup
+from ..build import bake, render_setup, view_layers
 from ..build.buttons import prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
@@ -231,7 +231,7 @@ def _build(args, command: list[str]) -> dict:
             scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
         if args.bake and frames is None:
             frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
-        render_setup.check_layers(scene, args.view_layer or ())
+        view_layers.check_layers(scene, args.view_layer or ())
         predicted = []
 
         def work() -> Generator[float, None, Cast]:
@@ -242,7 +242,7 @@ def _build(args, command: list[str]) -> dict:
 
         cast = _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
-            render_setup.show_in(scene, args.view_layer)
+            view_layers.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
         told = render_setup.told_of_cast(scene, cast), told_of_characters(scene), args.bake and frame_stepping.unbaked(scene)
         if args.render_only:

@@ -9,13 +9,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behaviour.trajectory import Trajectory
-from ...crowd_lod.crowd import state_machine as machines
 from ...crowd_lod.crowd.agents import MOST_GROUPS, Group, populate
-from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from ...crowd_lod.crowd.maps import FARTHEST, HeightMap
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
-from ...crowd_lod.levels.assignment import MOST_LEVELS, Bias, LevelPolicy
+from ...crowd_lod.levels.assignment import MOST_LEVELS, LevelPolicy
 from ...crowd_lod.planning.frame import Frame, plan
 from ...crowd_lod.planning.shadows import Surroundings, surround
 from ...crowd_lod.progress import aside, finished, share
@@ -26,6 +25,7 @@ from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.rig_dependencies import action_range
 from .character_extent import bounds, frames_of, lowest, posing, unknown
+from .scene_world import bias_of, check_maps, heights_of, machine_of, world_of
 from .settings_versions import VERSION
 from .stuck_agents import find
 
@@ -178,60 +178,6 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
     return float(stored_values.read(owner, key, float, "set a number of metres, or remove it", bounds=(0, FARTHEST)))
 
 
-def machine_of(settings) -> machines.StateMachine:
-    """Return the state machine of the settings, or the chapter's if none is chosen."""
-    if settings.machine is None:
-        return machines.load_preset("chapter")
-    return machines.parse(settings.machine.as_string(), settings.machine.name)
-
-
-def world_of(settings, machine: machines.StateMachine) -> LabelMap:
-    """Return the label map of the settings.
-
-    Without an image it is edge_map's. CrowdError if it lies too far from the world's origin, or if
-    the image's colors are not those of the labels.
-    """
-    (x, y, z), (width, depth) = settings.center, settings.size
-    area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
-    _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
-    if settings.map_image is None:
-        return edge_map(area, machine.labels)
-    pixels = image_data.read_pixels(settings.map_image)[..., :3]
-    return LabelMap(labels_from_colours(pixels, machine.label_colours, machine.labels, settings.map_image.name), area)
-
-
-def heights_of(settings, area: Area) -> HeightMap | None:
-    """Return the height map of the settings, or None.
-
-    CrowdError if a value is not finite, or too far from the world's origin.
-    """
-    if settings.height_image is None:
-        return None
-    values, scale = image_data.read_values(settings.height_image)[..., :1], settings.height_scale
-    image_data.check_finite(settings.height_image, values)
-    highest = float(np.abs(values).max()) * abs(scale) + abs(area.z)
-    _check_reach(f"The ground of the height map {settings.height_image.name}", highest, "pixels or the setting Height")
-    return HeightMap(values[..., 0] * np.float32(scale), area)
-
-
-def check_maps(settings) -> None:
-    """Raise CrowdError if the state machine or a map of the settings cannot be used.
-
-    Call it before long work.
-    """
-    stored_values.check(settings)
-    area = world_of(settings, machine_of(settings)).area
-    heights_of(settings, area), bias_of(settings, area)
-
-
-def _check_reach(what: str, reach: float, setting: str) -> None:
-    if reach > FARTHEST:
-        raise CrowdError(
-            f"{what} lies up to {reach:.3g} m from the world's origin, where Blender's positions are too coarse to show a walk: "
-            f"change its {setting} so that it stays within {FARTHEST:,.0f} m."
-        )
-
-
 def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
     """Return `groups` with spheres that hold characters leaning on slopes.
 
@@ -346,17 +292,6 @@ def _thresholds(owner, settings) -> tuple[float, ...]:
     """Return the thresholds of `owner`, settings or group, for the settings' metric."""
     chosen = owner.sizes if settings.metric == "PIXELS" else owner.thresholds
     return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
-
-
-def bias_of(settings, area: Area) -> Bias | None:
-    """Return the painted map of detail over the area, or None.
-
-    Bytes are scaled so that 128 becomes 0.5.
-    """
-    if settings.bias_image is None:
-        return None
-    grey = image_data.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
-    return Bias(np.interp(grey, (0, 128, 255), (0, 0.5, 1)), area)
 
 
 def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:

@@ -12,7 +12,8 @@ from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
-from ..crowd.scene_crowd import GROUP, characters_of, check_maps, measuring_groups, stands, store_groups
+from ..crowd.scene_crowd import GROUP, characters_of, measuring_groups, stands, store_groups
+from ..crowd.scene_world import check_maps
 from . import selection
 from .candidates import CANDIDATE, TINTS, Ladder
 

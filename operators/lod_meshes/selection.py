@@ -17,7 +17,8 @@ from ...crowd_lod.planning.frame_range import evenly, parse_frames
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
 from ..blender.rig_dependencies import action_range
-from ..crowd.scene_crowd import bias_of, characters_of, trajectory_of
+from ..crowd.scene_crowd import characters_of, trajectory_of
+from ..crowd.scene_world import bias_of
 
 MOST_FRAMES = 9  # of the shot, evenly, that are looked at
 

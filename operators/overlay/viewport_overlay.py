@@ -18,7 +18,8 @@ from ...crowd_lod.planning.hysteresis import held
 from ..blender import frame_stepping, image_data, scene_cache, scene_data
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
-from ..crowd.scene_crowd import bias_of, groups_of, policy_of, trajectory_of
+from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
+from ..crowd.scene_world import bias_of
 from . import agent_colors, character_cache, gpu_culling, hud, inset, shader_programs
 from .appearance import cast_of, colours_of, drawing_of, style_of
 from .draw_data import Style, drawing

@@ -9,7 +9,8 @@ from ...crowd_lod.format import number
 from ...crowd_lod.planning.reasons import REASONS
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender import scene_data
-from ..build.render_setup import BAKED, baked_of, layers_of
+from ..build.render_setup import BAKED, baked_of
+from ..build.view_layers import layers_of
 from ..crowd.scene_crowd import count_of
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share, told

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.build.bake import bake, keep_what_renders
 from crowd_lod_extension.operators.build.hidden_characters import HIDDEN
 from crowd_lod_extension.operators.cli import commands
@@ -52,7 +52,7 @@ def test_a_farm_renders_the_pictures_of_the_live_build(built, tmp_path, engine, 
     render.use_motion_blur, render.frame_map_new = blur is not None, stretch
     if blur:
         render.motion_blur_position, render.motion_blur_shutter = blur, 0.8
-        list(builder.build(built))  # with limbs that are blurred, as the bake's are
+        list(render_setup.build(built))  # with limbs that are blurred, as the bake's are
     built.crowd_lod.first_frame = 5
     for number in FRAMES:
         built.frame_set(number)
@@ -77,7 +77,7 @@ def test_other_frames_show_nobody_and_a_new_build_is_live_again(built):
     for number, count in ((12, live), (11, 0), (13, 0), (21, 0)):
         built.frame_set(number)
         assert shown() == count
-    list(builder.build(built))
+    list(render_setup.build(built))
     built.frame_set(13)
     assert shown() > 0
     built.frame_set(12)
@@ -91,14 +91,14 @@ def test_a_bake_that_is_stopped_leaves_the_live_build(built):
         baking = bake(built, range(1, 20))
         assert next(progress for progress in baking if progress >= part) < 1.0
         baking.close()
-        assert set(bpy.data.user_map()) == before and builder.BAKED not in built.crowd_lod.build
+        assert set(bpy.data.user_map()) == before and render_setup.BAKED not in built.crowd_lod.build
 
 
 def test_remove_takes_a_bake_away(levelled):
     before = set(bpy.data.user_map())
     list(bake(levelled, [3, 4]))
     assert set(bpy.data.user_map()) > before
-    builder.remove_build(levelled.crowd_lod)
+    render_setup.remove_build(levelled.crowd_lod)
     assert set(bpy.data.user_map()) == before
 
 
@@ -114,12 +114,12 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     assert result["frames"] == [9, 10, 11] and result["bytes"] == out.stat().st_size and result["load_seconds"] > 0
     bpy.ops.wm.open_mainfile(filepath=str(out))
     top = bpy.context.scene.crowd_lod.build
-    assert list(top[builder.BAKED])[2:] == [9, 11]
-    assert result["points"] == {name: len(item.data.vertices) for name, item in builder.points_of(top).items()}
+    assert list(top[render_setup.BAKED])[2:] == [9, 11]
+    assert result["points"] == {name: len(item.data.vertices) for name, item in render_setup.points_of(top).items()}
     assert commands._run(words, "crowd-lod") == 0
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["frames"] is None
     bpy.ops.wm.open_mainfile(filepath=str(out))
-    assert builder.BAKED not in bpy.context.scene.crowd_lod.build
+    assert render_setup.BAKED not in bpy.context.scene.crowd_lod.build
     assert (tmp_path / "crowd.blend").read_bytes() == untouched
     assert commands._run([*words, "--frames", "9:11"], "crowd-lod") == 1
     assert "add --bake" in capfd.readouterr().err
@@ -153,7 +153,7 @@ def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(bui
     scene = bpy.context.scene
     assert scene.crowd_lod.characters is None and scene.crowd_lod.levels is None and "People" not in bpy.data.collections
     with pytest.raises(CrowdError, match="no LOD meshes"):
-        list(builder.build(scene))
+        list(render_setup.build(scene))
     assert commands._run(["build", str(tmp_path / "crowd.blend"), "--render-only"], "crowd-lod") == 1
     assert "add --bake" in capfd.readouterr().err
 

@@ -4,7 +4,7 @@ import pytest
 from bpy_extras.object_utils import world_to_camera_view
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from mathutils import Vector
@@ -21,7 +21,7 @@ def points(scene):
             if name in mesh.attributes:
                 mesh.attributes[name].data.foreach_get("vector" if width == 3 else "value", values.ravel())
             columns[name] = values.tobytes()
-        found[item[builder.LEVEL]] = columns
+        found[item[render_setup.LEVEL]] = columns
     return found
 
 
@@ -29,9 +29,9 @@ def instances(scene):
     """(LOD, position, heading) of every instance that the depsgraph holds."""
     depsgraph = bpy.context.evaluated_depsgraph_get()
     for each in depsgraph.object_instances:
-        if each.is_instance and builder.LEVEL in each.parent.original and each.object.type == "MESH":
+        if each.is_instance and render_setup.LEVEL in each.parent.original and each.object.type == "MESH":
             matrix = np.array(each.matrix_world)
-            yield each.parent.original[builder.LEVEL], each.object.original, matrix
+            yield each.parent.original[render_setup.LEVEL], each.object.original, matrix
 
 
 def test_instances_stand_where_the_plan_says_as_the_mesh_it_says(built):
@@ -92,7 +92,7 @@ def test_an_agents_looks_are_its_own_at_every_time_in_every_lod(built):
             item.data.attributes["looks"].data.foreach_get("value", values)
             for agent, value in zip(ids.tolist(), values.tolist(), strict=True):
                 assert looks.setdefault(agent, value) == value and 0 <= value < 1
-                levels.setdefault(agent, set()).add(item[builder.LEVEL])
+                levels.setdefault(agent, set()).add(item[render_setup.LEVEL])
     assert max(map(len, levels.values())) > 1  # some changed their LOD
     assert len(set(looks.values())) > 0.99 * len(looks) and 0.4 < np.mean(list(looks.values())) < 0.6
 
@@ -136,7 +136,7 @@ def test_a_build_without_its_camera_shows_nobody_and_says_why(built, capfd):
 
 def test_build_before_levels_is_refused(scene):
     with pytest.raises(CrowdError, match="Make LOD Meshes"):
-        list(builder.build(scene))
+        list(render_setup.build(scene))
     assert scene.crowd_lod.build is None
 
 
@@ -148,7 +148,7 @@ def test_a_build_that_lacks_a_lod_shows_nobody_and_says_what_to_press(built, cap
     list(make_levels(built))
     built.frame_set(3)
     assert "press Build again" in capfd.readouterr().err
-    list(builder.build(built))
+    list(render_setup.build(built))
     built.frame_set(4)
     assert sum(1 for _ in instances(built)) > 0
 
@@ -159,7 +159,7 @@ def test_levels_made_anew_ask_for_a_new_build(built, capfd):
     built.frame_set(2)
     assert sum(1 for _ in instances(built)) == 0
     assert "have changed since its build was made: press Build again" in capfd.readouterr().err
-    list(builder.build(built))
+    list(render_setup.build(built))
     built.frame_set(3)
     middle = {item.data.name: len(item.data.polygons) for level, item, _ in instances(built) if level == 1}
     whole = {item.name: len(item.data.polygons) for home in built.crowd_lod.levels.children[0].children for item in home.objects}

@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import scene_data
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import render_setup, view_layers
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.build.buttons import prepared
 from crowd_lod_extension.operators.build.nodes import trees
@@ -32,21 +32,21 @@ def counts():
 
 
 def points(top):
-    return {name: [vertex.co[:] for vertex in item.data.vertices] for name, item in builder.points_of(top).items()}
+    return {name: [vertex.co[:] for vertex in item.data.vertices] for name, item in render_setup.points_of(top).items()}
 
 
 def test_remove_brings_the_file_back(levelled):
     before = set(bpy.data.user_map())
     for _ in range(2):
-        list(builder.build(levelled))
-        list(builder.build(levelled))
-        builder.remove_build(levelled.crowd_lod)
+        list(render_setup.build(levelled))
+        list(render_setup.build(levelled))
+        render_setup.remove_build(levelled.crowd_lod)
         assert set(bpy.data.user_map()) == before and levelled.crowd_lod.build is None
 
 
 def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     top = built.crowd_lod.build
-    first = builder.points_of(top)["LOD 1"]
+    first = render_setup.points_of(top)["LOD 1"]
     first.name, first.color = "my points", (0.1, 0.2, 0.3, 1)
     later = first.modifiers.new("mine", "NODES")
     later.node_group = bpy.data.node_groups.new("my tree", "GeometryNodeTree")
@@ -61,11 +61,11 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     layer.children[0].exclude, layer.holdout = False, True
     kinds = "objects", "meshes", "armatures", "actions", "collections", "node_groups"
     names = {block.name for kind in kinds for block in getattr(bpy.data, kind)}
-    items, shown, before, looks = builder.points_of(top), points(top), counts(), visible()
+    items, shown, before, looks = render_setup.points_of(top), points(top), counts(), visible()
     ours = first.modifiers[0]
-    list(builder.build(built))
+    list(render_setup.build(built))
     built.frame_set(1)
-    assert built.crowd_lod.build == top and builder.points_of(top) == items
+    assert built.crowd_lod.build == top and render_setup.points_of(top) == items
     assert names == {block.name for kind in kinds for block in getattr(bpy.data, kind)}
     assert points(top) == shown and counts() == before
     assert [modifier.name for modifier in first.modifiers] == ["Crowd LOD", "mine"] and first.modifiers[0].name == ours.name
@@ -75,7 +75,7 @@ def test_a_second_build_keeps_names_pointers_and_the_users_own_edits(built):
     assert top.hide_select and layer.holdout and not layer.children[0].exclude
     later.show_viewport = False
     assert visible().shape == looks.shape or visible().shape[0] > looks.shape[0]
-    builder.remove_build(built.crowd_lod)
+    render_setup.remove_build(built.crowd_lod)
     assert built in lamp.users_scene and "my tree" in bpy.data.node_groups
 
 
@@ -103,11 +103,11 @@ def turn_a_character(scene):
 
 @pytest.mark.parametrize("change", [change_nothing, move_a_key, paint_a_lod, lose_a_rig, turn_a_character])
 def test_characters_are_made_anew_only_where_something_changed(levelled, change):
-    first = finished(builder.build(levelled))
+    first = finished(render_setup.build(levelled))
     rigs = {item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"}
     assert first.collections and rigs
     change(levelled)
-    again = finished(builder.build(levelled))
+    again = finished(render_setup.build(levelled))
     now = {item.session_uid for item in levelled.crowd_lod.build.all_objects if item.type == "ARMATURE"}
     assert len(now) == len(rigs) and (now == rigs) == (not again.collections) == (change is change_nothing)
     assert again.notes == first.notes and again.posed.tolist() == first.posed.tolist()
@@ -118,16 +118,16 @@ def test_a_level_more_or_less_adds_or_takes_its_points_and_poses(built):
     for levels, number in ((2, 2), (4, 4), (3, 3)):
         built.crowd_lod.level_count = levels
         list(make_levels(built))
-        list(builder.build(built))
+        list(render_setup.build(built))
         built.frame_set(2)
-        kinds = [f"{name} {k}" for name in builder.UNSEEN_BY for k in range(number)]
-        assert sorted(builder.points_of(built.crowd_lod.build)) == sorted(kinds)
+        kinds = [f"{name} {k}" for name in render_setup.UNSEEN_BY for k in range(number)]
+        assert sorted(render_setup.points_of(built.crowd_lod.build)) == sorted(kinds)
         assert len(visible())
     assert counts() == whole
 
 
 def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built):
-    shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(builder.LIBRARY) == 0)
+    shelf = next(c for c in built.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY) == 0)
     before, mine = list(shelf.children), bpy.data.objects.new("mine", None)
     before[3].objects.link(mine)
     before[5].name = "my pose"
@@ -136,10 +136,10 @@ def test_other_poses_take_over_collections_but_not_what_the_user_put_there(built
     action, poses = rig.animation_data.action, []
     for given in (None, action):  # a group that stands has one pose
         rig.animation_data.action = given
-        list(builder.build(built))
+        list(render_setup.build(built))
         names = sorted(child.name for child in shelf.children)
         assert [name.split(" ")[0] for name in names] == [f"{number:05d}" for number in range(len(names))]
-        assert list(built.crowd_lod.build[builder.POSED]) == ([1, 0] if given is None else [0, 0])
+        assert list(built.crowd_lod.build[render_setup.POSED]) == ([1, 0] if given is None else [0, 0])
         assert all(
             len(child.objects) == 1 and child.objects[0].name.split(" ")[0] == child.name.split(" ")[1] for child in shelf.children
         )
@@ -184,12 +184,12 @@ def test_a_build_from_before_the_poses_opens_and_shows_each_groups_lod(built, tm
     built.frame_set(8)
     shown = visible()
     top = built.crowd_lod.build
-    library = next(child for child in top.children if builder.LIBRARY in child)
-    bpy.data.batch_remove([item for item in builder.points_of(top).values() if not item.visible_camera])
-    for item in builder.points_of(top).values():
-        del item[builder.BUCKET]
+    library = next(child for child in top.children if render_setup.LIBRARY in child)
+    bpy.data.batch_remove([item for item in render_setup.points_of(top).values() if not item.visible_camera])
+    for item in render_setup.points_of(top).values():
+        del item[render_setup.BUCKET]
         item.data.attributes.remove(item.data.attributes["pose"])
-    for key in (builder.MADE_FROM, builder.POSED, builder.PLAYED):
+    for key in (render_setup.MADE_FROM, render_setup.POSED, render_setup.PLAYED):
         del top[key]
     bpy.data.batch_remove([*library.children_recursive, *library.all_objects, library])
     stale(trees.made(NAME))
@@ -201,7 +201,7 @@ def test_a_build_from_before_the_poses_opens_and_shows_each_groups_lod(built, tm
     np.testing.assert_allclose(visible()[:, :2], shown[:, :2], atol=1e-5)
     names = {each.object.name for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance}
     assert names == {f"{name} LOD {k}" for name in ("adult", "child") for k in range(3)}
-    list(builder.build(scene))
+    list(render_setup.build(scene))
     scene.frame_set(8)
     np.testing.assert_allclose(visible()[:, :2], shown[:, :2], atol=1e-5)
     names = {each.object.name for each in bpy.context.evaluated_depsgraph_get().object_instances if each.is_instance}
@@ -224,9 +224,9 @@ def test_a_stale_bake_is_rebuilt_with_its_inputs(built, tmp_path):
 def test_a_tree_of_the_users_by_our_name_is_let_alone(levelled):
     theirs = bpy.data.node_groups.new(NAME, "GeometryNodeTree")
     theirs.nodes.new("NodeGroupInput")
-    list(builder.build(levelled))
+    list(render_setup.build(levelled))
     assert len(theirs.nodes) == 1 and trees.made(NAME) != theirs
-    builder.remove_build(levelled.crowd_lod)
+    render_setup.remove_build(levelled.crowd_lod)
     assert list(bpy.data.node_groups) == [theirs]
 
 
@@ -235,12 +235,12 @@ def test_two_scenes_have_builds_of_their_own(built):
     other.crowd_lod.build = other.crowd_lod.levels = None
     other.collection.children.unlink(built.crowd_lod.build)
     list(make_levels(other))
-    list(builder.build(other))
+    list(render_setup.build(other))
     tops = built.crowd_lod.build, other.crowd_lod.build
     assert tops[0] != tops[1] and not set(tops[0].all_objects) & set(tops[1].all_objects)
     other.frame_set(5)
-    assert sum(len(item.data.vertices) for item in builder.points_of(tops[1]).values())
-    builder.remove_build(other.crowd_lod)
+    assert sum(len(item.data.vertices) for item in render_setup.points_of(tops[1]).values())
+    render_setup.remove_build(other.crowd_lod)
     built.frame_set(5)
     assert len(visible()) and scene_data.time_of(built) == 5
 
@@ -248,7 +248,7 @@ def test_two_scenes_have_builds_of_their_own(built):
 def test_a_linked_copy_of_a_scene_gets_a_build_of_its_own_and_leaves_the_others(built):
     own, known = built.crowd_lod.build, points(built.crowd_lod.build)
     bpy.context.window.scene = built
-    for press in (lambda other: list(builder.build(other)), lambda other: builder.remove_build(other.crowd_lod)):
+    for press in (lambda other: list(render_setup.build(other)), lambda other: render_setup.remove_build(other.crowd_lod)):
         bpy.ops.scene.new(type="LINK_COPY")
         other = bpy.context.scene
         assert other != built and other.crowd_lod.build == own
@@ -271,17 +271,17 @@ def test_the_crowd_shows_in_the_view_layers_that_are_chosen_and_stays_so(built):
     assert there[0] > 0 and there[1] == 0 and shown_in(later) == there  # not the characters themselves
     levels = [item for home in built.crowd_lod.levels.children_recursive for item in home.objects]
     assert built.crowd_lod.levels.hide_render and levels
-    builder.check_layers(built, ["later"])
-    builder.show_in(built, ["later"])
+    view_layers.check_layers(built, ["later"])
+    view_layers.show_in(built, ["later"])
     assert shown_in(first) == (0, 0) and shown_in(later) == there
-    builder.layers_of(built)["later"].holdout = True
-    list(builder.build(built))
+    view_layers.layers_of(built)["later"].holdout = True
+    list(render_setup.build(built))
     built.frame_set(1)
-    assert shown_in(first) == (0, 0) and shown_in(later) == there and builder.layers_of(built)["later"].holdout
-    builder.show_in(built, ["later", first.name])
+    assert shown_in(first) == (0, 0) and shown_in(later) == there and view_layers.layers_of(built)["later"].holdout
+    view_layers.show_in(built, ["later", first.name])
     assert shown_in(first) == shown_in(later) == there
     with pytest.raises(CrowdError, match="no view layer sky: give one of"):
-        builder.check_layers(built, ["later", "sky"])
+        view_layers.check_layers(built, ["later", "sky"])
 
 
 @pytest.mark.parametrize("name", ["build", "bake"])
@@ -290,7 +290,7 @@ def test_a_button_that_is_stopped_leaves_the_file_as_it_was(scene, name, part):
     scene.frame_end = 20
     store_groups(scene.crowd_lod, measure_groups(scene))
     before, groups = set(bpy.data.user_map()), groups_of(scene.crowd_lod)
-    work = prepared(scene, lambda: builder.build(scene) if name == "build" else bake(scene, range(1, 21)))
+    work = prepared(scene, lambda: render_setup.build(scene) if name == "build" else bake(scene, range(1, 21)))
     while next(work) < part:
         pass
     work.close()
@@ -302,7 +302,7 @@ def test_what_is_missing_is_said_before_anything_is_made(scene):
     scene.camera = None
     before = set(bpy.data.user_map())
     with pytest.raises(CrowdError, match="no active camera"):
-        list(prepared(scene, lambda: builder.build(scene)))
+        list(prepared(scene, lambda: render_setup.build(scene)))
     assert set(bpy.data.user_map()) == before and not len(scene.crowd_lod.groups)
     for operator in (bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.bake):
         with pytest.raises(RuntimeError):
@@ -311,13 +311,13 @@ def test_what_is_missing_is_said_before_anything_is_made(scene):
 
 
 SPOILT = {
-    "a LOD as a text": (lambda top: builder.points_of(top)["LOD 1"], builder.LEVEL, "one"),
-    "a LOD that there is not": (lambda top: builder.points_of(top)["LOD 1"], builder.LEVEL, 10**9),
-    "a bucket as numbers": (lambda top: builder.points_of(top)["Shadow 0"], builder.BUCKET, [1, 2]),
-    "poses as a text": (lambda top: top, builder.POSED, "x"),
-    "too few poses": (lambda top: top, builder.POSED, [8]),
-    "a shelf as a list": (lambda top: top.children[0].children[1], builder.LIBRARY, [1, 2]),
-    "baked by three numbers": (lambda top: top, builder.BAKED, [1.0, 2.0, 3.0]),
+    "a LOD as a text": (lambda top: render_setup.points_of(top)["LOD 1"], render_setup.LEVEL, "one"),
+    "a LOD that there is not": (lambda top: render_setup.points_of(top)["LOD 1"], render_setup.LEVEL, 10**9),
+    "a bucket as numbers": (lambda top: render_setup.points_of(top)["Shadow 0"], render_setup.BUCKET, [1, 2]),
+    "poses as a text": (lambda top: top, render_setup.POSED, "x"),
+    "too few poses": (lambda top: top, render_setup.POSED, [8]),
+    "a shelf as a list": (lambda top: top.children[0].children[1], render_setup.LIBRARY, [1, 2]),
+    "baked by three numbers": (lambda top: top, render_setup.BAKED, [1.0, 2.0, 3.0]),
 }
 
 
@@ -331,9 +331,9 @@ def test_what_is_spoilt_in_a_build_is_named_and_nothing_is_left_behind(built, ca
     told = capfd.readouterr().err
     assert "Traceback" not in told
     for work in (bpy.ops.crowd_lod.build, bpy.ops.crowd_lod.bake):
-        if key == builder.POSED:  # these are written anew
+        if key == render_setup.POSED:  # these are written anew
             assert f'"{key}" of {block.name} is ' in told and told.count("\n") == 1
-            assert len(builder.points_of(built.crowd_lod.build)["LOD 1"].data.vertices) == 0  # not another frame's
+            assert len(render_setup.points_of(built.crowd_lod.build)["LOD 1"].data.vertices) == 0  # not another frame's
             break
         built.frame_end = 2
         with pytest.raises(RuntimeError, match=f'"{key}" of {block.name} is .*Remove Build') as error:
@@ -354,7 +354,7 @@ def test_a_build_that_fails_at_its_end_leaves_nothing_behind(levelled):
     assert set(bpy.data.user_map()) == before and levelled.crowd_lod.build is None
     levels = levelled.crowd_lod.levels
     for steps in (4, 40):  # closed early, in a modal operator by Esc
-        run = prepared(levelled, lambda: builder.build(levelled))
+        run = prepared(levelled, lambda: render_setup.build(levelled))
         for _ in range(steps):
             levelled.crowd_lod.mirrors = None
             next(run)
@@ -364,10 +364,10 @@ def test_a_build_that_fails_at_its_end_leaves_nothing_behind(levelled):
 
 def test_a_linked_build_stays_its_file_s_and_another_is_made(built, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "built.blend"), copy=True)
-    builder.remove_build(built.crowd_lod)
+    render_setup.remove_build(built.crowd_lod)
     with bpy.data.libraries.load(str(tmp_path / "built.blend"), link=True) as (source, target):
         target.collections = ["Crowd LOD Build"]
     (linked,) = target.collections
     built.crowd_lod.build = linked
     assert bpy.ops.crowd_lod.build() == {"FINISHED"}
-    assert built.crowd_lod.build != linked and built.crowd_lod.build.library is None and len(builder.points_of(linked)) == 9
+    assert built.crowd_lod.build != linked and built.crowd_lod.build.library is None and len(render_setup.points_of(linked)) == 9

@@ -9,8 +9,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.blender import cameras, image_data, main_thread, scene_data
-from crowd_lod_extension.operators.build import frame_update
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import frame_update, render_setup
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
@@ -19,7 +18,7 @@ from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 def columns(scene, *names):
     """The points of all buckets, as bytes."""
     found = {}
-    for bucket, item in builder.points_of(scene.crowd_lod.build).items():
+    for bucket, item in render_setup.points_of(scene.crowd_lod.build).items():
         for name in names or ("position", "id", "pose", "heading"):
             attribute = item.data.attributes[name]
             width = 3 if name == "position" else 1
@@ -80,7 +79,7 @@ def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
         live[number] = columns(cut, "id")
     list(bake(cut, [10, 11]))
     for number in (10, 11):
-        for bucket, item in builder.points_of(cut.crowd_lod.build).items():
+        for bucket, item in render_setup.points_of(cut.crowd_lod.build).items():
             values = {name: np.empty(len(item.data.vertices), np.int32) for name in ("frame", "id")}
             for name, column in values.items():
                 item.data.attributes[name].data.foreach_get("value", column)
@@ -92,7 +91,7 @@ def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(c
     seen = []
     for number in (10, 11):
         cut.frame_set(number)
-        seen.append(sum(len(item.data.vertices) for item in builder.points_of(cut.crowd_lod.build).values()))
+        seen.append(sum(len(item.data.vertices) for item in render_setup.points_of(cut.crowd_lod.build).values()))
     assert [row["visible"] for row in plan["frames"]] == seen and seen[0] != seen[1]
     main, above = (
         [image_data.load_pixels(tmp_path / "cut" / f"{view}_{n:04d}.png").astype(int) for n in (10, 11)]
@@ -165,7 +164,7 @@ def test_who_comes_back_on_the_other_side_is_not_drawn_across_the_picture(built,
     built.camera.location, built.camera.rotation_euler = (0, 0, 20), (0, 0, 0)
     crowds = [trajectory_of(built).at(time) for time in (11.6, 12.4)]
     jumps = (np.abs(crowds[1].x - crowds[0].x) > 20).sum()
-    list(bake(built, [12]) if baked else builder.build(built))
+    list(bake(built, [12]) if baked else render_setup.build(built))
     where = {}
     for part in (-0.4, 0.0, 0.4):
         built.frame_set(int((12 + part) // 1), subframe=part % 1)
@@ -192,7 +191,7 @@ def test_cycles_blurs_an_agent_over_the_way_it_walks(built, tmp_path, position):
     built.render.motion_blur_shutter, built.render.motion_blur_position = 4.0, position
     for rig in [item for item in built.crowd_lod.characters.all_objects if item.type == "ARMATURE"]:
         rig.animation_data_clear()  # what its limbs do is another matter
-    list(builder.build(built))
+    list(render_setup.build(built))
     wide = {}
     for blur in (False, True):
         built.render.use_motion_blur = blur

@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.batch.verify import Verify, verify
 from crowd_lod_extension.operators.blender import cameras, frame_stepping
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
 
@@ -157,7 +157,7 @@ def test_the_camera_of_another_time_is_that_of_a_render_there(scene, filmed, way
 def columns(scene, name="id"):
     """The ids of each bucket's points, or another whole number of theirs."""
     found = {}
-    for bucket, item in builder.points_of(scene.crowd_lod.build).items():
+    for bucket, item in render_setup.points_of(scene.crowd_lod.build).items():
         found[bucket] = np.empty(len(item.data.vertices), np.int32)
         item.data.attributes[name].data.foreach_get("value", found[bucket])
     return found

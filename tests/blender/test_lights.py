@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import leave_outs
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.crowd.lights import read_surroundings
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, measure_groups, store_groups
@@ -114,7 +114,7 @@ def test_the_box_of_what_shadows_fall_on_leaves_out_lights_hidden_things_and_the
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (30, 50, 0)], atol=1e-5)
     tower = add(lit.collection, "Tower", [(box(-1, -1, 1, 1, 0, 12), material("Stone", (1, 1, 1)))])
     tower.location.x = 40
-    list(builder.build(lit))
+    list(render_setup.build(lit))
     lit.frame_set(5)
     np.testing.assert_allclose(read(lit).box, [(-30, -40, 0), (41, 50, 12)], atol=1e-5)
     tower.hide_render = True
@@ -165,7 +165,7 @@ def test_with_an_open_shutter_a_light_holds_itself_at_all_its_times(lit):
 def unseen(scene):
     """(positions as bytes, number) of the points of the build's objects that the camera does not see."""
     found = {}
-    for name, item in builder.points_of(scene.crowd_lod.build).items():
+    for name, item in render_setup.points_of(scene.crowd_lod.build).items():
         assert item.visible_camera == name.startswith("LOD") and item.visible_shadow
         if not item.visible_camera:
             values = np.empty((len(item.data.vertices), 3), np.float32)
@@ -181,7 +181,7 @@ def test_the_build_holds_them_apart_at_the_coarsest_lod_as_a_pure_function_of_th
         sun.rotation_euler = turn
         sun.keyframe_insert("rotation_euler", frame=frame)
     lit.render.use_motion_blur = blur
-    list(builder.build(lit))
+    list(render_setup.build(lit))
     first = {}
     for time in (30.0, 2.0, 11.25, 11.0, 10.75, 11.25, 2.0, 10.75, 30.0):
         lit.frame_set(int(time), subframe=time % 1)
@@ -211,7 +211,7 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
         sun.keyframe_insert("rotation_euler", frame=frame)
         wall.keyframe_insert("location", frame=frame)
     lit.render.use_motion_blur = blur
-    list(builder.build(lit))
+    list(render_setup.build(lit))
 
     def ids(mesh, name):
         values = np.empty(len(mesh.vertices), np.int32)
@@ -219,13 +219,13 @@ def test_a_bake_keeps_for_their_shadows_whom_each_frame_keeps(lit, blur, rendere
         return values
 
     def shown(scene):
-        return {name: ids(item.data, "id").tolist() for name, item in builder.points_of(scene.crowd_lod.build).items()}
+        return {name: ids(item.data, "id").tolist() for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
 
     live = {}
     for number in (12, 3, 30):
         live |= {(number, name): kept for name, kept in rendered(lit, number, shown)[number].items()}
     list(bake(lit, [3, 12, 30]))
     for (number, name), kept in live.items():
-        mesh = builder.points_of(lit.crowd_lod.build)[name].data
+        mesh = render_setup.points_of(lit.crowd_lod.build)[name].data
         assert ids(mesh, "id")[ids(mesh, "frame") == number].tolist() == kept, (number, name)
     assert all(live[number, "Shadow 2"] for number in (3, 12))

@@ -6,7 +6,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data, mesh_data, scene_data
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.build.phase_characters import POSES, make_cast
 from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, frame_of, measure_groups, store_groups, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -16,12 +16,12 @@ def instances(scene):
     """[(LOD, agent, points (v, 3) in the world)] of all that the depsgraph holds of the build."""
     depsgraph, found = bpy.context.evaluated_depsgraph_get(), []
     for each in depsgraph.object_instances:
-        if each.is_instance and builder.LEVEL in each.parent.original and each.object.type == "MESH":
+        if each.is_instance and render_setup.LEVEL in each.parent.original and each.object.type == "MESH":
             mesh = each.object.data
             points = np.empty((len(mesh.vertices), 3), np.float32)
             mesh.vertices.foreach_get("co", points.ravel())
             matrix = np.array(each.matrix_world)
-            found.append((each.parent.original[builder.LEVEL], points @ matrix[:3, :3].T + matrix[:3, 3]))
+            found.append((each.parent.original[render_setup.LEVEL], points @ matrix[:3, :3].T + matrix[:3, 3]))
     return found
 
 
@@ -62,7 +62,7 @@ def worst(scene, frame, agents=4):
 
 
 def test_agents_show_the_character_at_their_phase(built):
-    cast = built.crowd_lod.build[builder.POSED]
+    cast = built.crowd_lod.build[render_setup.POSED]
     assert list(cast) == [0, 0]  # rigs show both
     for time in (1, 7, 40.5, 200):
         built.frame_set(int(time), subframe=time % 1)
@@ -115,8 +115,8 @@ def props(scene, *objects):
         group.objects.link(item)
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
-    list(builder.build(scene))
-    shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(builder.LIBRARY) == 0)
+    list(render_setup.build(scene))
+    shelf = next(c for c in scene.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY) == 0)
     assert not any(any(home.instance_offset) for home in shelf.children)  # geometry nodes would not heed it
     return [item for home in shelf.children for item in home.objects]
 
@@ -140,7 +140,7 @@ def test_what_no_rig_can_show_is_posed_and_keeps_what_materials_need(scene):
     ball.parent.scale = (1, 3, 1)  # the ball turns under it: a shear, which bones have not
     ball.parent.location = (3, -2, 0.7)  # where a character stands in the scene is no matter
     balls = props(scene, ball)
-    assert list(scene.crowd_lod.build[builder.POSED]) == [POSES] and len(balls) == POSES
+    assert list(scene.crowd_lod.build[render_setup.POSED]) == [POSES] and len(balls) == POSES
     assert all(item.material_slots[0].material == other for item in balls) and ball.data.materials[0] == own
     assert all(item.data.uv_layers and item.parent is None and not item.modifiers for item in balls)
     low = scene.crowd_lod.groups[0].lowest
@@ -174,7 +174,7 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
     cast = finished(make_cast(scene))
-    assert list(cast.posed) == [POSES] and why in builder.told_of_cast(scene, cast).lower()
+    assert list(cast.posed) == [POSES] and why in render_setup.told_of_cast(scene, cast).lower()
     bpy.data.batch_remove(list(cast.names))
 
 
@@ -200,7 +200,7 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
     notes = finished(make_cast(scene)).notes
-    assert list(scene.crowd_lod.build[builder.POSED]) == [0]
+    assert list(scene.crowd_lod.build[render_setup.POSED]) == [0]
     assert len(notes) == 1 and "show it up to 0.0" in notes[0]
 
 
@@ -219,7 +219,7 @@ def test_objects_that_move_as_a_whole_are_carried(scene):
         sign.keyframe_insert("location", frame=frame)
     hair.parent = sign
     items = props(scene, sign, hair)
-    assert list(scene.crowd_lod.build[builder.POSED]) == [0]
+    assert list(scene.crowd_lod.build[render_setup.POSED]) == [0]
     signs, hairs = ([item for item in items if kind in item.name] for kind in ("sign", "hair"))
     assert len(signs) == len(hairs) >= 16 and {item.type for item in hairs} == {"CURVES"}
     assert all(i.material_slots[0].material.name == "own" and not i.visible_shadow and i["looks"] == 3 for i in signs)
@@ -240,8 +240,8 @@ def test_a_group_that_stands_still_has_one_pose(scene):
         rig.animation_data_clear()
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
-    list(builder.build(scene))
-    assert list(scene.crowd_lod.build[builder.POSED]) == [1, 1]
+    list(render_setup.build(scene))
+    assert list(scene.crowd_lod.build[render_setup.POSED]) == [1, 1]
     meshes = {item.data for c in scene.crowd_lod.build.children_recursive for item in c.objects}
     assert len(meshes) == 6
 
@@ -254,14 +254,14 @@ def test_rigs_share_the_meshes_of_the_lods(built):
 def test_a_bake_holds_what_its_frames_show_and_nothing_else(built):
     from crowd_lod_extension.operators.build.bake import bake
 
-    whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(builder.LIBRARY, -1) >= 0)
+    whole = sum(len(c.children) for c in built.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY, -1) >= 0)
     list(bake(built, [3, 4]))
     top, used = built.crowd_lod.build, 0
-    shelves = {c[builder.LIBRARY]: c for c in top.children_recursive if c.get(builder.LIBRARY, -1) >= 0}
+    shelves = {c[render_setup.LIBRARY]: c for c in top.children_recursive if c.get(render_setup.LIBRARY, -1) >= 0}
     for level, shelf in shelves.items():
         shown = set()
-        for points in builder.points_of(top).values():
-            if points[builder.LEVEL] == level and "pose" in points.data.attributes:
+        for points in render_setup.points_of(top).values():
+            if points[render_setup.LEVEL] == level and "pose" in points.data.attributes:
                 values = np.empty(len(points.data.vertices), np.int32)
                 points.data.attributes["pose"].data.foreach_get("value", values)
                 shown |= set(values.tolist())
@@ -278,8 +278,8 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
     built.camera.animation_data_clear()
     built.camera.rotation_euler = (3.14, 0, 0)  # up
     list(bake(built, [3, 4]))
-    library = [c for c in built.crowd_lod.build.children_recursive if builder.RIGS in c]
-    assert not any(c.objects for c in library) and not [a for a in bpy.data.actions if a.get(builder.OWNED)]
+    library = [c for c in built.crowd_lod.build.children_recursive if render_setup.RIGS in c]
+    assert not any(c.objects for c in library) and not [a for a in bpy.data.actions if a.get(render_setup.OWNED)]
 
 
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
@@ -296,7 +296,7 @@ def test_another_frame_rate_asks_for_another_build(built, capfd):
     built.render.fps = 30
     built.frame_set(5)
     assert "press Build again" in capfd.readouterr().err
-    assert not any(len(item.data.vertices) for item in builder.points_of(built.crowd_lod.build).values())
+    assert not any(len(item.data.vertices) for item in render_setup.points_of(built.crowd_lod.build).values())
 
 
 @pytest.mark.parametrize("engine", ["CYCLES", "BLENDER_WORKBENCH"])
@@ -306,7 +306,7 @@ def test_neighbours_are_drawn_in_different_poses(built, tmp_path, engine):
     settings.count, settings.size, settings.centre = 2, (3, 3), (0, 0, 0)
     settings.characters.children.unlink(settings.characters.children["child"])
     list(make_levels(built))
-    list(builder.build(built))
+    list(render_setup.build(built))
     built.camera.animation_data_clear()
     built.camera.data.type, built.camera.data.ortho_scale = "ORTHO", 6
     built.camera.location, built.camera.rotation_euler = (0, -10, 1), (np.pi / 2, 0, 0)

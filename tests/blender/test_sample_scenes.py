@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension import sample_scenes
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.operators.blender import cameras, image_data
-from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.crowd import scene_crowd, scene_world
 from mathutils.bvhtree import BVHTree
 
 FRAMES = (1, *range(10, 121, 10))
@@ -84,8 +84,8 @@ def test_everything_is_set(name):
     assert settings.map_image.packed_file and scene.world and scene.camera
     assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 1, 120)
     assert (scene.render.resolution_x, scene.render.resolution_y) == (960, 540)
-    machine = scene_crowd.machine_of(settings)
-    world = scene_crowd.world_of(settings, machine)  # fails on a colour that is no label
+    machine = scene_world.machine_of(settings)
+    world = scene_world.world_of(settings, machine)  # fails on a colour that is no label
     assert set(np.unique(world.labels)) == set(range(len(machine.labels)))
     groups = scene_crowd.measure_groups(scene)
     assert [group.stride > 0 for group in groups] == [True] * 3
@@ -124,8 +124,8 @@ def test_the_plaza_map_agrees_with_its_geometry():
         item.data.transform(item.matrix_basis)
         faces = [tuple(polygon.vertices) for polygon in item.data.polygons]
         trees.append(BVHTree.FromPolygons([vertex.co for vertex in item.data.vertices], faces))
-    machine = scene_crowd.machine_of(scene.crowd_lod)
-    world = scene_crowd.world_of(scene.crowd_lod, machine)
+    machine = scene_world.machine_of(scene.crowd_lod)
+    world = scene_world.world_of(scene.crowd_lod, machine)
     solid = np.isin(world.labels, [machine.labels.index("wall"), machine.labels.index("water")])
     # every other cell of the plaza itself, and every ninth of the ring of houses about it
     rows, columns = np.indices(solid.shape)

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd import state_machine as machines
 from crowd_lod_extension.operators import registration
-from crowd_lod_extension.operators.build import render_setup as builder
-from crowd_lod_extension.operators.crowd import scene_crowd, stuck_agents
+from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.crowd import scene_crowd, scene_world, stuck_agents
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 
 STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
@@ -26,7 +26,7 @@ def turns(scene):
     """{agent: (3, 3)} the rotation of each instance's matrix, from the depsgraph, by the point's id."""
     found = {}
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
-        if each.is_instance and builder.LEVEL in each.parent.original and each.object.type == "MESH":
+        if each.is_instance and render_setup.LEVEL in each.parent.original and each.object.type == "MESH":
             matrix = np.array(each.matrix_world, np.float64)
             found[tuple(np.round(matrix[:2, 3], 4))] = matrix[:3, :3]
     return found
@@ -38,7 +38,7 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
     scene.crowd_lod.tilt, scene.crowd_lod.forward = True, forward
     scene_crowd.store_groups(scene.crowd_lod, scene_crowd.measure_groups(scene))
     list(make_levels(scene))
-    list(builder.build(scene))
+    list(render_setup.build(scene))
     scene.frame_set(7)
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     heights, found, checked = scene_crowd.trajectory_of(scene).heights, turns(scene), 0
@@ -65,7 +65,7 @@ def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, f
 def test_spheres_hold_characters_that_lean(scene):
     relief(scene)
     groups = scene_crowd.measure_groups(scene)
-    heights = scene_crowd.heights_of(scene.crowd_lod, scene_crowd.trajectory_of(scene, groups).world.area)
+    heights = scene_world.heights_of(scene.crowd_lod, scene_crowd.trajectory_of(scene, groups).world.area)
     scene.crowd_lod.tilt = True
     wide = scene_crowd.trajectory_of(scene, groups).groups
     assert all(w.radius > g.radius * 1.1 and w.centre == g.centre for w, g in zip(wide, groups, strict=True))
@@ -131,7 +131,7 @@ def test_thresholds_of_a_group_s_own_reach_the_frame_and_outlive_populate(scene)
 def test_presets_come_as_text_that_the_artist_can_edit(scene, name):
     bpy.data.texts.new(f"{name}.json").from_string("mine")
     assert bpy.ops.crowd_lod.machine_preset(name=name) == {"FINISHED"}
-    assert scene_crowd.machine_of(scene.crowd_lod).text == machines.preset_text(name)
+    assert scene_world.machine_of(scene.crowd_lod).text == machines.preset_text(name)
     assert bpy.data.texts[f"{name}.json"].as_string().strip() == "mine"
 
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.operators.blender import mesh_data
-from crowd_lod_extension.operators.build import render_setup as builder
+from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.crowd.scene_crowd import action_range, characters_of, measure_groups, store_groups, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -73,19 +73,19 @@ def test_poses_stand_as_the_character_does_and_a_bake_is_as_the_build(bare, part
         dolly.keyframe_insert("location", frame=frame)
     store_groups(bare.crowd_lod, measure_groups(bare))
     list(make_levels(bare))
-    list(builder.build(bare))
+    list(render_setup.build(bare))
     frames = range(bare.frame_start, bare.frame_end + 1, bare.frame_step)
     live = [shown(bare, number) for number in (1009, 1001)]
     assert live[0] != live[1] and min(map(len, live)) > 10
 
-    shelf = next(c for c in bare.crowd_lod.build.children_recursive if c.get(builder.LIBRARY) == 0)
+    shelf = next(c for c in bare.crowd_lod.build.children_recursive if c.get(render_setup.LIBRARY) == 0)
     poses = sorted(shelf.children, key=lambda pose: pose.name)
     ((_, objects, origin),) = characters_of(bare)
     first, last = action_range(objects)
     lone = bpy.data.scenes.new("lone")
     for item in bare.crowd_lod.characters.all_objects:
         lone.collection.objects.link(item)
-    gaits, rigged = trajectory_of(bare).gaits, not bare.crowd_lod.build[builder.POSED][0]
+    gaits, rigged = trajectory_of(bare).gaits, not bare.crowd_lod.build[render_setup.POSED][0]
     for character_of_build in poses:
         for item in character_of_build.objects:
             lone.collection.objects.link(item)
@@ -132,7 +132,7 @@ def test_characters_of_a_library_and_overrides_of_them_are_built_alike(bare, tmp
             top.children.link(override)
         store_groups(bare.crowd_lod, measure_groups(bare))
         list(make_levels(bare))
-        list(builder.build(bare))
+        list(render_setup.build(bare))
         pictures.append(shown(bare, 7))
     assert len(pictures[0]) > 10 and [each[2] for each in pictures[0]] == [each[2] for each in pictures[1]]
 
