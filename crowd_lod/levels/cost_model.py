@@ -130,7 +130,7 @@ def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, k
         that they show. Else it holds all characters and no points.
     """
     finest = np.broadcast_to(actors.finest, len(actors.triangles))[actors.group]
-    held = shown.any(axis=0) if known else np.arange(shown.shape[1])[:, None] >= finest
+    held: np.ndarray = np.array(shown.any(axis=0) if known else np.arange(shown.shape[1])[:, None] >= finest)
     agents = shown.sum()
     shown = shown.copy()
     # a group with fewer LODs than others shows its last in their place

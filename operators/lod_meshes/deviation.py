@@ -26,6 +26,7 @@ EVENLY, POSES = 6, 12
 AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.float64).T
 LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
 JOINTS = 500  # points of a mesh by which its poses are told apart
+BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
 
 Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles (m, 3)
@@ -285,7 +286,7 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
     if not found:
         return None
     most, rms, frame = max(found)
-    return most, float(bound), rms, frame
+    return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frame
 
 
 def compare(

@@ -15,8 +15,8 @@ def test_pixels_that_differ_visibly_are_told_beside_silhouettes_that_do_not():
     culling, levels, left_open = said()
     assert culling == "Culling: no pixel differs in 1 frame (40 would differ without the agents kept for shadows and mirrors)."
     assert levels == (
-        "LODs: silhouettes shift 0.0 pixels, 0.90 predicted (to a pixel, frame 3); 1.80% of the pixels differ visibly, with the "
-        "shading, by 0.0021 on average (frame 3; not predicted)."
+        "LODs: silhouettes shift 0.0 pixels, 0.90 predicted (to a pixel, frame 3); 1.80% of the pixels differ visibly, shading "
+        "included, by 0.0021 on average (frame 3; not predicted)."
     )
     assert left_open == "Not proved: other frames; denoising. One eye was looked at."
 
