@@ -199,7 +199,7 @@ def played(built, way, frames):
 def test_rigid_bodies_that_are_not_baked_are_told_of(scene):
     assert frame_stepping.unbaked(scene) == ""
     by_rigid_body(scene)
-    assert "are not baked, and were played from frame 1 on: bake their cache" in frame_stepping.unbaked(scene)
+    assert "are unbaked, played from frame 1: bake their cache" in frame_stepping.unbaked(scene)
 
 
 @pytest.mark.parametrize("way", [None, by_property, by_frame])
@@ -212,7 +212,7 @@ def test_a_render_says_once_that_its_open_shutter_shows_another_camera(built, re
     built.frame_set(3)
     bpy.ops.render.render(animation=True)
     said = capfd.readouterr().err
-    assert said.count("bake, and render that") == (way is not None), said
+    assert said.count("bake, and render the bake") == (way is not None), said
 
 
 def test_verify_renders_and_judges_what_the_scenes_own_frames_show(built, tmp_path):

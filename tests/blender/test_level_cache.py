@@ -142,7 +142,7 @@ def test_what_was_edited_or_deleted_by_hand_is_made_anew_and_said(two):
     count = len(first["other LOD 1"].data.polygons)
     first["other LOD 1"].data.vertices[0].co.x += 1
     outcome, again = run(two)
-    assert outcome.edited == outcome.made == ("two",) and "made anew: two" in outcome.sentence
+    assert outcome.edited == outcome.made == ("two",) and "deleted by hand: two" in outcome.sentence
     assert len(again["other LOD 1"].data.polygons) == count
     bpy.data.objects.remove(again["body LOD 2"])
     outcome, again = run(two)

@@ -105,7 +105,7 @@ def test_a_shape_key_that_bends_counts_as_a_pose():
         settings.way = way
         list(make_levels(bpy.context.scene))
         found[way] = groups_of(settings)[0].deviations
-    assert all(fast < 0.6 * precise for fast, precise in zip(found["FAST"][1:], found["PRECISE"][1:], strict=True)), found
+    assert all(fast < 0.7 * precise for fast, precise in zip(found["FAST"][1:], found["PRECISE"][1:], strict=True)), found
 
 
 @pytest.mark.usefixtures("exact_levels")

@@ -111,7 +111,7 @@ def test_agents_sent_to_and_fro_over_a_border_are_found_with_their_place():
     assert found.kind == "chatters" and found.agents.tolist() == [0, 1, 3]
     assert found.counts.sum() == 3 and set(found.column) <= {1, 2} and set(found.row) == {0}
     assert abs(found.x[0] - 14) == 1 and found.y[0] == 0.5
-    assert "3 agents change state for ever" in str(found)
+    assert "3 agents change state endlessly and stay in place" in str(found)
 
 
 def test_a_cycle_of_states_on_one_label_is_found():

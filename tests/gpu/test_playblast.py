@@ -162,4 +162,4 @@ def test_without_a_driver_it_is_said_in_a_sentence(tmp_path, capfd, monkeypatch)
     words = ["preview", "chapter", "--engine", "overlay", "--frames", "1", "--out", str(tmp_path / "out")]
     assert commands._run(words, "crowd-lod") == 1
     said = capfd.readouterr().err
-    assert "no driver of them starts here" in said and not (tmp_path / "out").exists()
+    assert "no driver for either starts here" in said and not (tmp_path / "out").exists()
