@@ -64,7 +64,7 @@ def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int,
             scene = bpy.context.scene
             crowds.spread(scene, agents)
             if way == BAKED:
-                predicted[agents] = finished(cost_estimate.estimate(scene, FRAMES, known=True)).as_json
+                predicted[agents] = finished(cost_estimate.estimate(scene, scene.crowd_lod, FRAMES, known=True)).as_json
                 finished(bake.bake(scene, FRAMES))
             elif way not in (NOBODY, *CROWD_LOD):
                 _dress(scene, way)
@@ -117,7 +117,7 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     if not agents:
         render_setup.remove_build(scene.crowd_lod)
         return {}
-    works = finished(cost_estimate.estimate(scene, FRAMES[:1], known=True)).works
+    works = finished(cost_estimate.estimate(scene, scene.crowd_lod, FRAMES[:1], known=True)).works
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
         return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}

@@ -47,13 +47,13 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None
             f"The shutter of {scene.name} is open for {scene.render.motion_blur_shutter:g} frames: baked points show one frame at "
             "a time, so set it below 1, or render with Crowd LOD installed."
         )
-    read, rows = (yield from share(read_library(scene), 0.0, 0.2)), None
+    read, rows = (yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)), None
     try:
         rows = yield from share(_rows(scene, Library(read[0]), frames), 0.2, 0.8)
     finally:
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
-    cast = yield from share(make_cast(scene, _kept(scene, rows), read), 0.8, 0.99)
+    cast = yield from share(make_cast(scene, scene.crowd_lod, _kept(scene, rows), read), 0.8, 0.99)
     top = install(scene, cast)
     mark(scene, frames)
     for name, item in points_of(top).items():

@@ -102,16 +102,16 @@ class Estimate:
         return f"The crowd takes in {NAMES[self.engine]}, frames {self.frames[0]} to {self.frames[-1]}: {told}."
 
 
-def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
-    """Return the choices of LODs of `scene`, by their names.
+def choices_of(settings) -> dict[str, Choice]:
+    """Return the choices of LODs of a crowd with these settings, by their names.
 
-    They are: full detail; by ratio, from its settings; and by tolerance, with the LOD meshes that
+    They are: full detail; by ratio, from the settings; and by tolerance, with the LOD meshes that
     there are. CrowdError if LOD meshes are not made.
     """
-    settings, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
+    groups = groups_of(settings)
     made = [group.triangles for group in groups]
     if not made or not all(made):
-        raise CrowdError(f"The LOD meshes of {scene.name} are not made: press Make LOD Meshes, then Estimate Cost.")
+        raise CrowdError(f"The LOD meshes of {settings.id_data.name} are not made: press Make LOD Meshes, then Estimate Cost.")
     full = np.array([each[0] for each in made], np.float64)[:, None]
     found = {FULL: Choice(LevelPolicy(()), full)}
     for choice, name in CHOICES.items():
@@ -125,9 +125,10 @@ def choices_of(scene: bpy.types.Scene) -> dict[str, Choice]:
     return found
 
 
-def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
+def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
     """Estimate what builds with each choice of LODs cost the scene's engine.
 
+    settings: of the crowd.
     frames: the frames of the shot; if empty, those that the scene renders. Up to MOST_FRAMES of
         them are planned.
     known: estimate a bake of these frames. Otherwise estimate builds that may show any frame, and
@@ -138,11 +139,11 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
     render = scene.render
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = evenly(frames, MOST_FRAMES)
-    trajectory, choices = trajectory_of(scene), choices_of(scene)
-    library = cast_of(scene, trajectory)
+    trajectory, choices = trajectory_of(scene), choices_of(settings)
+    library = cast_of(characters_of(scene))
     owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(library.first(trajectory.gaits)))
     shown = {name: [] for name in choices}
-    bias, samples = bias_of(scene.crowd_lod, trajectory.world.area), _samples(scene)
+    bias, samples = bias_of(settings, trajectory.world.area), _samples(scene)
     rays = []
     with frame_stepping.stepped(scene) as at:
         for done, number in enumerate(looked_at):
@@ -155,7 +156,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
                 shown[name].append(_shown(frame, library, trajectory, choice.policy.count))
             rays.append(samples * covered(frame, scene))
             yield (done + 1) / len(looked_at)
-    works, mine, pictures = {}, CHOICES[scene.crowd_lod.choice], shown_images(scene)
+    works, mine, pictures = {}, CHOICES[settings.choice], shown_images(scene, settings)
     full = [(image, 0) for own in pictures.values() for image, _ in own]
     for name, choice in choices.items():
         # a last LOD is stored once
@@ -170,7 +171,7 @@ def estimate(scene: bpy.types.Scene, frames: Sequence[int] = (), known: bool = F
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
             held = np.array(shown[name]).any(axis=0) if baked else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
-            images = bytes_of(_images(scene, pictures, held, owner) if name == mine else full)
+            images = bytes_of(_images(characters_of(scene), settings, pictures, held, owner) if name == mine else full)
             work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
             works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, scene_data.engine_of(scene), frames, looked_at)
@@ -190,16 +191,18 @@ def _shown(frame: Frame, library: Library, trajectory: Trajectory, count: int) -
     return found
 
 
-def _images(scene: bpy.types.Scene, pictures: dict, held: np.ndarray, owner: np.ndarray) -> Iterator[tuple[bpy.types.Image, int]]:
-    """Yield the images of `pictures` that a build of `scene` shows.
+def _images(
+    characters: list, settings, pictures: dict, held: np.ndarray, owner: np.ndarray
+) -> Iterator[tuple[bpy.types.Image, int]]:
+    """Yield the images of `pictures` that a build of `characters` shows.
 
     pictures: LOD object -> its images.
     held: (K, N) bool, the LODs of characters that the build holds.
     owner: (N,), the characters' groups.
     """
-    for g, (name, _, _) in enumerate(characters_of(scene)):
+    for g, (name, _, _) in enumerate(characters):
         for k in np.flatnonzero(held[:, owner == g].any(axis=1)):
-            for item in home_of(scene.crowd_lod.levels.children[k], g, name).objects:
+            for item in home_of(settings.levels.children[k], g, name).objects:
                 yield from pictures[item]
 
 
@@ -226,7 +229,7 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
     bl_label = "Estimate Cost"
 
     def steps(self, context) -> Generator[float, None, str]:
-        found = yield from estimate(context.scene)
+        found = yield from estimate(context.scene, context.scene.crowd_lod)
         context.scene.crowd_lod.estimate = found.table
         return found.sentence
 

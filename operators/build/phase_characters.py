@@ -75,11 +75,11 @@ class _Actors:
 LibraryRead = tuple[np.ndarray, list[rigs.Model | None], list[str], dict[bpy.types.ID, str]]
 
 
-def read_library(scene: bpy.types.Scene) -> Generator[float, None, LibraryRead]:
+def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, LibraryRead]:
     """Find out which groups of `scene` rigs can show; yields the progress and returns what it found.
     Closed early, it leaves nothing behind."""
-    characters, levels = characters_of(scene), scene.crowd_lod.levels.children
-    count, measured = policy_of(scene.crowd_lod).count, groups_of(scene.crowd_lod)
+    characters, levels = characters_of(scene), settings.levels.children
+    count, measured = policy_of(settings).count, groups_of(settings)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
     try:
         for g, (name, objects, _) in enumerate(characters):
@@ -107,7 +107,7 @@ def read_library(scene: bpy.types.Scene) -> Generator[float, None, LibraryRead]:
 
 
 def make_cast(
-    scene: bpy.types.Scene, wanted: Wanted | None = None, read: LibraryRead | None = None
+    scene: bpy.types.Scene, settings, wanted: Wanted | None = None, read: LibraryRead | None = None
 ) -> Generator[float, None, Cast]:
     """Make the characters that agents of `scene` may show.
 
@@ -117,11 +117,11 @@ def make_cast(
     Yields the progress, 0 to 1, and returns the Cast. Closed early, it leaves nothing behind.
     """
     if read is None:
-        read = yield from share(read_library(scene), 0.0, 0.5)
+        read = yield from share(read_library(scene, settings), 0.0, 0.5)
     posed, models, notes, made = read
-    characters, levels = characters_of(scene), scene.crowd_lod.levels.children
-    count, trajectory = policy_of(scene.crowd_lod).count, trajectory_of(scene)
-    first, finest = Library(posed).first(trajectory.gaits), policy_of(scene.crowd_lod).finest or [0] * len(characters)
+    characters, levels = characters_of(scene), settings.levels.children
+    count, trajectory = policy_of(settings).count, trajectory_of(scene)
+    first, finest = Library(posed).first(trajectory.gaits), policy_of(settings).finest or [0] * len(characters)
     cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
     cast.names.update(made)
     try:
@@ -141,8 +141,8 @@ def make_cast(
                         else:
                             _rig(cast, group, number, own, of_levels, models[g], trajectory)
                     yield 0.5 + 0.5 * number / first[-1]
-        if scene.crowd_lod.scale_textures:
-            *images, told = yield from scale_textures(scene, cast.stands_for, cast.names)
+        if settings.scale_textures:
+            *images, told = yield from scale_textures(scene, settings, cast.stands_for, cast.names)
             cast = replace(cast, images=tuple(images), notes=[*notes, *told])
         done = True
     finally:

@@ -160,7 +160,7 @@ def build(scene: bpy.types.Scene, wanted: Wanted | None = None) -> Generator[flo
     check_build(scene)
     cast = None if wanted is not None else _as_it_is(scene)
     if cast is None:
-        cast = yield from make_cast(scene, wanted)
+        cast = yield from make_cast(scene, scene.crowd_lod, wanted)
     top = install(scene, cast)
     if wanted is None:
         top[MADE_OF], top[NOTES] = _made_of(scene, top), "\n".join(cast.notes)

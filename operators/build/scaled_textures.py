@@ -44,13 +44,13 @@ def bytes_of(levels: Iterable[tuple[bpy.types.Image, int]]) -> int:
     return found
 
 
-def shown_images(scene: bpy.types.Scene) -> dict[bpy.types.Object, Levels]:
+def shown_images(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, Levels]:
     """Return for each LOD's object the images that it shows in a build of `scene`.
 
     They are halved if Scale Textures is on.
     """
-    pixels, found = _pixels(scene) if scene.crowd_lod.scale_textures else {}, {}
-    for item in scene.crowd_lod.levels.all_objects:
+    pixels, found = _pixels(scene, settings) if settings.scale_textures else {}, {}
+    for item in settings.levels.all_objects:
         far, own = item.type == "MESH" and pixels.get(item, 0) > 0, set()
         for number, slot in enumerate(item.material_slots):
             halved = dict(_levels(item, number, pixels[item], {})) if far else {}
@@ -65,7 +65,7 @@ def _images(materials: Iterable[bpy.types.Material | None]) -> set[bpy.types.Ima
 
 
 def scale_textures(
-    scene: bpy.types.Scene, shown: dict[bpy.types.Object, bpy.types.Object], names: dict
+    scene: bpy.types.Scene, settings, shown: dict[bpy.types.Object, bpy.types.Object], names: dict
 ) -> Generator[float, None, tuple[float, float, list[str]]]:
     """Give the build's objects materials with images no larger than LODs can show.
 
@@ -76,7 +76,7 @@ def scale_textures(
     Yields 1.0; returns (bytes before, bytes after, sentences).
     """
     before = image_bytes({slot.material for copy in shown for slot in copy.material_slots})
-    pixels, levels, left, wanted = _pixels(scene), {}, {}, {}
+    pixels, levels, left, wanted = _pixels(scene, settings), {}, {}, {}
     yield 1.0
     for copy, item in shown.items():
         if copy.type == "MESH" and pixels[item] > 0 and item not in levels:
@@ -94,13 +94,13 @@ def scale_textures(
     return before, after, [f"Images of the characters take {after / 1e6:,.1f} MB, unscaled {before / 1e6:,.1f} MB.", *said]
 
 
-def _pixels(scene: bpy.types.Scene) -> dict[bpy.types.Object, float]:
+def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
     """Return for each LOD's object the metres per pixel where it is nearest.
 
     0 for the finest LOD.
     """
-    policy, trajectory, found = policy_of(scene.crowd_lod), trajectory_of(scene), {}
-    bias = bias_of(scene.crowd_lod, trajectory.world.area)
+    policy, trajectory, found = policy_of(settings), trajectory_of(scene), {}
+    bias = bias_of(settings, trajectory.world.area)
     farther = 1.0 if bias is None else 4.0 ** (1 - 2 * float(bias.values.min()))
     radius = trajectory.spheres.radius
     frames = {*np.linspace(scene.frame_start, scene.frame_end, LOOKED_AT).round().tolist(), scene.frame_current}
@@ -110,7 +110,7 @@ def _pixels(scene: bpy.types.Scene) -> dict[bpy.types.Object, float]:
             begin = limits(policy, camera, radius, deviations(trajectory.groups, policy))
             grains.append(grain(begin / farther, camera, radius))
     nearest = np.concatenate([np.zeros((len(radius), 1)), np.min(grains, axis=0)], axis=1)
-    for k, level in enumerate(scene.crowd_lod.levels.children[: policy.count]):
+    for k, level in enumerate(settings.levels.children[: policy.count]):
         for g, (name, _, _) in enumerate(characters_of(scene)):
             for item in home_of(level, g, name).objects:
                 # a group with fewer LODs repeats its last

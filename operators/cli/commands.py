@@ -235,7 +235,7 @@ def _build(args, command: list[str]) -> dict:
         predicted = []
 
         def work() -> Generator[float, None, Cast]:
-            predicted.append((yield from share(estimate(scene, frames or (), args.bake), 0.0, 0.3)))
+            predicted.append((yield from share(estimate(scene, scene.crowd_lod, frames or (), args.bake), 0.0, 0.3)))
             if not args.quiet:
                 print(predicted[0].sentence, file=sys.stderr)
             return (yield from share(bake.bake(scene, frames) if args.bake else render_setup.build(scene), 0.3, 1.0))

@@ -12,7 +12,7 @@ from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
-from ..crowd.scene_crowd import GROUP, characters_of, measuring_groups, stands, store_groups
+from ..crowd.scene_crowd import GROUP, characters_of, measuring_groups, stands, store_groups, trajectory_of
 from ..crowd.scene_world import check_maps
 from . import selection
 from .candidates import CANDIDATE, TINTS, Ladder
@@ -110,7 +110,7 @@ def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collectio
     groups = yield from standing(measuring_groups(scene, reaches), 0.1)
     shots = [None] * len(groups)
     if settings.choice == "BY_TOLERANCE":
-        shots = yield from standing(selection.views(scene, groups), 0.1)
+        shots = yield from standing(selection.views(scene, settings, trajectory_of(scene, groups)), 0.1)
     for ladder, group in zip(ladders, groups, strict=True):
         ladder.reach = group.lowest, group.centre, group.radius
         if 0 not in ladder.rows:
@@ -128,7 +128,7 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
     while missing:
         usual = [each for ladder in ladders for each in ladder.lost()]
         guesses = [ladder.guess(group, usual) for ladder, group in zip(ladders, groups, strict=True)]
-        chosen = selection.chosen(scene, guesses, shots)
+        chosen = selection.chosen(scene.crowd_lod, guesses, shots, scene_data.metres(scene))
         missing = [(ladder, k) for ladder, own in zip(ladders, chosen.keep, strict=True) for k in own if k not in ladder.rows]
         for ladder, k in missing[:1]:  # it says more of the others
             tried = sum(len(each.rows) for each in ladders)

@@ -17,7 +17,7 @@ from ...crowd_lod.planning.frame_range import evenly, parse_frames
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
 from ..blender.rig_dependencies import action_range
-from ..crowd.scene_crowd import characters_of, trajectory_of
+from ..crowd.scene_crowd import characters_of
 from ..crowd.scene_world import bias_of
 
 MOST_FRAMES = 9  # of the shot, evenly, that are looked at
@@ -39,20 +39,18 @@ def ratios_of(settings) -> list[float]:
     return ratios
 
 
-def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Generator[float, None, list[Shot]]:
-    """Find where the shot has agents: yield the progress, return the Shots.
+def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator[float, None, list[Shot]]:
+    """Find where the shot of `scene` has agents: yield the progress, return the Shots.
 
-    There is one Shot for each group, from up to MOST_FRAMES of the shot's frames. A group that no
+    settings: of the crowd that `trajectory` is. There is one Shot for each group, from up to MOST_FRAMES of the shot's frames. A group that no
     frame shows counts as anywhere within the camera's clip range.
     """
-    settings = scene.crowd_lod
     frames = parse_frames(settings.frames, settings.step)
     chosen = evenly(frames, MOST_FRAMES)
-    trajectory = trajectory_of(scene, groups)
     bias, cameras = bias_of(settings, trajectory.world.area), cameras_at(scene, chosen)
     centre, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
-    library, gaits = cast_of(scene, trajectory), trajectory.gaits
-    first, found = library.first(gaits), [[] for _ in groups]
+    library, gaits = cast_of(characters_of(scene)), trajectory.gaits
+    first, found = library.first(gaits), [[] for _ in trajectory.groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
         visible, distance = radar(crowd, eyes, centre, radius)
@@ -66,18 +64,18 @@ def views(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Generator[float,
         yield done / len(chosen)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [
-        Shot(each or anywhere, int(own), scene_data.engine_of(scene), scene.crowd_lod.shading_counts)
+        Shot(each or anywhere, int(own), scene_data.engine_of(scene), settings.shading_counts)
         for each, own in zip(found, np.diff(first), strict=True)
     ]
 
 
-def cast_of(scene: bpy.types.Scene, trajectory: Trajectory) -> Library:
-    """Return the Library of characters that a build of `scene` makes.
+def cast_of(characters: Sequence[tuple[str, list[bpy.types.Object], tuple]]) -> Library:
+    """Return the Library that a build makes of `characters` (see characters_of).
 
     A group whose action lasts one frame has one pose. For every other group, rigs are assumed to be
     able to show its motion.
     """
-    ranges = [action_range(objects) for _, objects, _ in characters_of(scene)]
+    ranges = [action_range(objects) for _, objects, _ in characters]
     return Library(np.array([first == last for first, last in ranges], np.intp))
 
 
@@ -97,22 +95,22 @@ class Chosen:
     tolerance: float = 0.0
 
 
-def chosen(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None]) -> Chosen:
+def chosen(settings, groups: Sequence[Group], shots: Sequence[Shot | None], metres: float) -> Chosen:
     """Choose the candidates to keep.
 
     groups: character groups with values of all their candidates, measured or guessed.
     shots: for each group its Shot. None keeps all its candidates.
+    metres: that a unit of the scene is.
 
     With a limit of memory, and candidates beyond it, the tolerance is raised until they fit.
     CrowdError if no tolerance is enough.
     """
-    settings = scene.crowd_lod
     tolerance, keep, dropped, memory = round(settings.tolerance, 6), [], [], 0.0
     for group, shot in zip(groups, shots, strict=True):
         kept, reasons, dear = list(range(len(group.triangles))), {}, {}
         if shot is not None:
             own = counting(group, tolerance, shot)
-            kept, reasons = choose(own, tolerance, shot.views, scene_data.metres(scene))
+            kept, reasons = choose(own, tolerance, shot.views, metres)
             kept, dear = cheapest(own, kept, tolerance, shot)
             if settings.memory:
                 memory += dict(priced(own, kept, tolerance, shot))[tuple(kept)].memory

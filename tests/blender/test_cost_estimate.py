@@ -29,7 +29,7 @@ def shown(scene):
 @pytest.mark.parametrize("known", [False, True])
 def test_work_is_what_the_depsgraph_shows(levelled, known):
     scene, frames = levelled, [3, 9, 14]
-    found = finished(estimate(scene, frames, known))
+    found = finished(estimate(scene, scene.crowd_lod, frames, known))
     assert list(found.looked_at) == frames and FULL in found.works and found.engine == "EEVEE"
     work = found.works["By Ratio"]
     finished(bake.bake(scene, frames) if known else render_setup.build(scene))
@@ -64,7 +64,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
     settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 0.2, "1:20"
     scene_crowd.store_groups(settings, scene_crowd.measure_groups(scene))
     list(make_levels(scene))
-    free = finished(estimate(scene)).prices["By Tolerance"].memory / 1e6
+    free = finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory / 1e6
     settings.memory = 1.0
     before, groups = set(bpy.data.user_map()), scene_crowd.groups_of(settings)
     with pytest.raises(CrowdError, match="The characters cannot take less than .* MB") as error:
@@ -89,7 +89,7 @@ def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_pat
         }
         kept = {item.data for level in settings.levels.children[own:] for item in level.children[g].objects if item.type == "MESH"}
         assert kept <= {item.data for item in inside} and not (left_out - kept) & {item.data for item in inside}, group.name
-    assert finished(estimate(scene)).prices["By Tolerance"].memory <= 1e6 * settings.memory * 1.02
+    assert finished(estimate(scene, scene.crowd_lod)).prices["By Tolerance"].memory <= 1e6 * settings.memory * 1.02
     finished(preview(scene, Preview([5], tmp_path / "out", 64), []))
     plan = json.loads((tmp_path / "out" / "plan.json").read_text())
     assert [told["finest_lod"] for told in plan["levels"]["characters"]] == list(finest)

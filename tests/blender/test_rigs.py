@@ -173,7 +173,7 @@ def test_why_a_character_is_posed_is_said(scene, why):
         ball.vertex_groups.new(name="bone").add(range(40), 1.0, "REPLACE")
         ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    cast = finished(make_cast(scene))
+    cast = finished(make_cast(scene, scene.crowd_lod))
     assert list(cast.posed) == [POSES] and why in render_setup.told_of_cast(scene, cast).lower()
     bpy.data.batch_remove(list(cast.names))
 
@@ -199,7 +199,7 @@ def test_bones_that_shear_are_shown_as_near_as_can_be_and_it_is_said(scene):
     ball.vertex_groups.new(name="tip").add(range(len(ball.data.vertices)), 1.0, "REPLACE")
     ball.modifiers.new("rig", "ARMATURE").object = rig
     props(scene, ball)
-    notes = finished(make_cast(scene)).notes
+    notes = finished(make_cast(scene, scene.crowd_lod)).notes
     assert list(scene.crowd_lod.build[render_setup.POSED]) == [0]
     assert len(notes) == 1 and "are off by up to 0.0" in notes[0]
 
@@ -285,7 +285,7 @@ def test_a_bake_of_frames_that_show_nobody_leaves_no_motion(built):
 def test_making_a_cast_leaves_nothing_when_it_is_stopped(levelled):
     before = set(bpy.data.user_map())
     for steps in (1, 30, 70, 150):
-        making = make_cast(levelled)
+        making = make_cast(levelled, levelled.crowd_lod)
         for _ in range(steps):
             next(making)
         making.close()

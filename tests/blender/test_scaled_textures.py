@@ -111,13 +111,13 @@ def test_far_lods_show_scaled_images_and_look_the_same(crowd, tmp_path):
 def test_images_are_in_what_builds_are_said_to_cost(crowd):
     node = next(node for node in bpy.data.materials["skin"].node_tree.nodes if node.type == "TEX_IMAGE")
     image, node.image = node.image, None
-    bare = finished(estimate(crowd)).prices
+    bare = finished(estimate(crowd, crowd.crowd_lod)).prices
     node.image = image
-    for name, own in finished(estimate(crowd)).prices.items():
+    for name, own in finished(estimate(crowd, crowd.crowd_lod)).prices.items():
         assert own.memory - bare[name].memory == pytest.approx(1.4 * 4 * SIZE**2)
     crowd.crowd_lod.scale_textures = True
     for known in (False, True):
-        works = finished(estimate(crowd, [1], known)).works
+        works = finished(estimate(crowd, crowd.crowd_lod, [1], known)).works
         cast = finished(bake.bake(crowd, [1]) if known else render_setup.build(crowd))
         assert works[FULL].images == 4 * SIZE**2 and works["By Ratio"].images == cast.images[1]
 
