@@ -83,7 +83,7 @@ def test_preview_tells_who_is_stuck_in_words_and_in_the_plan(levelled, tmp_path,
 @pytest.mark.skipif(bpy.app.version >= (5, 1, 0), reason="this Blender has a GPU without a window: tests/gpu")
 def test_without_a_window_old_blender_says_that_it_cannot_draw_the_overlay(tmp_path, capfd):
     assert run("preview", "chapter", *SHORT, "--engine", "overlay", "--out", tmp_path / "out") == 1
-    assert "take Blender 5.1 or later" in capfd.readouterr().err and not (tmp_path / "out").exists()
+    assert "use Blender 5.1 or later" in capfd.readouterr().err and not (tmp_path / "out").exists()
 
 
 def test_the_same_command_twice_gives_the_same_figures(levelled, tmp_path, capfd):
