@@ -221,7 +221,7 @@ def files(folder):
 def breakage():
     """An unforeseen error in either part of the drawing: told once, and all is let go."""
     found = {}
-    for part in ("plan", "lines"):
+    for part in ("plan", "figures"):
         home = overlay()._faster if part == "plan" else overlay().hud
         real = getattr(home, part)
 

@@ -139,7 +139,7 @@ def test_scenes_and_files_are_switched(seen):
 
 def test_an_error_in_either_part_of_the_drawing_lets_all_go_and_is_told_once(seen):
     breakage = seen["lifecycle"]["breakage"]
-    for part in ("plan", "lines"):
+    for part in ("plan", "figures"):
         assert breakage[part]["handlers"] == 0 and f"made by the test in {part}" in breakage[part]["problem"]
         assert seen["console"].count(f"ZeroDivisionError: made by the test in {part}") == 1
         assert breakage[f"after {part}"] == ALL_IS_WELL
