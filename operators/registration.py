@@ -2,7 +2,7 @@
 
 import bpy
 
-from .batch import preview
+from .batch import preview, shot_plan
 from .blender import collection_caches, main_thread, scene_cache
 from .build import buttons, cost_estimate, frame_update, render_setup
 from .cli import commands
@@ -20,6 +20,7 @@ MODULES = (
     deviation,
     cost_estimate,
     preview,
+    shot_plan,
     viewport_image,
     buttons,
     agent_picker,

@@ -48,7 +48,8 @@ class Frame:
     agents left out because they stand at NaN or infinity. left_out: what the scene did not need, in the order of the pipeline;
     like the milliseconds it tells how this plan was made, and all else is the same without it. known_levels: the `levels`, where
     they do not follow from the distances alone, or are at hand. shadow, mirrored: agents that are not visible but cast shadows
-    into the picture, or are seen in mirrors; None if not looked for (planning/shadows.py).
+    into the picture, or are seen in mirrors; None if not looked for (planning/shadows.py). planned: whether the LODs are those of
+    the shot plan (planning/planned.py); unplanned: a sentence why a stored plan does not give them.
 
     What is known of every agent, also of those culled, is found when it is first asked for, and kept; the buckets say who is
     seen, and at which LOD.
@@ -73,6 +74,8 @@ class Frame:
     known_levels: np.ndarray | None = None
     shadow: Buckets | None = None
     mirrored: Buckets | None = None
+    planned: bool = False
+    unplanned: str = ""
 
     @property
     def camera(self) -> Camera:

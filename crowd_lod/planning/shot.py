@@ -19,7 +19,7 @@ from ..levels.cost_model import SECONDS, Actors, Price, Work, price, work_of
 from ..progress import share
 from .survey import SEEN, Survey
 
-PART = 8192  # agents decided together: their rows stay in the processor's cache
+TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
 SAMPLE = 20_000  # agents from which the weight of switches is found
 STEPS = 10  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
@@ -240,7 +240,7 @@ def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
 def decided(shot: Shot, table: np.ndarray, weight: float) -> Generator[float, None, tuple[np.ndarray, float]]:
     """Decide on all agents by `programme`: yield the progress, return (levels (F, n), cost)."""
     agents = len(shot.survey.group)
-    parts = [slice(begin, min(begin + PART, agents)) for begin in range(0, agents, PART)]
+    parts = [slice(begin, min(begin + TOGETHER, agents)) for begin in range(0, agents, TOGETHER)]
     levels, cost = np.empty(shot.survey.kind.shape, np.uint8), 0.0
     _ = shot.allowed  # found once, before threads ask for it
     with ThreadPoolExecutor(os.cpu_count()) as pool:

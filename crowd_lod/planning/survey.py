@@ -172,7 +172,7 @@ def _rounded_up(values: np.ndarray) -> np.ndarray:
     return found
 
 
-def within(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
+def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
     """Return the survey with the coarsest LODs that show at most `tolerance` pixels.
 
     bounds: (G, K) metres, of each group's LODs, never decreasing along a row.

@@ -39,6 +39,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
     command.add_argument("--width", type=int, metavar="PIXELS", help="width of the pictures (default: the scene's)")
+    _with_plan(command)
     command.add_argument("--engine", choices=[name.lower() for name in ENGINES], help="what draws them (default: the scene's)")
     command.add_argument(
         "--color",
@@ -65,6 +66,7 @@ def parser(program: str) -> argparse.ArgumentParser:
         "--view-layer", action="append", metavar="NAME", help="show the crowd only there; repeat for more (default: all)"
     )
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
+    _with_plan(command)
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
 
     command = _command(
@@ -78,8 +80,10 @@ def parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures and tables (default: SCENE_verify)")
     command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="width of the pictures (default: 320)")
     command.add_argument("--samples", type=int, default=4, metavar="N", help="samples of each pixel (default: 4)")
+    _with_plan(command)
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")
 
+    _plan(commands, program)
     command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
@@ -138,6 +142,31 @@ def _scene(command: argparse.ArgumentParser, program: str) -> None:
         help=f"a .blend file, or the name of a sample, {names}"
         + ("; without it the file that is open" if program.startswith("blender") else ""),
     )
+
+
+def _plan(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "plan",
+        "decide on all LODs of a shot at once, with few switches in sight",
+        "plan plaza --frames 1:120 --out plaza_plan",
+    )
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for the plan and its report (default: SCENE_plan)")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
+    command.add_argument(
+        "--avoid-pops",
+        type=float,
+        metavar="PART",
+        help="part by which the cost may grow to avoid switches in sight (default: the scene's)",
+    )
+
+
+def _with_plan(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--plan", type=_path, metavar="DIR", help="show the LODs of the shot plan in this folder")
 
 
 def _shot(command: argparse.ArgumentParser, program: str) -> None:

@@ -342,6 +342,30 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Folder for the preview's pictures, table and plan",
     )
+    avoid_pops: FloatProperty(
+        name="Avoid Pops",
+        default=0.05,
+        min=0,
+        soft_max=1,
+        subtype="FACTOR",
+        description="Part by which a shot's time, memory and triangles may grow so that fewer characters change their LOD in sight",
+    )
+    plan_folder: StringProperty(
+        name="Plan Folder",
+        default="//crowd_lod_plan",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Folder for the shot plan and its report",
+    )
+    shot_plan: StringProperty(
+        name="Shot Plan",
+        subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="File with the LODs of every character in every frame, as Plan Shot made it; none takes LODs by distance",
+    )
+    use_shot_plan: BoolProperty(
+        name="Use Shot Plan", default=True, description="Overlay, Preview, Build and Bake show the LODs of the shot plan"
+    )
     overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
     overlay_mode: EnumProperty(
         name="Display As",
