@@ -33,7 +33,7 @@ class Kept:
     pace: how far agents may get in a second.
     boxes: (frame, the blocks made then).
     order: (frame, the agents in order).
-    memo: of frame.plan.
+    memo: of frame.plan_of.
     """
 
     pace: blocks.Pace

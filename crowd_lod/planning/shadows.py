@@ -15,7 +15,8 @@ from ..culling.frustum_box_test import BEYOND
 from ..culling.radar import ROUNDING, TINY
 from ..sorting.buckets import sort
 from . import index_cache
-from .frame import Frame, most_moved
+from .frame import Frame
+from .request import moments
 
 # agents tested at a time, which a processor's cache holds with their distances from all planes
 PART = 4096
@@ -288,13 +289,12 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     into what mirrors show of it, in `mirrored` those that mirrors show. A pure function of its arguments."""
     begun = clock.perf_counter()
     trajectory, centre, radius = frame.trajectory, frame.trajectory.spheres.centre, frame.trajectory.spheres.reach
-    grown = radius + most_moved(trajectory, [time for time, _ in frame.shutter])
-    moments = [(frame.time, frame.crowd, frame.eyes, radius)]
-    moments += [(time, trajectory.at(time), eyes, grown) for time, eyes in frame.shutter]
     unseen = ~frame.visible
     made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
     reflects, shades = (_Sought(unseen.copy(), made and np.ones(len(made[1].rows), bool)) for _ in range(2))
-    for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
+    for moment in moments(trajectory, frame) if around.lights or around.mirrors else ():
+        time, eyes, size = moment.time, moment.eyes, moment.radius
+        crowd = frame.crowd if time == frame.time else trajectory.at(time)
         # spheres are drawn: camera.pictured
         beside = GRAIN * max(np.abs(eye.origin).sum() for eye in eyes)
         views = [view(eye) for eye in eyes]

@@ -15,6 +15,7 @@ from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.planning.agent_under_cursor import Account, account
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.hysteresis import held
+from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
@@ -231,7 +232,8 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
-        frame = _faster.plan(trajectory, eyes, policy, time, shutter, bias)
+        asked = Request(time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias)
+        frame = _faster.plan_of(trajectory, asked)
         same_view = before is not None and before.frame_inputs[:1] == (own,)
         if policy.hysteresis and same_view and same_crowd:
             frame = held(frame, known.levels)

@@ -50,7 +50,7 @@ def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
 
 def compare(trajectory, camera, policy=POLICY, time=9, *more):
     """The plan by blocks, after it was compared with that of testing every agent."""
-    frame, full = plan(trajectory, camera, policy, time, *more), plan(trajectory, camera, policy, time, *more, lean=False)
+    frame, full = plan(trajectory, camera, policy, time, *more), plan(trajectory.full, camera, policy, time, *more)
     assert leave_outs.BLOCKS in frame.left_out or leave_outs.STATIC in frame.left_out
     assert raw(frame) == raw(full)
     visible, levels = one_by_one(trajectory, camera, policy, time, *more)

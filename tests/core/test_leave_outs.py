@@ -25,7 +25,7 @@ pytestmark = pytest.mark.once
 
 def left(trajectory, camera, policy=POLICY, time=9, *more):
     """What the plan left out, after it was compared with the full one."""
-    short, full = plan(trajectory, camera, policy, time, *more), plan(trajectory, camera, policy, time, *more, lean=False)
+    short, full = plan(trajectory, camera, policy, time, *more), plan(trajectory.full, camera, policy, time, *more)
     assert full.left_out == ()
     assert raw(short) == raw(full)
     return set(short.left_out)
