@@ -12,7 +12,7 @@ from ..behaviour.trajectory import Trajectory
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import ITEMS, ONE_BUCKET, STATIC, STILL, LeftOut
 from ..culling.camera import Camera, pictured
-from ..culling.radar import radar
+from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
 from ..sorting.buckets import Buckets
 from .index_cache import kept_of
@@ -105,7 +105,7 @@ class Frame(Request, Outcome):
 
     def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
         spheres, leave = self.trajectory.spheres, self.trajectory.left_out
-        return radar(self.crowd, eyes, spheres.centre, spheres.reach, None, radial, leave, every=True)[1]
+        return radar(self.crowd, eyes, spheres.centre, spheres.reach, RadarOptions(None, radial, leave, every=True))[1]
 
 
 def plan(

@@ -2,7 +2,7 @@
 
 import time as clock
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ..crowd.leave_outs import ALL_INSIDE, ALL_OUTSIDE, BLOCKS, IN_ORDER, NOTHIN
 from ..culling.blocks import CULLED, LEAF, Blocks, decide
 from ..culling.camera import Camera
 from ..culling.frustum_box_test import Look
-from ..culling.radar import Bounds, bounds, lost, radar, refuse_lost
+from ..culling.radar import Bounds, RadarOptions, bounds, lost, radar, refuse_lost
 from ..levels.assignment import Bias, LevelPolicy, assign
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from .index_cache import blocks_at, moved
@@ -98,18 +98,19 @@ def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
     leave, centre = trajectory.leave, trajectory.spheres.centre
     items: set[LeftOut] = set()
     now, *shutter = task.seen
-    about = (centre, now.radius, policy.margin, policy.metric == "RADIAL", trajectory.left_out)
-    box = bounds(crowd, now.eyes, *about) if leave else Bounds()
+    options = RadarOptions(policy.margin, policy.metric == "RADIAL", trajectory.left_out)
+    box = bounds(crowd, now.eyes, centre, now.radius, options) if leave else Bounds()
     gone = 0 if box.finite else task.lost()
     level = _one_level(task.begins, box, bias) if ONE_LEVEL in leave else None
     every = box.every if (ALL_INSIDE if box.every else ALL_OUTSIDE) in leave else None
-    visible, distance = radar(crowd, now.eyes, *about, every, measure=level is None)
+    visible, distance = radar(crowd, now.eyes, centre, now.radius, replace(options, every=every, measure=level is None))
+    unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
         if every:
             break
-        then, about = trajectory.at(moment.time), (centre, moment.radius, policy.margin, False, trajectory.left_out)
-        seen = bounds(then, moment.eyes, *about).every if {ALL_INSIDE, ALL_OUTSIDE} <= leave else None
-        visible |= radar(then, moment.eyes, *about, seen, measure=False)[0]
+        about = trajectory.at(moment.time), moment.eyes, centre, moment.radius
+        seen = bounds(*about, unmeasured).every if {ALL_INSIDE, ALL_OUTSIDE} <= leave else None
+        visible |= radar(*about, replace(unmeasured, every=seen))[0]
         every = seen if seen or every is False else None
     task.ticks.append(clock.perf_counter())
     if level is None:
@@ -144,11 +145,11 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     ]
     decided, places = decide(blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial)
     agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
-    centre, leave = trajectory.spheres.centre, trajectory.left_out | {IN_ORDER}
-    visible, distance = radar(crowd, now.eyes, centre, radius, policy.margin, radial, leave, agents=agents)
+    centre, options = trajectory.spheres.centre, RadarOptions(policy.margin, radial, trajectory.left_out | {IN_ORDER})
+    visible, distance = radar(crowd, now.eyes, centre, radius, options, agents)
+    unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:
-        about = (centre, moment.radius, policy.margin, False, leave)
-        visible |= radar(trajectory.at(moment.time), moment.eyes, *about, measure=False, agents=agents)[0]
+        visible |= radar(trajectory.at(moment.time), moment.eyes, centre, moment.radius, unmeasured, agents)[0]
     task.ticks.append(clock.perf_counter())
     seen = agents[visible]
     decided.own.reshape(-1)[places[visible]] = assign(distance[visible], begins, crowd.group[seen], task.factors(seen))

@@ -21,7 +21,7 @@ import numpy as np
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.culling.camera import Camera, planes
-from ...crowd_lod.culling.radar import radar
+from ...crowd_lod.culling.radar import RadarOptions, radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy, assign
 from ...crowd_lod.planning.frame import Frame, plan_of
@@ -207,7 +207,7 @@ def _settled(  # noqa: PLR0913 - to be cut with the overlay
     if not len(open_):
         return places, offsets
     agents = open_ if order is None else order[open_]
-    visible, distance = radar(crowd, camera, centre, radius, policy.margin, policy.metric == "RADIAL", agents=agents)
+    visible, distance = radar(crowd, camera, centre, radius, RadarOptions(policy.margin, policy.metric == "RADIAL"), agents)
     levels = assign(distance, begin, crowd.group[agents])
     buckets = []
     for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
