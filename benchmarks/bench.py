@@ -31,7 +31,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, limits
-from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.frame import plan, plan_of
 from crowd_lod_extension.crowd_lod.planning.index_cache import blocks_at
 from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.operators.batch.error_report import machine_name
@@ -103,7 +103,7 @@ def stages(agents: int, repeats: int, seed: int) -> dict:
         once = {"behaviour": moving["behaviour"], "culling": moving["culling"] + moving["levels"], "sorting": moving["sorting"]}
         once["core"] = sum(moving.values()) - moving["behaviour"]
         if planner:
-            there = plan(trajectory, view, POLICY, 1 + repeat, sorter=planner)
+            there = plan_of(trajectory, frame, planner)
             once["gpu"] = sum(there.milliseconds.values()) - there.milliseconds["behaviour"]
             assert there.buckets.order.tobytes() == frame.buckets.order.tobytes()
         counts = {}

@@ -50,12 +50,10 @@ def with_row(frame: Frame, row: Row) -> Frame:
     shown = replace(shown, planned=True)
     if not hidden.any():
         return shown
-    unseen = {
-        name: _without(hidden, each.order, each.levels, len(each.counts))
-        for name in ("shadow", "mirrored")
-        if (each := getattr(frame, name)) is not None
-    }
-    return replace(shown, **unseen)
+    shadow, mirrored = (
+        each and _without(hidden, each.order, each.levels, len(each.counts)) for each in (frame.shadow, frame.mirrored)
+    )
+    return replace(shown, shadow=shadow, mirrored=mirrored)
 
 
 def _without(hidden: np.ndarray, order: np.ndarray, levels: np.ndarray, count: int) -> Buckets:

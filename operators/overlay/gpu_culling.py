@@ -21,10 +21,11 @@ import numpy as np
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.culling.camera import Camera, planes
-from ...crowd_lod.culling.radar import radar
+from ...crowd_lod.culling.radar import RadarOptions, radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy, assign
-from ...crowd_lod.planning.frame import Frame, plan
+from ...crowd_lod.planning.frame import Frame, plan_of
+from ...crowd_lod.planning.request import Request
 from .shader_programs import TEXELS, source
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def program(name: str, levels: int, radial: bool) -> "GPUShader":
 
 
 class Planner:
-    """Culls and sorts a trajectory's frames on the GPU: a `sorter` for frame.plan.
+    """Culls and sorts a trajectory's frames on the GPU: a `sorter` for frame.plan_of.
 
     Needs a GPU context. Keeps what it uploaded for the next frame.
     """
@@ -98,7 +99,7 @@ class Planner:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return (places, offsets) of the visible agents' buckets.
 
-        The arguments and results are those of frame.Sorter: places (m,) int32, offsets (n + 1,).
+        The arguments and results are those of planning/stages.py, Sorter: places (m,) int32, offsets (n + 1,).
         """
         from gpu.types import Buffer, GPUUniformBuf
 
@@ -206,7 +207,7 @@ def _settled(  # noqa: PLR0913 - to be cut with the overlay
     if not len(open_):
         return places, offsets
     agents = open_ if order is None else order[open_]
-    visible, distance = radar(crowd, camera, centre, radius, policy.margin, policy.metric == "RADIAL", agents=agents)
+    visible, distance = radar(crowd, camera, centre, radius, RadarOptions(policy.margin, policy.metric == "RADIAL"), agents)
     levels = assign(distance, begin, crowd.group[agents])
     buckets = []
     for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
@@ -233,8 +234,8 @@ class Faster:
         self._trajectory = self._planner = None
         program.cache_clear()
 
-    def plan(self, trajectory: Trajectory, *arguments) -> Frame:
-        """Return frame.plan(trajectory, *arguments), made the faster way."""
+    def plan_of(self, trajectory: Trajectory, request: Request) -> Frame:
+        """Return frame.plan_of(trajectory, request), made the faster way."""
         import gpu
 
         if self.usable is None:
@@ -244,13 +245,13 @@ class Faster:
             self._took = [], []
         on_gpu = self.usable and worth_the_gpu(*self._took)
         try:
-            frame = plan(trajectory, *arguments, sorter=self._planner if on_gpu else None)
+            frame = plan_of(trajectory, request, self._planner if on_gpu else None)
         except Exception as error:  # whatever a driver makes of compute shaders, NumPy plans on
             if isinstance(error, CrowdError) or not on_gpu:
                 raise
             print(f"Crowd LOD plans frames on the CPU from now on, because the GPU failed: {error}", file=sys.stderr)
             self.usable = on_gpu = False
-            frame = plan(trajectory, *arguments)
+            frame = plan_of(trajectory, request)
         took = self._took[on_gpu]
         took.append(sum(ms for stage, ms in frame.milliseconds.items() if stage != "behaviour"))
         del took[:-TRIES]

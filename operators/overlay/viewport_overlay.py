@@ -15,6 +15,7 @@ from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.planning.agent_under_cursor import Account, account
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.hysteresis import held
+from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
@@ -233,9 +234,10 @@ def _shown_now(context, before: Shown | None) -> Shown:
             before.looked = looked
             return before
         use = Use(policy) if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
-        frame = use.applied(_faster.plan(trajectory, eyes, use.policy, time, shutter, bias))
+        asked = Request(time=time, eyes=tuple(eyes), policy=use.policy, shutter=tuple(shutter), bias=bias)
+        frame = use.applied(_faster.plan_of(trajectory, asked))
         same_view = before is not None and before.frame_inputs[:1] == (own,)
-        if policy.hysteresis and same_view and same_crowd:
+        if policy.hysteresis and same_view and same_crowd and not frame.planned:
             frame = held(frame, known.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)

@@ -11,12 +11,13 @@ from crowd_lod_extension.crowd_lod.crowd.agents import populate, spheres_of
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
 from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur, opened
-from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
 from crowd_lod_extension.crowd_lod.planning import index_cache
 from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shadows import Light, Mirror, Surroundings, surround
+from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.planning.volumes import Light, Mirror
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 
@@ -38,19 +39,19 @@ def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
     eyes = camera if isinstance(camera, tuple) else (camera,)
     centre, radius = trajectory.spheres.centre, trajectory.spheres.radius
     crowd = trajectory.at(time)
-    visible, distance = radar(crowd, eyes, centre, radius, policy.margin, policy.metric == "RADIAL")
+    visible, distance = radar(crowd, eyes, centre, radius, RadarOptions(policy.margin, policy.metric == "RADIAL"))
     times = [sample for sample, _ in shutter]
     speed = np.hypot(*trajectory.machine.velocity.reshape(-1, 2).T).max()
     grown = radius + speed * max(np.diff(times), default=0.0) * trajectory.seconds_per_frame
     for sample, cameras in shutter:
-        visible |= radar(trajectory.at(sample), cameras, centre, grown, policy.margin)[0]
+        visible |= radar(trajectory.at(sample), cameras, centre, grown, RadarOptions(policy.margin))[0]
     factor = None if bias is None else bias.at(crowd.x, crowd.y)
     return visible, assign(distance, limits(policy, eyes[0], radius), crowd.group, factor)
 
 
 def compare(trajectory, camera, policy=POLICY, time=9, *more):
     """The plan by blocks, after it was compared with that of testing every agent."""
-    frame, full = plan(trajectory, camera, policy, time, *more), plan(trajectory, camera, policy, time, *more, lean=False)
+    frame, full = plan(trajectory, camera, policy, time, *more), plan(trajectory.full, camera, policy, time, *more)
     assert leave_outs.BLOCKS in frame.left_out or leave_outs.STATIC in frame.left_out
     assert raw(frame) == raw(full)
     visible, levels = one_by_one(trajectory, camera, policy, time, *more)
@@ -158,7 +159,7 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         found = blocks.blocks_of(crowd, order, spheres_of((group,)), AREA)
         look = blocks.Look(camera, np.zeros(3), np.zeros(3))
         levels, places = in_order(found, *blocks.decide(found, crowd, [[look]], begin, margin, radial))
-        visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], margin, radial)
+        visible, distance = radar(crowd, camera, np.zeros(1), radius[:1], RadarOptions(margin, radial))
         right = np.where(visible, assign(distance, begin), blocks.CULLED)[found.order]
         assert np.delete(levels == right, places).all()
         decided += len(crowd) - len(places)

@@ -9,7 +9,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import opened
-from crowd_lod_extension.crowd_lod.culling.radar import bounds, radar
+from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, bounds, radar
 from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.once
 
 def left(trajectory, camera, policy=POLICY, time=9, *more):
     """What the plan left out, after it was compared with the full one."""
-    short, full = plan(trajectory, camera, policy, time, *more), plan(trajectory, camera, policy, time, *more, lean=False)
+    short, full = plan(trajectory, camera, policy, time, *more), plan(trajectory.full, camera, policy, time, *more)
     assert full.left_out == ()
     assert raw(short) == raw(full)
     return set(short.left_out)
@@ -78,8 +78,8 @@ def test_bounds_of_agents_on_planes_never_say_more_than_the_radar(lens):
             crowd = crowd_at(points[take])
             sphere = np.zeros(1), radius[:1]
             for radial in (False, True):
-                box = bounds(crowd, (camera,), *sphere, margin, radial)
-                visible, distance = radar(crowd, camera, *sphere, margin, radial)
+                box = bounds(crowd, (camera,), *sphere, RadarOptions(margin, radial))
+                visible, distance = radar(crowd, camera, *sphere, RadarOptions(margin, radial))
                 assert box.every is None or (visible == box.every).all()
                 assert box.nearest <= distance.min() and distance.max() <= box.farthest
                 decided.add(box.every)
