@@ -20,7 +20,7 @@ from ..crowd.scene_crowd import set_down
 
 OLD = {"options": {"HIDDEN"}, "description": "Old name of this setting, for older files and scripts"}
 METHODS = (
-    ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off, and take the closer one"),
+    ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off in motion, and take the closer one"),
     ("POSE_AWARE", "Pose-Aware", "Quadric edge collapse that heeds the poses of the action and keeps UV seams"),
     ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
 )
