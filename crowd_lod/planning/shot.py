@@ -98,6 +98,15 @@ class Shot:
             found[f - 1, agents] = before
         return found
 
+    @property
+    def coarsest(self) -> np.ndarray:
+        """(F, n) uint8, `allowed`; where an agent is not seen, the LOD with which it is seen next, or 0."""
+        found = self.allowed.copy()
+        found[-1][found[-1] == UNSEEN] = 0
+        for f in range(len(found) - 2, -1, -1):
+            np.copyto(found[f], found[f + 1], where=found[f] == UNSEEN)
+        return found
+
 
 @dataclass(frozen=True)
 class Bill:
@@ -276,9 +285,10 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     """Decide on all LODs of the shot: yield the progress, return the ShotPlan.
 
     avoid: the part by which time, memory and instances may cost more than with thresholds, to avoid
-        switches in sight. 0 still avoids those that cost nothing.
+        switches in sight. 0 still avoids those that cost nothing. They cost more than that only
+        where all LODs that are allowed do.
     """
-    thresholds = bill(shot, shot.survey.coarsest)
+    thresholds, avoid = _limit(shot, avoid)
     weight = yield from share(_weight(shot, avoid), 0.0, 0.4)
     for step in range(STEPS):
         levels = yield from share(_solved(shot, thresholds, weight), 0.4, 0.8)
@@ -287,10 +297,21 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
             break
         weight /= 2  # the sample promised more than the whole keeps
     if found.above(thresholds) > avoid:
-        levels, found = shot.survey.coarsest, thresholds
+        levels = shot.coarsest
+        found = bill(shot, levels)
     least = yield from share(lower_bound(shot, weight), 0.8, 1.0)
     paid = _objective(found, weight)
     return ShotPlan(levels, found, thresholds, weight, max(paid / least - 1, 0.0) if least > 0 else 0.0)
+
+
+def _limit(shot: Shot, avoid: float) -> tuple[Bill, float]:
+    """Return the bill of thresholds, and the part by which a plan may cost more.
+
+    That is more than `avoid` where the coarsest LODs that are allowed cost more, for thresholds
+    may switch by more than twice the tolerance.
+    """
+    thresholds = bill(shot, shot.survey.coarsest)
+    return thresholds, max(avoid, bill(shot, shot.coarsest).above(thresholds))
 
 
 def _objective(found: Bill, weight: float) -> float:
@@ -301,7 +322,7 @@ def _objective(found: Bill, weight: float) -> float:
 def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
     """Find the largest weight of switches that costs no more than `avoid`, from a sample."""
     some = _sampled(shot)
-    thresholds = bill(some, some.survey.coarsest)
+    thresholds, avoid = _limit(some, avoid)
     unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
     for step in range(2 * STEPS):
@@ -318,7 +339,7 @@ def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
 
 def _sampled(shot: Shot) -> Shot:
     """Return the shot of at most SAMPLE of its agents, evenly."""
-    every = -(-len(shot.survey.group) // SAMPLE)
+    every = max(-(-len(shot.survey.group) // SAMPLE), 1)
     return shot if every == 1 else Shot(shot.survey.of(slice(None, None, every)), shot.meshes, shot.engine)
 
 

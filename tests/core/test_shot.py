@@ -1,0 +1,153 @@
+"""The shot plan, against all that could be decided on small shots."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
+from crowd_lod_extension.crowd_lod.planning.shot import bill, decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.planning.survey import SEEN
+from crowd_lod_extension.crowd_lod.progress import finished
+
+from ..support.surveys import pixels_of, sequences, some_shot
+
+NOTICED = 0.25  # pixels as which a switch counts besides
+ENGINES = ["EEVEE", "CYCLES"]
+
+
+def switches(shot, levels):
+    """The pixels of each visible switch."""
+    frames, agents = levels.shape
+    every = [pixels_of(shot, f, a, levels[f - 1, a], levels[f, a]) for f in range(1, frames) for a in range(agents)]
+    return [pixels for pixels in every if pixels > 0]
+
+
+def paid(shot, table, weight, agent, levels):
+    """What an agent's LODs (F,) cost by the table (F, K, L)."""
+    cost = 0.0
+    for f, level in enumerate(levels):
+        if shot.survey.kind[f, agent] == SEEN:
+            cost += table[f, level, shot.survey.character[f, agent]]
+        if pixels := pixels_of(shot, f, agent, levels[f - 1], level):
+            cost += weight * (pixels + NOTICED)
+    return cost
+
+
+@pytest.mark.parametrize("weight", [0, 0.125, 1, 64])
+@pytest.mark.parametrize("seed", range(8))
+def test_programme_finds_the_least_of_all_assignments(seed, weight):
+    shot = some_shot(seed, each=2)
+    table = np.random.default_rng(seed).integers(1000, size=(5, 3, 4)).astype(np.float32)
+    levels, cost = finished(decided(shot, table, weight))
+    least = [min(paid(shot, table, weight, a, one) for one in sequences(shot, a)) for a in range(3)]
+    assert cost == sum(least)
+    assert [paid(shot, table, weight, a, levels[:, a]) for a in range(3)] == least
+    assert (levels <= shot.allowed).all()
+
+
+def costs(shot, weight):
+    """What each joint assignment of LODs costs, switches included: all of them, in an array."""
+    survey, triangles, seconds = shot.survey, shot.meshes.triangles, SECONDS[shot.engine]
+    frames, agents = survey.kind.shape
+    options = [np.array(sequences(shot, a)) for a in range(agents)]
+    chosen = [one.ravel() for one in np.meshgrid(*(np.arange(len(each)) for each in options), indexing="ij")]
+    levels = np.stack([each[index] for each, index in zip(options, chosen, strict=True)])  # (n, N, F)
+    total, held = 0.0, {}
+    for f in range(frames):
+        meshes, instances, instanced = {}, 0, 0.0
+        for a in range(agents):
+            if survey.kind[f, a] == SEEN:
+                instances, instanced = instances + 1, instanced + triangles[survey.group[a], levels[a, :, f]]
+                for k in range(shot.meshes.count):
+                    mesh = k, survey.character[f, a]
+                    meshes[mesh] = meshes.get(mesh, False) | (levels[a, :, f] == k)
+        held |= {mesh: held.get(mesh, False) | used for mesh, used in meshes.items()}
+        unique = sum(used * triangles[survey.owner[c], k] for (k, c), used in meshes.items())
+        total += seconds["unique"] * unique + seconds["instances"] * instances + seconds.get("instanced", 0) * instanced
+        total += seconds.get("rays", 0) * survey.rays[f]
+        total += seconds.get("traced", 0) * survey.rays[f] * np.log2(np.maximum(unique, 1))
+    total += frames * seconds["posed"] * sum(used * triangles[survey.owner[c], k] for (k, c), used in held.items())
+    total += frames * seconds.get("rigs", 0) * len({c for _, c in held})
+    for a, each in enumerate(options):
+        change = [[pixels_of(shot, f, a, one[f - 1], one[f]) for f in range(1, frames)] for one in each.tolist()]
+        total += weight * np.array([sum(p + NOTICED for p in row if p) for row in change])[chosen[a]]
+    return total
+
+
+@pytest.mark.parametrize(("engine", "gap"), [("EEVEE", 0.02), ("CYCLES", 0.15)])
+@pytest.mark.parametrize("lods", [2, 3])
+def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
+    """With shared meshes, which the programme does not minimize by itself."""
+    for seed in range(6):
+        shot = some_shot(seed, frames=4, lods=lods, engine=engine)
+        plan = finished(decide(shot, 0.3))
+        every = costs(shot, plan.weight)
+        own = plan.bill.price.seconds * 4 + plan.weight * sum(p + NOTICED for p in switches(shot, plan.levels))
+        bound = finished(lower_bound(shot, plan.weight))
+        assert bound * (1 - 1e-6) <= every.min() <= own * (1 + 1e-12)
+        assert own <= every.min() * (1 + gap)
+        assert plan.bound == pytest.approx(own / bound - 1, abs=1e-6)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("tolerance", [0.5, 1.7])
+def test_no_visible_switch_shows_more_than_twice_the_tolerance(engine, seed, tolerance):
+    shot = some_shot(seed, agents=30, frames=20, lods=4, engine=engine, tolerance=tolerance)
+    for avoid in (0, 0.05, 1):
+        plan = finished(decide(shot, avoid))
+        pixels = switches(shot, plan.levels)
+        assert plan.bill.most == max(pixels, default=0) <= 2 * tolerance
+        assert (plan.bill.switches.sum(), plan.bill.pixels.sum()) == (len(pixels), pytest.approx(sum(pixels)))
+        assert plan.bill.error <= tolerance
+        assert (plan.levels <= shot.survey.coarsest)[shot.survey.seen].all()
+    assert bill(shot, shot.survey.coarsest).most > 2 * tolerance  # so there was something to avoid
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("seed", range(6))
+def test_unseen_agents_have_the_lod_with_which_they_are_seen_next(engine, seed):
+    shot = some_shot(seed, agents=10, frames=12, engine=engine)
+    for avoid in (0, 0.05):
+        levels = finished(decide(shot, avoid)).levels
+        for a in range(10):
+            for f in np.flatnonzero(~shot.survey.seen[:, a]):
+                later = np.flatnonzero(shot.survey.seen[f:, a])
+                assert not len(later) or levels[f, a] == levels[f + later[0], a]
+
+
+def test_switches_at_cuts_are_free():
+    shot = some_shot(1, agents=20, seen=1.0, tolerance=1)
+    shot.survey.cuts[1:] = True
+    levels, _ = finished(decided(shot, shot.instance[None].astype(np.float32), 1e6))
+    assert (levels == shot.survey.coarsest).all() and (levels[1:] != levels[:-1]).any()
+    assert bill(shot, levels).switches.sum() == 0
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("avoid", [0, 0.05, 0.4])
+def test_avoid_is_kept(engine, avoid):
+    for seed in range(3):
+        shot = some_shot(seed, agents=40, frames=10, lods=4, engine=engine, tolerance=2, each=2)
+        shot.survey.scale[:] = np.where(shot.survey.seen, 40 + seed, 0)  # no switch of more than twice the tolerance
+        plan = finished(decide(shot, avoid))
+        for own, least in (
+            (plan.bill.price.seconds, plan.thresholds.price.seconds),
+            (plan.bill.price.memory, plan.thresholds.price.memory),
+            (plan.bill.instanced, plan.thresholds.instanced),
+        ):
+            assert own <= least * (1 + avoid) * (1 + 1e-12)
+        assert plan.bill.pixels.sum() <= plan.thresholds.pixels.sum()
+
+
+def test_plan_is_the_same_on_every_python():
+    found = hashlib.sha256()
+    for engine in ENGINES:
+        shot = some_shot(7, agents=200, frames=30, lods=4, engine=engine, tolerance=1, each=3)
+        found.update(finished(decide(shot)).levels.tobytes())
+    assert found.hexdigest()[:16] == "b33dddeffe09ae0e"
+
+
+def test_crowd_of_nobody():
+    plan = finished(decide(some_shot(0, agents=0)))
+    assert plan.levels.shape == (5, 0) and plan.bound == 0
