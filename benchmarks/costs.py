@@ -15,17 +15,19 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_model import Work
 from worth import LIMIT, PICTURE, job, show
 
-# Of each engine the characters, how often their faces are divided, and whether crowds of them have LODs, too
+# Of each engine the characters, how often their faces are divided, pixels of a side of their images, and whether crowds of them have
+# LODs, too
+TEXTURED = (4, 0, 1024, False), (4, 0, 2048, False), (1, 0, 4096, False)
 CROWDS = {
-    "CYCLES": ((1, 0, True), (1, 1, True), (1, 2, True), (4, 0, True), (4, 1, False)),
-    "EEVEE": ((1, 0, False), (1, 1, False), (4, 0, False)),
+    "CYCLES": ((1, 0, 0, True), (1, 1, 0, True), (1, 2, 0, True), (4, 0, 0, True), (4, 1, 0, False), *TEXTURED),
+    "EEVEE": ((1, 0, 0, True), (1, 1, 0, True), (4, 0, 0, True), *TEXTURED),
 }
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
 SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1,)}  # of a pixel
 REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
 COUNTS = {
-    "memory": ("posed", "unique", "instances", "instanced", "rigs"),
-    "seconds": ("posed", "unique", "instances", "instanced", "rigs"),
+    "memory": ("posed", "unique", "instances", "instanced", "rigs", "images"),
+    "seconds": ("posed", "unique", "instances", "instanced", "rigs", "images"),
     "file": ("rigs", "stored", "points"),
 }
 RAYS = {"CYCLES": "traced", "EEVEE": "rays"}  # what is counted of these for seconds
@@ -69,8 +71,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for engine in CROWDS:
             rows = []
-            for groups, finer, lods in CROWDS[engine]:
-                rows += measured(engine, {"groups": groups, "metres": 5, "finer": finer}, lods, scratch)
+            for groups, finer, pixels, lods in CROWDS[engine]:
+                rows += measured(engine, {"groups": groups, "metres": 5, "finer": finer, "pixels": pixels}, lods, scratch)
             for name, key in MEASURED.items():
                 found, off = fit(rows, (*COUNTS[name], *[RAYS[engine]] * (name == "seconds")), key)
                 print(engine, name, {k: float(f"{1e6 * v:.4g}") for k, v in found.items()}, "residuals", off.round(2).tolist())

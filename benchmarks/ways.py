@@ -105,8 +105,10 @@ def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, s
     for way, agents in [(EVERYONE, 0), *((way, agents) for way in made for agents in sizes)]:
         bpy.ops.wm.open_mainfile(filepath=f"{folder}/{way}.blend")
         row, path = _counted(bpy.context.scene, way, agents), Path(folder) / f"{way}_{agents}.blend"
-        bpy.ops.wm.save_as_mainfile(filepath=str(path))
-        rows.append({**crowd, "way": way, "agents": agents, **row, "file": str(path), "file_mb": path.stat().st_size / 1e6})
+        rows.append({**crowd, "way": way, "agents": agents, **row, "file": str(path), "file_mb": _save(path)})
+        if not agents:
+            bpy.data.batch_remove(bpy.data.images)  # those of hidden characters are loaded, too
+            _save(path)
     crowd_lod_extension.unregister()
     return {"rows": rows}
 
@@ -121,9 +123,9 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
         return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
-    top = scene.crowd_lod.build
+    top, full = scene.crowd_lod.build, works[cost_estimate.FULL]
     _dress(scene, EVERYONE)
-    return counted(top) | {"rays": float(works[cost_estimate.FULL].rays[0]), "stored": 0.0, "points": 3.0 * agents}
+    return counted(top) | {"rays": float(full.rays[0]), "images": full.images, "stored": 0.0, "points": 3.0 * agents}
 
 
 def counted(top: bpy.types.Collection) -> dict[str, int]:

@@ -30,7 +30,7 @@ TWENTY = {"groups": 20, "metres": 20, "finer": 0}
 QUICK = [("CYCLES", crowd, (1000, 10_000)) for crowd in (NEAR, FAR)]
 ROWS = [
     *(("CYCLES", crowd, (1000, 10_000, 100_000, 1_000_000)) for crowd in (NEAR, FAR)),
-    *(("CYCLES", crowd, (10_000,)) for crowd in (TWENTY, {**FAR, "textured": True})),
+    *(("CYCLES", crowd, (10_000,)) for crowd in (TWENTY, {**FAR, "pixels": 4096})),
     *(("EEVEE", crowd, (1000, 10_000)) for crowd in LIGHT),
 ]
 PICTURE = {"CYCLES": {"width": 640, "samples": 4}, "EEVEE": {"width": 160, "samples": 1}}
@@ -76,7 +76,7 @@ def job(limit: float, **inputs) -> dict:
 def name_of(crowd: dict) -> str:
     """The crowd's name in tables."""
     finer = ("light", "heavy")[crowd["finer"]]
-    return f"{crowd['groups']} {finer}{', textured' * crowd.get('textured', False)}, {crowd['metres']} m"
+    return f"{crowd['groups']} {finer}{', textured' * ('pixels' in crowd)}, {crowd['metres']} m"
 
 
 def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> dict:
