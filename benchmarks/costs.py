@@ -1,4 +1,6 @@
-"""What each thing that a build holds costs an engine: the coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
+"""What each thing that a build holds costs an engine.
+
+The coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
 
 ./crowd-lod bench --costs
 
@@ -35,7 +37,10 @@ MEASURED = {"memory": "peak_mb", "seconds": "cpu_s", "file": "file_mb"}
 
 
 def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The x (k,) >= 0 with the least squares of table (n, k) @ x - values (n,): Lawson and Hanson's active sets."""
+    """The x (k,) >= 0 with the least squares of table (n, k) @ x - values (n,).
+
+    Lawson and Hanson's active sets.
+    """
     x, used = np.zeros(table.shape[1]), np.zeros(table.shape[1], bool)
     scale = np.linalg.norm(table, axis=0) + 1e-300
     for _ in range(100):
@@ -58,8 +63,10 @@ def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def fit(rows: list[dict], counts: Sequence[str], key: str) -> tuple[dict[str, float], np.ndarray]:
-    """(what one of each of `counts` costs, the relative error of each row) of the rows' `key`; errors are relative to the row's
-    own value, or to a twentieth of the largest where that is less."""
+    """(what one of each of `counts` costs, each row's relative error) of a `key`.
+
+    Errors are relative to the row's own value, or to a twentieth of the largest where that is less.
+    """
     table, values = np.array([[row[name] for name in counts] for row in rows], float), np.array([row[key] for row in rows])
     over = 0.05 * values.max()
     weight = 1 / np.maximum(values, over)
@@ -79,7 +86,10 @@ def main() -> None:
 
 
 def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
-    """The rows of a crowd: its counts, and what renders take beyond those of the empty ground."""
+    """The rows of a crowd: its counts, and what renders take.
+
+    Less what those of the empty ground take.
+    """
     made = job(1200, job="counts", folder=scratch, crowd=crowd, sizes=AGENTS[engine], lods=lods, **PICTURE[engine])
     if "ended" in made:
         raise SystemExit(f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made ({made['ended']}).")

@@ -1,4 +1,7 @@
-"""The crowds of worth.py: heavy characters on open ground, seen from so many metres on."""
+"""The crowds of worth.py: heavy characters on open ground.
+
+They are seen from so many metres on.
+"""
 
 from dataclasses import replace
 from math import sqrt
@@ -14,9 +17,12 @@ ROOM = 1.5  # square metres of ground an agent
 
 
 def make(groups: int, metres: float, finer: int = 1, pixels: int = 0, split: bool = False) -> bpy.types.Scene:
-    """A new file's scene: `groups` characters, each step of `finer` four times the faces of the samples', which stand `metres` and
-    more from the camera. pixels: of a side of the image that each has, or 0; split: of triangles with normals of their own, as game
-    characters are."""
+    """A new file's scene of `groups` characters.
+
+    Each step of `finer` has four times the faces of the samples'. They stand `metres` and more from
+    the camera. pixels: of a side of the image that each has, or 0; split: of triangles with normals
+    of their own, as game characters are.
+    """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.context.scene
     film(scene)
@@ -45,7 +51,10 @@ def make(groups: int, metres: float, finer: int = 1, pixels: int = 0, split: boo
 
 
 def spread(scene: bpy.types.Scene, agents: int) -> None:
-    """Give the crowd so many agents, and ground in proportion, which begins where it did."""
+    """Give the crowd so many agents, and ground in proportion.
+
+    The ground begins where it did.
+    """
     side = sqrt(ROOM * agents)
     settings = scene.crowd_lod
     settings.count, settings.size, settings.centre = agents, (side, side), (side / 2, 0, 0)
