@@ -26,7 +26,7 @@ FLOOR = 1e-4  # percent: where less is drawn
 
 
 def crowd_lod(points, triangles, ratio):
-    lod = decimate(points, triangles, ratio, "benchmark")
+    lod = decimate((points, triangles), ratio, "benchmark")
     return lod.points, lod.triangles
 
 
