@@ -100,8 +100,12 @@ class Shot:
 
     @property
     def coarsest(self) -> np.ndarray:
-        """(F, n) uint8, `allowed`; where an agent is not seen, the LOD with which it is seen next, or 0."""
-        found = self.allowed.copy()
+        """(F, n) uint8, the coarsest LODs that are allowed."""
+        return self.carried(self.allowed)
+
+    def carried(self, levels: np.ndarray) -> np.ndarray:
+        """Return `levels` (F, n); where an agent is not seen, the LOD with which it is seen next, or 0."""
+        found = np.where(self.survey.seen, levels, UNSEEN)
         found[-1][found[-1] == UNSEEN] = 0
         for f in range(len(found) - 2, -1, -1):
             np.copyto(found[f], found[f + 1], where=found[f] == UNSEEN)
@@ -134,6 +138,11 @@ class Bill:
     price: Price
     instanced: float
 
+    @property
+    def noticed(self) -> float:
+        """All switches in sight, in pixels."""
+        return float(self.pixels.sum() + NOTICED * self.switches.sum())
+
     def above(self, other: "Bill") -> float:
         """Return by which part this costs more than `other`: in time, memory or instances."""
         pairs = (
@@ -147,14 +156,12 @@ class Bill:
 def bill(shot: Shot, levels: np.ndarray) -> Bill:
     """Return what `levels` (F, n) uint8 cost in the shot."""
     survey, meshes = shot.survey, shot.meshes
-    frames, count, characters = len(survey.times), meshes.count, len(survey.owner)
-    shown = np.zeros((frames, count, characters), np.int64)
+    frames = len(survey.times)
+    shown = shown_by(shot, levels)
 
     def one(f: int) -> tuple[int, float, float, float]:
         agents = np.flatnonzero(survey.kind[f] == SEEN)
         level = levels[f, agents]
-        key = level.astype(np.intp) * characters + survey.character[f, agents]
-        shown[f] = np.bincount(key, minlength=count * characters).reshape(count, characters)
         error = survey.scale[f, agents].astype(np.float64) * meshes.bounds[survey.group[agents], level]
         changed, change = switched(shot, levels, f)
         return len(changed), float(change.sum()), float(change.max(initial=0.0)), float(error.max(initial=0.0))
@@ -175,6 +182,17 @@ def bill(shot: Shot, levels: np.ndarray) -> Bill:
         price=price(work_in(shot, shown), shot.engine),
         instanced=float((shown * shot.instance).sum()) / frames,
     )
+
+
+def shown_by(shot: Shot, levels: np.ndarray) -> np.ndarray:
+    """Return how many seen agents show each LOD of each character by `levels` (F, n), (F, K, L) int64."""
+    survey, characters = shot.survey, len(shot.survey.owner)
+    shown = np.zeros((len(survey.times), shot.meshes.count, characters), np.int64)
+    for f in range(len(shown)):
+        agents = np.flatnonzero(survey.kind[f] == SEEN)
+        key = levels[f, agents].astype(np.intp) * characters + survey.character[f, agents]
+        shown[f] = np.bincount(key, minlength=shown[f].size).reshape(shown[f].shape)
+    return shown
 
 
 def work_in(shot: Shot, shown: np.ndarray) -> Work:
@@ -300,7 +318,7 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
         levels = shot.coarsest
         found = bill(shot, levels)
     least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
-    paid = _objective(found, weight)
+    paid = objective(found, weight)
     return ShotPlan(levels, found, thresholds, weight, max(paid / least - 1, 0.0) if least > 0 else 0.0)
 
 
@@ -316,9 +334,9 @@ def _limit(shot: Shot, avoid: float) -> tuple[Bill, float]:
     return thresholds, max(avoid, bill(shot, shot.coarsest).above(thresholds))
 
 
-def _objective(found: Bill, weight: float) -> float:
+def objective(found: Bill, weight: float) -> float:
     """Return the seconds of all frames, and those as which switches count."""
-    return found.price.seconds * len(found.switches) + weight * float(found.pixels.sum() + NOTICED * found.switches.sum())
+    return found.price.seconds * len(found.switches) + weight * found.noticed
 
 
 def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
@@ -357,14 +375,30 @@ def _solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, Non
     unique = _unique(shot, thresholds)
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
     levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
-    if (
-        "traced" not in SECONDS[shot.engine]
-        and (unique * (thresholds.shown > 0)).sum() < MATTERS * (shot.instance * thresholds.shown).sum()
-    ):
-        return levels, shared
-    found = bill(shot, levels)
-    again, _ = yield from share(decided(shot, _table(shot, np.where(found.shown > 0, NEARLY * shares, unique)), weight), 0.5, 1.0)
-    return min((levels, again), key=lambda each: _objective(bill(shot, each), weight)), None
+    if not _matter(shot, thresholds):
+        return levels, shared if "traced" not in SECONDS[shot.engine] else None
+    table = shared_table(shot, thresholds, bill(shot, levels))
+    assert table is not None
+    again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
+    return min((levels, again), key=lambda each: objective(bill(shot, each), weight)), None
+
+
+def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None:
+    """Return (F, K, L) float32 seconds of an agent where the meshes that `found` shows cost next to nothing.
+
+    None where meshes cost so little that it does not matter.
+    """
+    if not _matter(shot, thresholds):
+        return None
+    unique = _unique(shot, thresholds)
+    shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
+    return _table(shot, np.where(found.shown > 0, NEARLY * shares, unique))
+
+
+def _matter(shot: Shot, thresholds: Bill) -> bool:
+    """Return whether meshes cost so much, beside instances, that agents should share them."""
+    meshes = (_unique(shot, thresholds) * (thresholds.shown > 0)).sum()
+    return bool(meshes >= MATTERS * (shot.instance * thresholds.shown).sum())
 
 
 def _unique(shot: Shot, thresholds: Bill) -> np.ndarray:
@@ -385,6 +419,18 @@ def _table(shot: Shot, unique: np.ndarray) -> np.ndarray:
 def lower_bound(shot: Shot, weight: float, shared: float | None = None) -> Generator[float, None, float]:
     """Return seconds that no plan of the shot can go below, switches counted by `weight`.
 
+    shared: the least sum of agents that share meshes evenly, where it is known.
+    """
+    fixed, least, table = floor(shot)
+    if shared is None:
+        _, shared = yield from decided(shot, table, weight)
+    return fixed + max(least, shared)
+
+
+def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
+    """Return (fixed, least, table (F, K, L) float32), all in seconds, which bound every plan from below.
+
+    A plan costs `fixed` and, besides, no less than `least`, nor than a programme by the table.
     Each frame shows of each character a LOD as fine as the finest that one of its agents needs, at
     least. And if all agents share a mesh's cost evenly, they pay no more than it costs, so that the
     least sum of their own costs is none that a plan can go below.
@@ -401,8 +447,6 @@ def lower_bound(shot: Shot, weight: float, shared: float | None = None) -> Gener
         instanced[f] = each[needed, own].sum()
     least = np.where(seen > 0, np.append(each, np.zeros((1, characters)), axis=0)[finest, np.arange(characters)], 0.0)
     unique = SECONDS[shot.engine]["unique"] * each / np.maximum(seen, 1)[:, None, :]
-    if shared is None:
-        _, shared = yield from decided(shot, _table(shot, unique), weight)
     work = Work(
         posed=float(least.max(axis=0).sum()),
         unique=least.sum(axis=1),
@@ -413,4 +457,4 @@ def lower_bound(shot: Shot, weight: float, shared: float | None = None) -> Gener
     )
     alone = replace(work, posed=0.0, rigs=0.0, rays=0.0)
     whole, parts = (frames * price(own, shot.engine).seconds for own in (work, alone))
-    return whole - parts + max(parts, shared)
+    return whole - parts, parts, _table(shot, unique)
