@@ -84,7 +84,8 @@ class Shot:
         """(F, n) uint8, the coarsest LOD of each agent in each frame; UNSEEN where it is not seen.
 
         It is the survey's `coarsest`. It is finer only where a switch in the next frame would
-        change the picture by more than twice the pixels that the two LODs are allowed to show.
+        change the picture by more than twice the pixels that the two LODs are allowed to show, and
+        never finer than exceptions allow.
         """
         survey, bounds = self.survey, self.meshes.bounds
         found = np.where(survey.seen, survey.coarsest, UNSEEN).astype(np.uint8)
@@ -93,8 +94,11 @@ class Shot:
             group, (then, now) = survey.group[agents], survey.scale[f - 1 : f + 1, agents].astype(np.float64)
             before, after = found[f - 1, agents], found[f, agents]
             most = np.maximum(then * bounds[group, before], now * bounds[group, after])
+            least = 0 if survey.finest is None else survey.finest[f - 1, agents]
             for k in range(self.meshes.count - 1, 0, -1):
-                before[(before == k) & (k > after) & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)] = k - 1
+                before[
+                    (before == k) & (k > np.maximum(after, least)) & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)
+                ] = k - 1
             found[f - 1, agents] = before
         return found
 
@@ -246,6 +250,8 @@ def programme(shot: Shot, table: np.ndarray, weight: float, agents: slice) -> tu
         seen = allowed != UNSEEN
         own = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1) * seen
         own[numbers > allowed] = np.inf
+        if survey.finest is not None:
+            own[(numbers < survey.finest[f, agents]) & seen] = np.inf
         cost += own
     return _traced(came, cost), float(cost.min(axis=0).sum(dtype=np.float64))
 

@@ -11,6 +11,7 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
 from ...crowd_lod.planning.frame import plan
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.planning.index_cache import approach
@@ -26,6 +27,7 @@ from ..build.cost_estimate import covered, samples_of
 from ..crowd import lights, shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
+from ..crowd.shot_exceptions import exemptions_of
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
 from ..lod_meshes.selection import cast_of
@@ -54,6 +56,7 @@ class Planned:
     shot: Shot
     plan: ShotPlan
     stored: plan_file.StoredPlan
+    exemptions: tuple[Exemption, ...] = ()
 
 
 def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, Planned]:
@@ -64,9 +67,10 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
     yield from share(_ready(scene), 0.0, READY)
-    survey, seen = yield from share(survey_of(scene, wanted.frames), READY, SURVEYED)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
-    shot = Shot(survey, meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
+    exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
+    survey, seen = yield from share(survey_of(scene, wanted.frames), READY, SURVEYED)
+    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
     found = yield from share(decide(shot, wanted.avoid), SURVEYED, DECIDED)
     bias = bias_of(scene.crowd_lod, trajectory.world.area)
     stored = plan_file.StoredPlan(
@@ -74,11 +78,11 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         numbers=survey.numbers,
         times=survey.times,
         cameras=seen,
-        made_for=shot_reference.made_for(trajectory, policy, bias),
+        made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
         tolerance=None,
     )
     yield 1.0
-    return Planned(shot, found, stored)
+    return Planned(shot, found, stored, exemptions)
 
 
 def _ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -129,7 +133,9 @@ def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float,
 
 def write_plan(folder: Path, planned: Planned) -> dict[str, Any]:
     """Write the plan's files into `folder`; return the content of plan.json."""
-    plan_file.write(folder / plan_file.NAME, planned.stored, planned.plan.levels)
+    numbers = planned.stored.numbers.tolist()
+    rows = [marked(row, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
+    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
     told = facts(planned)
     (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
     return told
@@ -147,6 +153,7 @@ def facts(planned: Planned) -> dict[str, Any]:
             "most_above_optimum": planned.plan.bound,
             "plan": _told(found),
             "thresholds": _told(thresholds),
+            "exceptions": [each.as_json for each in planned.exemptions],
         },
     }
 
