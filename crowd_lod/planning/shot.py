@@ -315,7 +315,7 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     thresholds, avoid = _limit(shot, avoid)
     weight = yield from share(_weight(shot, avoid), 0.0, 0.4)
     for step in range(STEPS):
-        levels, shared = yield from share(_solved(shot, thresholds, weight), 0.4, 0.8)
+        levels, shared = yield from share(solved(shot, thresholds, weight), 0.4, 0.8)
         found = bill(shot, levels)
         if found.above(thresholds) <= avoid or step == STEPS - 1:
             break
@@ -347,13 +347,13 @@ def objective(found: Bill, weight: float) -> float:
 
 def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
     """Find the largest weight of switches that costs no more than `avoid`, from a sample."""
-    some = _sampled(shot)
+    some, _ = sampled(shot, SAMPLE)
     thresholds, avoid = _limit(some, avoid)
     unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        levels, _ = yield from share(_solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS))
+        levels, _ = yield from share(solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS))
         if bill(some, levels).above(thresholds) <= avoid:
             low = middle
         else:
@@ -363,13 +363,13 @@ def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
     return low
 
 
-def _sampled(shot: Shot) -> Shot:
-    """Return the shot of at most SAMPLE of its agents, evenly."""
-    every = max(-(-len(shot.survey.group) // SAMPLE), 1)
-    return shot if every == 1 else Shot(shot.survey.of(slice(None, None, every)), shot.meshes, shot.engine)
+def sampled(shot: Shot, most: int) -> tuple[Shot, slice]:
+    """Return the shot of at most `most` of its agents, evenly, and which they are."""
+    some = slice(None, None, max(-(-len(shot.survey.group) // most), 1))
+    return shot if some.step == 1 else Shot(shot.survey.of(some), shot.meshes, shot.engine), some
 
 
-def _solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, tuple[np.ndarray, float | None]]:
+def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, tuple[np.ndarray, float | None]]:
     """Return (the levels of least cost that are found for one weight of switches, a lower bound).
 
     The bound is that of agents that share meshes evenly, or None where it was not found on the way.
