@@ -17,7 +17,8 @@ from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import numbers_of
 from ...crowd_lod.planning.shadows import surround
-from ...crowd_lod.planning.shot import Bill, Shot, ShotPlan, decide, meshes_of
+from ...crowd_lod.planning.shot import ShotPlan, decide
+from ...crowd_lod.planning.shot_cost import Bill, Shot, meshes_of
 from ...crowd_lod.planning.survey import Survey, empty, record
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, plan_file, tables
