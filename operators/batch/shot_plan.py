@@ -98,40 +98,6 @@ def _ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(measure_levels(scene), 0.1, 1.0)
 
 
-def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, tuple[Survey, Any]]:
-    """Run through the shot: yield the progress, return (Survey, its cameras (F, E, 21) float64).
-
-    CrowdError if the crowd or its choice of LODs changes on the way.
-    """
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
-    policy, library = policy_of(settings), cast_of(characters_of(scene))
-    survey = empty(
-        frames,
-        [scene_data.remapped(scene.render, number) for number in frames],
-        trajectory.start.group,
-        library.first(trajectory.gaits),
-    )
-    seen, before, filmed = [], None, None
-    with frame_stepping.stepped(scene) as at:
-        for f, time in enumerate(survey.times.tolist()):
-            yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
-            eyes, around, shutter = lights.read_moment(scene, time, at)
-            if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
-                raise CrowdError(
-                    f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd and one choice of LODs, so remove "
-                    "their animation and drivers, or plan the frames before and after apart."
-                )
-            frame = surround(plan(trajectory, eyes, policy, time, shutter, bias_of(settings, trajectory.world.area)), around)
-            film = cameras.bound_camera(scene, time)
-            record(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), filmed not in (None, film))
-            seen.append(numbers_of(eyes))
-            before, filmed = frame, film
-            yield (f + 1) / len(frames)
-    if len({each.shape for each in seen}) > 1:
-        raise CrowdError("The number of the camera's eyes changes during the shot: plan the frames of each apart.")
-    return survey, np.array(seen)
-
-
 def write_plan(folder: Path, planned: Planned) -> dict[str, Any]:
     """Write the plan's files into `folder`; return the content of plan.json."""
     numbers = planned.stored.numbers.tolist()
