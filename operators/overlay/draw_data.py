@@ -84,7 +84,7 @@ class Drawing:
 
 def drawing(
     frame: Frame,
-    style: Style = Style(),  # noqa: B008  frozen
+    style: Style = Style(),
     colours: Colours | None = None,
     slopes: HeightMap | None = None,
     fades: tuple[np.ndarray, np.ndarray] | None = None,
