@@ -115,7 +115,7 @@ class Frame:
 
     def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
         spheres, leave = self.trajectory.spheres, self.trajectory.left_out
-        return radar(self.crowd, eyes, spheres.centre, spheres.reach, None, radial, leave, every=True)[1]
+        return radar(self.crowd, eyes, spheres.center, spheres.reach, None, radial, leave, every=True)[1]
 
 
 def plan(
@@ -210,7 +210,7 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     leave, items = trajectory.leave, set()
     made = blocks_at(trajectory, views[0][0])  # for their order
     (_, cameras, radius), *shutter = views
-    centre = trajectory.spheres.centre
+    centre = trajectory.spheres.center
     about = (centre, radius, policy.margin, policy.metric == "RADIAL", trajectory.left_out)
     box = bounds(crowd, cameras, *about) if leave else Bounds()
     gone = _lost(crowd, policy) if not box.finite else 0
@@ -246,7 +246,7 @@ def _one_by_one(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
 def _by_blocks(trajectory, crowd, views, policy, begin, bias, ticks) -> tuple:
     """Do the same as `_one_by_one` with blocks decided at once (culling/blocks.py)."""
     since, blocks = blocks_at(trajectory, views[0][0])
-    centre = trajectory.spheres.centre
+    centre = trajectory.spheres.center
     radius, radial = views[0][2], policy.metric == "RADIAL"
     gone = 0 if blocks.finite else _lost(crowd, policy)
     looks = [

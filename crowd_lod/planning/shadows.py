@@ -287,7 +287,7 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     """`frame` with the agents that it culled and that still matter: in `shadow` those that only cast a shadow into the picture or
     into what mirrors show of it, in `mirrored` those that mirrors show. A pure function of its arguments."""
     begun = clock.perf_counter()
-    trajectory, centre, radius = frame.trajectory, frame.trajectory.spheres.centre, frame.trajectory.spheres.reach
+    trajectory, centre, radius = frame.trajectory, frame.trajectory.spheres.center, frame.trajectory.spheres.reach
     grown = radius + most_moved(trajectory, [time for time, _ in frame.shutter])
     moments = [(frame.time, frame.crowd, frame.eyes, radius)]
     moments += [(time, trajectory.at(time), eyes, grown) for time, eyes in frame.shutter]

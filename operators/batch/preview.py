@@ -57,14 +57,14 @@ class Preview:
     frames: increasing.
     width: of the pictures, pixels.
     engine: one of ENGINES.
-    colour: one of COLOR_MODES; with the engine OVERLAY, a value of the setting overlay_color.
+    color: one of COLOR_MODES; with the engine OVERLAY, a value of the setting overlay_color.
     """
 
     frames: list[int]
     folder: Path
     width: int = 960
     engine: str = "WORKBENCH"
-    colour: str = "LOD"
+    color: str = "LOD"
 
 
 def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Generator[float, None, dict[str, Any]]:
@@ -120,7 +120,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
             shots.place(frame)
             ticks.append(clock.perf_counter())
             main = folder / f"main_{number:04d}.png"
-            _shade(stage, "TEXTURE" if wanted.colour == "MATERIAL" else "OBJECT", "STUDIO")
+            _shade(stage, "TEXTURE" if wanted.color == "MATERIAL" else "OBJECT", "STUDIO")
             caption = stage.render.stamp_note_text = _caption(frame)
             with _sized(stage.render, size):
                 shots.main(main, caption)
@@ -163,7 +163,7 @@ class Rendered:
 
     def __init__(self, stage: bpy.types.Scene, wanted: Preview):
         self.stage, self.layer, self.wanted, self.built = stage, stage.view_layers[0], wanted, None
-        self.tint = _tint_material() if wanted.colour == "LOD" and wanted.engine != "WORKBENCH" else None
+        self.tint = _tint_material() if wanted.color == "LOD" and wanted.engine != "WORKBENCH" else None
 
     def prepare(self) -> Iterator[float]:
         yield from render_setup.build(self.stage)
@@ -221,14 +221,14 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     # one pass; Workbench draws the whole scene anew for every other sample
     stage.display.render_aa = "FXAA"
     if wanted.engine == "OVERLAY":
-        stage.crowd_lod.overlay_color = wanted.colour
-    if wanted.colour != "MATERIAL":
+        stage.crowd_lod.overlay_color = wanted.color
+    if wanted.color != "MATERIAL":
         stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
         stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
         stage.world = _world()
     if wanted.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
-        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.colour == "LOD" else 4)
+        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.color == "LOD" else 4)
 
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
@@ -272,9 +272,9 @@ def _tint_material() -> bpy.types.Material:
     return material
 
 
-def _shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
+def _shade(stage: bpy.types.Scene, color: str, light: str) -> None:
     shading = stage.display.shading
-    shading.color_type, shading.light = colour, light
+    shading.color_type, shading.light = color, light
     shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = False
     shading.show_specular_highlight = False
 
@@ -374,7 +374,7 @@ def _plan(  # noqa: PLR0913 - the parts of what the file tells
             "width": wanted.width,
             "height": size[1],
             "engine": wanted.engine,
-            "colour": wanted.colour,
+            "colour": wanted.color,
             "notes": list(notes),
         },
         "left_out": (yield from _left_out(stage, wanted)),
@@ -421,7 +421,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             folder=files.absolute(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,
-            colour=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
+            color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         said = f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."

@@ -89,7 +89,7 @@ class Planner:
     def __init__(self, trajectory: Trajectory):
         area = trajectory.world.area
         self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
-        self.spheres = trajectory.spheres.centre, trajectory.spheres.reach
+        self.spheres = trajectory.spheres.center, trajectory.spheres.reach
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
 
@@ -135,7 +135,7 @@ class Planner:
         self._columns = columns
 
 
-def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) -> tuple[np.ndarray, np.ndarray]:
+def _inputs(middle, center, radius, camera: Camera, policy: LevelPolicy, begin) -> tuple[np.ndarray, np.ndarray]:
     """Return (the shader's CrowdPlan (36,), spheres (G * n, 4)), both float32.
 
     CrowdPlan: planes, view axis and origin relative to `middle` (3,), and the slack for rounding.
@@ -153,7 +153,7 @@ def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) 
     view = np.zeros((9, 4), np.float32)
     view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = normals, offsets, origin, (slack + camera.grain, most + TINY)
     spheres = np.zeros((len(radius), policy.count, 4), np.float32)
-    spheres[:, 0, :3] = np.column_stack([centre, reach, np.abs(centre) + reach])
+    spheres[:, 0, :3] = np.column_stack([center, reach, np.abs(center) + reach])
     spheres[:, 1:, 0] = begin
     return view.ravel(), spheres.reshape(-1, 4)
 
@@ -195,7 +195,7 @@ def _read(texture, count: int) -> np.ndarray:
 
 
 def _settled(  # noqa: PLR0913 - to be cut with the overlay
-    places, ends, centre, radius, crowd, order, camera, policy, begin
+    places, ends, center, radius, crowd, order, camera, policy, begin
 ) -> tuple[np.ndarray, np.ndarray]:
     """Decide the agents of the open bucket and return (places, offsets) with them.
 
@@ -206,7 +206,7 @@ def _settled(  # noqa: PLR0913 - to be cut with the overlay
     if not len(open_):
         return places, offsets
     agents = open_ if order is None else order[open_]
-    visible, distance = radar(crowd, camera, centre, radius, policy.margin, policy.metric == "RADIAL", agents=agents)
+    visible, distance = radar(crowd, camera, center, radius, policy.margin, policy.metric == "RADIAL", agents=agents)
     levels = assign(distance, begin, crowd.group[agents])
     buckets = []
     for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):

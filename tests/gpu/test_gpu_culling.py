@@ -38,10 +38,10 @@ class Tally:
 def tally(monkeypatch):
     settled, found = gpu_culling._settled, Tally()
 
-    def counting(places, ends, centre, radius, crowd, *more):
+    def counting(places, ends, center, radius, crowd, *more):
         found.asked += len(crowd)
         found.open += ends[-1] - ends[-2]
-        return settled(places, ends, centre, radius, crowd, *more)
+        return settled(places, ends, center, radius, crowd, *more)
 
     monkeypatch.setattr(gpu_culling, "_settled", counting)
     return found
@@ -88,7 +88,7 @@ def test_agents_on_planes_and_on_lod_borders_are_left_open_and_right(lens, tally
         camera = random_camera(random, lens)
         camera = replace(camera, origin=random.uniform(-50, 50, 3))
         radius = np.full(400, 10.0 ** random.uniform(-1, 1))
-        group = replace(walker(), centre=0.0, radius=float(radius[0]))
+        group = replace(walker(), center=0.0, radius=float(radius[0]))
         points = scatter(camera, radius, random, 0.5)
         on_border = points[:40] + np.outer(0.25 * camera.far - (points[:40] - camera.origin) @ camera.Z, camera.Z) / (
             camera.Z @ camera.Z
