@@ -45,7 +45,7 @@ def plan_json(
             "width": wanted.width,
             "height": staged.size[1],
             "engine": wanted.engine,
-            "colour": wanted.colour,
+            "colour": wanted.color,
             "notes": list(notes),
         },
         "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),

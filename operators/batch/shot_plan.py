@@ -6,32 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
-from ...crowd_lod.planning.frame import plan
 from ...crowd_lod.planning.frame_range import parse_frames
-from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import numbers_of
-from ...crowd_lod.planning.shadows import surround
 from ...crowd_lod.planning.shot import ShotPlan, decide
 from ...crowd_lod.planning.shot_cost import Bill, Shot, meshes_of
-from ...crowd_lod.planning.survey import Survey, empty, record
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, plan_file, tables
-from ..blender import cameras, frame_stepping, scene_data
+from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..build.cost_estimate import covered, samples_of
-from ..crowd import lights, shot_reference
+from ..crowd import shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import exemptions_of
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
-from ..lod_meshes.selection import cast_of
 
 READY, SURVEYED, DECIDED = 0.2, 0.6, 0.95  # of the progress
 

@@ -256,7 +256,7 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
     mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
     points = bpy.data.objects.new(mesh.name, mesh)
     mesh[OWNED] = points[OWNED] = True
-    # instances are drawn in the object colour of their instancer
+    # instances are drawn in the object color of their instancer
     points.color = (*TINTS[bucket.level], 1.0)
     for ray in bucket.unseen_by:
         setattr(points, f"visible_{ray}", False)  # their instances, too
