@@ -82,7 +82,7 @@ class _Limits:
 
     def loads(self, shown: np.ndarray) -> np.ndarray:
         """Return (F, Q) the load of each frame that shows `shown` (F, K, L) agents."""
-        return np.stack([(shown * each).sum(axis=(1, 2)) for each in self.each], axis=1)
+        return (shown[:, None] * self.each).sum(axis=(2, 3))
 
     def kept(self, shot: Shot, shown: np.ndarray) -> bool:
         """Return whether a shot that shows `shown` (F, K, L) agents is within all limits."""
