@@ -2,16 +2,17 @@
 
 import bpy
 
-from .batch import preview
+from .batch import preview, shot_plan
 from .blender import collection_caches, main_thread, scene_cache
 from .build import buttons, cost_estimate, frame_update, render_setup
 from .cli import commands
 from .crowd import sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import panels, properties
+from .ui import exception_list, panels, properties
 
 MODULES = (
+    exception_list,
     properties,
     sample_menu,
     state_machine_menu,
@@ -20,6 +21,7 @@ MODULES = (
     deviation,
     cost_estimate,
     preview,
+    shot_plan,
     viewport_image,
     buttons,
     agent_picker,

@@ -12,7 +12,7 @@ def levels(package: str) -> dict:
     names = "simplification.settings", "validation.silhouette"
     settings, silhouette = (import_module(f"{package}.crowd_lod.{name}") for name in names)
     few = {(deviation, "EVENLY"): 2, (deviation, "POSES"): 4, (deviation, "SAMPLES"): 500}
-    few[methods, "COMPARED"] = 1_000
+    few |= {(methods, "COMPARED"): 1_000, (methods, "IN_MOTION"): 250}
     less = replace(settings.CURRENT, moves=settings.CURRENT.moves // 10, moves_each=settings.CURRENT.moves_each / 2)
     few[settings, "CURRENT"] = replace(less, bound_tolerance=1.0, bound_depth=1)
     few |= {(silhouette, "AROUND"): 2, (silhouette, "ABOVE"): 1, (silhouette, "MOST_PIXELS"): 300, (silhouette, "CLOSER"): 2}

@@ -1,5 +1,7 @@
 """Cut steps at the borders of map cells and of the map (for behaviour/step.py)."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from ..crowd.maps import Area, LabelMap
@@ -12,49 +14,93 @@ PROGRESS = 1e-9
 MANY_PIECES = 8
 
 
-def _borders(x, y, column, row, velocity, world: LabelMap, past=0):
-    """Return the cell borders that agents in the cells column, row (c,) walk toward.
+class Walkers(NamedTuple):
+    """Agents on their way, the columns along x and y.
 
-    x, y: (c,) world metres.
-    velocity: (2, c) m/s.
-    past: (2, c), cells beyond the agent's own that it may pass before the border, along x and y.
-
-    Returns six arrays (2, c), each along x and y: the position; the last cell before the border;
-    the direction -1, 0 or 1; the cell behind the border; whether that cell is off the map; the
-    border's coordinate.
+    place: (2, c) float64, world metres.
+    cell: (2, c) intp, column and row of the map cells that they are in.
+    velocity: (2, c) float64, m/s.
     """
-    place, cell = np.array((x, y)), np.array((column, row))
-    size = np.array(world.cell)[:, None]
-    low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-    way = np.sign(velocity).astype(np.intp)
-    cell += way * past
-    beyond = cell + way
+
+    place: np.ndarray
+    cell: np.ndarray
+    velocity: np.ndarray
+
+    def of(self, some: np.ndarray) -> "Walkers":
+        """Return those at the indices `some`, (k,) intp."""
+        return Walkers(*(each.take(some, 1) for each in self))
+
+
+class Borders(NamedTuple):
+    """The cell borders that agents walk toward; each (2, c), along x and y.
+
+    last: column and row of the last cell before the border.
+    way: the direction -1, 0 or 1.
+    beyond: column and row of the cell behind the border.
+    out: bool, whether that cell is off the map.
+    at: the border's coordinate, world metres.
+    """
+
+    last: np.ndarray
+    way: np.ndarray
+    beyond: np.ndarray
+    out: np.ndarray
+    at: np.ndarray
+
+
+class Crossing(NamedTuple):
+    """What agents have done who went to the border of their cell.
+
+    taken: (c,) seconds.
+    place: (2, c) world metres.
+    cell: (2, c) column and row of the cell entered.
+    flips: (c,) uint8, the bits of `mirror` that the map's edge flips.
+    crossed: (c,) intp, the borders crossed before the last one.
+    """
+
+    taken: np.ndarray
+    place: np.ndarray
+    cell: np.ndarray
+    flips: np.ndarray
+    crossed: np.ndarray
+
+
+def _borders(walkers: Walkers, world: LabelMap, past: np.ndarray | int = 0) -> Borders:
+    """Return the borders that agents walk toward.
+
+    past: (2, c), cells beyond the agent's own that it may pass before the border, along x and y.
+    """
+    low, high = world.area.bounds
+    way = np.sign(walkers.velocity).astype(np.intp)
+    last = walkers.cell + way * past
+    beyond = last + way
     out = (beyond < 0) | (beyond >= np.array(world.labels.shape[::-1])[:, None])
-    return place, cell, way, beyond, out, np.where(out, np.where(way > 0, high, low), low + (cell + (way > 0)) * size)
+    at = np.where(out, np.where(way > 0, high, low), low + (last + (way > 0)) * np.array(world.cell)[:, None])
+    return Borders(last, way, beyond, out, at)
 
 
-def on_border(x, y, column, row, velocity, world: LabelMap, edge: str) -> np.ndarray:
+def on_border(walkers: Walkers, world: LabelMap, edge: str) -> np.ndarray:
     """Return whether agents stand on the border that they walk toward, (c,) bool.
 
-    Arguments as in `_borders`. With the edge policy "clamp" the map's own border does not count.
+    With the edge policy "clamp" the map's own border does not count.
     """
-    place, _, way, _, out, border = _borders(x, y, column, row, velocity, world)
-    touches = np.abs(border - place) <= 4 * np.spacing(np.abs(border) + np.abs(place))
-    return (touches & (way != 0) & ~(out & (edge == "clamp"))).any(axis=0)
+    place, border = walkers.place, _borders(walkers, world)
+    touches = np.abs(border.at - place) <= 4 * np.spacing(np.abs(border.at) + np.abs(place))
+    return (touches & (border.way != 0) & ~(border.out & (edge == "clamp"))).any(axis=0)
 
 
-def past(column, row, velocity, span, world: LabelMap) -> np.ndarray:
+def past(walkers: Walkers, span: np.ndarray, world: LabelMap) -> np.ndarray:
     """Return how many cells agents may pass before they reach another label.
 
-    Arguments as in `_borders`; span: (c,) seconds that the agents walk on.
+    span: (c,) seconds that the agents walk on.
 
     Returns (2, c) intp, cells beyond the agent's own along x and y; 0 for agents that walk no more
     than FAR cells in `span`.
     """
-    vx, vy = velocity
+    (vx, vy), (column, row) = walkers.velocity, walkers.cell
     at, way = row * world.labels.shape[1] + column, (vx > 0, vy > 0)
     found = np.zeros((2, len(at)), np.intp)
-    far = np.abs(velocity / np.array(world.cell)[:, None]).max(axis=0) * span > FAR
+    far = np.abs(walkers.velocity / np.array(world.cell)[:, None]).max(axis=0) * span > FAR
     for axis, straight in enumerate((vy == 0, vx == 0)):
         (some,) = (far & straight).nonzero()
         if len(some):
@@ -65,68 +111,67 @@ def past(column, row, velocity, span, world: LabelMap) -> np.ndarray:
     return found
 
 
-def to_border(x, y, column, row, velocity, span, world: LabelMap, edge: str, past):
+def to_border(walkers: Walkers, span: np.ndarray, past: np.ndarray, world: LabelMap, edge: str) -> Crossing:
     """Move agents that leave their cell within `span` to the border of that cell.
 
-    Arguments as in `_borders`, and past: (2, c), from `past`. An agent with `past` walks on through
-    cells of its own label, to the border behind them or as far as `span` lets it.
-
-    Returns, each (c,): the seconds taken; x; y; column and row of the cell entered; the bits of
-    `mirror` that the map's edge flips; the number of borders crossed before the last one.
+    span: (c,) seconds.
+    past: (2, c), from `past`. An agent with `past` walks on through cells of its own label, to the
+        border behind them or as far as `span` lets it.
+    edge: the machine's policy at the map's edge.
     """
-    place, cell, way, beyond, out, border = _borders(x, y, column, row, velocity, world, past)
-    own = np.array((column, row))
+    own, cell, (low, high) = walkers.cell, walkers.cell.copy(), world.area.bounds
+    last, way, beyond, out, border = _borders(walkers, world, past)
     with np.errstate(divide="ignore", invalid="ignore"):
-        time = np.where(way == 0, np.inf, np.maximum((border - place) / velocity, 0))
+        time = np.where(way == 0, np.inf, np.maximum((border - walkers.place) / walkers.velocity, 0))
     if edge == "clamp":
         time[out] = np.inf
     axis = (time[1] < time[0]).astype(np.intp)  # x first where both are reached at once
     one = np.arange(len(axis))
     taken = np.minimum(time.min(axis=0), span)
-    place = place + velocity * taken
+    place = walkers.place + walkers.velocity * taken
     ends = past.any(axis=0) & (time.min(axis=0) > span)  # among cells of its label
     if past.any():
-        at = (place - np.array([[world.area.x_min], [world.area.y_min]])) / np.array(world.cell)[:, None]
+        at = (place - low) / np.array(world.cell)[:, None]
         # who is on a border has crossed it only if that is the one in x, and the way ends at one in
         # y
         at = np.where((way > 0) == ((axis == 1) & ~ends), np.floor(at), np.ceil(at) - 1).astype(np.intp)
-        last, cell = cell, np.clip(at, np.minimum(own, cell), np.maximum(own, cell))
+        cell = np.clip(at, np.minimum(own, last), np.maximum(own, last))
         cell[axis, one] = np.where(ends, cell, last)[axis, one]
     crossed = np.abs(cell - own).sum(axis=0)
     leaves_map = out[axis, one] & ~ends
     if edge == "wrap":
-        low, high = np.array([[world.area.x_min, world.area.x_max], [world.area.y_min, world.area.y_max]]).T[..., None]
-        beyond %= np.array(world.labels.shape[::-1])[:, None]
+        beyond = beyond % np.array(world.labels.shape[::-1])[:, None]
         border = np.where(out, np.where(way > 0, low, high), border)
     place[axis, one] = np.where(ends, place, border)[axis, one]
     enters = ~ends & (~leaves_map | (edge == "wrap"))
     cell[axis, one] = np.where(enters, beyond[axis, one], cell[axis, one])
-    flips = (leaves_map << axis).astype(np.uint8) if edge == "reflect" else 0
-    return taken, *world.into(*place, *cell), *cell, flips, crossed
+    flips = (leaves_map << axis).astype(np.uint8) if edge == "reflect" else np.zeros(len(axis), np.uint8)
+    return Crossing(taken, np.array(world.into(*place, *cell)), cell, flips, crossed)
 
 
-def same_beside(column, row, to_column, to_row, world: LabelMap) -> np.ndarray:
+def same_beside(cell: np.ndarray, to: np.ndarray, world: LabelMap) -> np.ndarray:
     """Return whether two cells share a side and have the same label, (c,) bool.
 
-    column, row: (c,), the first cells.
-    to_column, to_row: (c,), the second cells.
+    cell, to: (2, c) intp, column and row of the first cells, and of the second.
     """
+    (column, row), (to_column, to_row) = cell, to
     beside = np.abs(to_column - column) + np.abs(to_row - row) == 1
     return beside & (world.labels[row, column] == world.labels[to_row, to_column])
 
 
-def outside(x: np.ndarray, y: np.ndarray, area: Area) -> np.ndarray:
-    """Return whether the positions x, y (n,) lie outside the area, (n,) bool."""
+def outside(place: np.ndarray, area: Area) -> np.ndarray:
+    """Return whether places (2, n), world metres, lie outside the area, (n,) bool."""
+    x, y = place
     return (x < area.x_min) | (x > area.x_max) | (y < area.y_min) | (y > area.y_max)
 
 
-def leaves_map(x: np.ndarray, y: np.ndarray, velocity: np.ndarray, area: Area) -> np.ndarray:
+def leaves_map(place: np.ndarray, velocity: np.ndarray, area: Area) -> np.ndarray:
     """Return whether agents would move off the map, (m,) bool.
 
-    x, y: (m,) world metres, on the area's border or beyond it; agents inside give False.
+    place: (2, m) world metres, on the area's border or beyond it; agents inside give False.
     velocity: (2, m) m/s.
     """
-    vx, vy = velocity
+    (x, y), (vx, vy) = place, velocity
     return (
         ((x <= area.x_min) & (vx < 0)) | ((x >= area.x_max) & (vx > 0))
         | ((y <= area.y_min) & (vy < 0)) | ((y >= area.y_max) & (vy > 0))
@@ -160,6 +205,23 @@ def rounds(now: np.ndarray, met: np.ndarray, agents: np.ndarray, idle: np.ndarra
     return skipped
 
 
+class Repeats(NamedTuple):
+    """What k agents repeat, from Rounds.piece.
+
+    times: (k,), how many whole rounds fit into the seconds that an agent has left.
+    seconds: (k,), the duration of one round.
+    gone: (2, k), the cells walked and the table reads of one round.
+    caught: (k,) bool, agents that get nowhere.
+    stands: (k,) bool, those of them that stand from now on.
+    """
+
+    times: np.ndarray
+    seconds: np.ndarray
+    gone: np.ndarray
+    caught: np.ndarray
+    stands: np.ndarray
+
+
 class Rounds:
     """Finds agents that repeat the same pieces within a step, to skip whole rounds.
 
@@ -175,10 +237,13 @@ class Rounds:
 
     def __init__(self, most: int, area: Area):
         self.most, self.since = most, 0
+        self.met: np.ndarray | None = None  # all that the way depends on, at the piece `since`
+        # the seconds left then, and the cells and reads since
+        self.had, self.gone = np.zeros(0), np.zeros((2, 0))
         # metres a border
         self.rounding = 4 * np.spacing(np.abs((area.x_min, area.y_min, area.x_max, area.y_max)).max())
 
-    def piece(self, pieces: int, now: np.ndarray | None, rest: np.ndarray, gone: np.ndarray) -> tuple:
+    def piece(self, pieces: int, now: np.ndarray | None, rest: np.ndarray, gone: np.ndarray) -> Repeats:
         """Return what repeats after so many `pieces`.
 
         Call it for each piece from MANY_PIECES on.
@@ -187,18 +252,11 @@ class Rounds:
             chance or timers.
         rest: (k,) seconds left.
         gone: (2, k), the cells walked and the table reads in the last piece.
-
-        Returns (times, seconds, round, caught, stands):
-        times: (k,), how many whole rounds fit into `rest`.
-        seconds: (k,), the duration of one round.
-        round: (2, k), `gone` summed over one round.
-        caught: (k,) bool, agents that get nowhere.
-        stands: (k,) bool, those of them that stand from now on.
         """
         count, marks = pieces - self.since, not pieces & (pieces - 1)
         times, took = np.zeros((2, len(rest)))
         whole = self.gone = gone + (self.gone if self.since else 0.0)
-        if self.since and now is not None:
+        if self.since and now is not None and self.met is not None:
             took, off = self.had - rest, np.abs(now - self.met)
             back = (off[:2] <= self.rounding * whole[1]).all(axis=0) & ~off[2:].any(axis=0)
             back &= (took > 0) & (whole[0] > PROGRESS * count)
@@ -208,7 +266,7 @@ class Rounds:
         caught = stands | (slow & (times * count >= self.most))
         if marks:
             self.since, self.met, self.had, self.gone = pieces, now, rest, np.zeros_like(gone)
-        return times, took, whole, caught, stands
+        return Repeats(times, took, whole, caught, stands)
 
     def keep(self, goes: np.ndarray) -> None:
         """Drop the agents that do not go on; goes: (k,) bool."""

@@ -28,7 +28,7 @@ from ..crowd.state_machine import StateMachine
 from .step import advance, step
 
 
-def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float):
+def walk(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float) -> tuple[Crowd, np.ndarray]:
     """Return (crowd, chatters) `seconds` later, exact up to the rounding of float64.
 
     The error is a few units in the last place per border.
@@ -109,11 +109,17 @@ def convergence(
             off = np.minimum(off, np.array(world.area.size)[:, None] - off)
         error = np.hypot(*off) if off.size else np.zeros(1)
         rows.append((np.median(error), error.mean(), error.max(), (error > np.hypot(*world.cell)).mean()))
-    return Convergence(seconds / np.array(steps), *np.array(rows).T, int((~chatters).sum()))
+    median, mean, worst, apart = np.array(rows).T
+    return Convergence(seconds / np.array(steps), median, mean, worst, apart, int((~chatters).sum()))
 
 
 def drift(
-    dtype=np.float64, steps: int = 1_000_000, agents: int = 64, seconds: float = 1 / 24, offset: float = 0.0, seed: int = 0
+    dtype: type[np.floating] = np.float64,
+    steps: int = 1_000_000,
+    agents: int = 64,
+    seconds: float = 1 / 24,
+    offset: float = 0.0,
+    seed: int = 0,
 ) -> tuple[float, float]:
     """Return (mean, worst) position error in metres after `steps` steps in `dtype`.
 

@@ -216,7 +216,8 @@ def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ..
     order = np.argsort(when, kind="stable")
     ends = np.searchsorted(when[order], np.arange(count + 1)).tolist()
     parts = [slice(*ends[k : k + 2]) for k in range(count)]
-    agents, case, after = agents[order], case[order], [{} for _ in parts]
+    agents, case = agents[order], case[order]
+    after: list[dict[str, np.ndarray]] = [{} for _ in parts]
     for name in (field.name for field in fields(Crowd)):
         old, new = (np.concatenate([getattr(each[k], name) for each in made]) for k in (2, 3))
         if name in changing or old.tobytes() != new.tobytes():

@@ -27,6 +27,7 @@ from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..progress import breath
 from . import cell_borders
+from .cell_borders import Walkers
 from .courant_number import check_speeds
 from .tabulated_step import Tables, mended, within
 
@@ -83,7 +84,14 @@ def step(
     return mended(moved, crowd, rest, lambda some: advance(some, machine, world, seconds, leave=leave)[0])
 
 
-def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, exact=False, leave=NOTHING):
+def advance(
+    crowd: Crowd,
+    machine: StateMachine,
+    world: LabelMap,
+    seconds: float,
+    exact: bool = False,
+    leave: frozenset[LeftOut] = NOTHING,
+) -> tuple[Crowd, Tally]:
     """Return (crowd, Tally) `seconds` later, every agent stepped piece by piece.
 
     exact: take the limit of ever shorter steps. An agent whose state changes then moves no further
@@ -91,133 +99,251 @@ def advance(crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float
         (behaviour/exact_walk.py).
     leave: parts to leave out, from leave_outs.needless.
     """
-    area = world.area
-    x, y = np.clip(crowd.x, area.x_min, area.x_max), np.clip(crowd.y, area.y_min, area.y_max)
-    heading, state = crowd.heading.copy(), crowd.state.copy()
-    wait, key, mirror = crowd.wait.copy(), crowd.key, crowd.mirror
-    draws, reflects = machine.timed or machine.chancy, machine.edge == "reflect"
-    key = key.copy() if draws else key
-    mirror = mirror.copy() if reflects else mirror
-    # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it goes
-    # on, it has met one twice
-    patience = 4 * len(machine.states) + 4 if exact else HOLD
-    held, reads = np.zeros(len(x), bool), 0
-    # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
-    repeats, met = not (exact or draws or reflects), None
-    rounds, pieces = cell_borders.Rounds(MOST_TURNS * patience, area), 0
-    agents = slice(None)  # those still on the move; their own arrays follow
-    column, row = world.cells(x, y)
-    rest, idle = np.full(len(x), float(seconds)), np.zeros(len(x), np.int32)
-    # NumPy is several times faster along rows than across pairs
-    table = np.ascontiguousarray(machine.velocity.reshape(-1, 2).T)
-    cell = np.array(world.cell)[:, None]
-    timed = machine.timed
-    while len(rest):
+    way = _Way(crowd, machine, world, seconds, exact, leave)
+    while len(way.rest):
         breath()
-        if timed:
-            _time_out(machine, agents, state, wait, key)
-        old = state[agents]
-        label = world.labels[:1, 0] if ONE_LABEL in leave else world.labels[row, column]
-        velocity = table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
-        if UNCHANGING in leave:
-            changed = np.zeros(len(rest), bool)
+        way.go()
+    now = way.now
+    if ONE_PACE not in leave:
+        now.pace[:] = pace_of(now.x, now.y, now.state, machine, world)
+    return now, Tally(way.reads, way.held, way.pieces)
+
+
+@dataclass
+class _Piece:
+    """One read of the table and one move of the k agents on their way.
+
+    walkers: where they are, and the velocity that they read.
+    label: (k,) uint8, of the cells they are in; (1,) if all of the map has one.
+    changed: (k,) bool, whose state the read has changed.
+    span: (k,) seconds that they walk.
+    to, to_cell: (2, k), where that leads, metres, and column and row of the cell there.
+    leaves: (c,) intp, which of them are stopped at a border.
+    reads: (k,) intp, table reads.
+    """
+
+    walkers: Walkers
+    label: np.ndarray
+    changed: np.ndarray
+    span: np.ndarray
+    to: np.ndarray
+    to_cell: np.ndarray
+    leaves: np.ndarray
+    reads: np.ndarray
+
+
+class _Way:
+    """The way of a crowd through one step, piece by piece, until no agent has time left.
+
+    now: the crowd, as far as it has come; its columns are written to.
+    agents: which of the crowd's n agents are still on their way: k indices, or at first all.
+    cell: (2, k) intp, column and row of the cells they are in.
+    rest: (k,) seconds they have left.
+    idle: (k,) int32, their pieces in a row without progress.
+    held, reads, pieces: see Tally.
+    """
+
+    def __init__(
+        self, crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float, exact: bool, leave: frozenset[LeftOut]
+    ):
+        self.machine, self.world, self.exact, self.leave = machine, world, exact, leave
+        self.draws, self.reflects = machine.timed or machine.chancy, machine.edge == "reflect"
+        area = world.area
+        self.now = now = replace(
+            crowd,
+            x=np.clip(crowd.x, area.x_min, area.x_max),
+            y=np.clip(crowd.y, area.y_min, area.y_max),
+            heading=crowd.heading.copy(),
+            state=crowd.state.copy(),
+            wait=crowd.wait.copy() if machine.timed else crowd.wait,
+            key=crowd.key.copy() if self.draws else crowd.key,
+            mirror=crowd.mirror.copy() if self.reflects else crowd.mirror,
+            pace=crowd.pace if ONE_PACE in leave else np.empty_like(crowd.pace),
+        )
+        self.agents: np.ndarray | slice = slice(None)
+        self.cell = np.array(world.cells(now.x, now.y))
+        self.rest, self.idle = np.full(len(crowd), float(seconds)), np.zeros(len(crowd), np.int32)
+        self.held, self.reads, self.pieces = np.zeros(len(crowd), bool), 0, 0
+        # in a zero-time run an agent sees at most the 4 cells round a corner in each state: if it
+        # goes on, it has met one twice
+        self.patience = 4 * len(machine.states) + 4 if exact else HOLD
+        # without chance, timers, and mirrors, who comes back to where it was goes on in rounds
+        self.repeats = not (exact or self.draws or self.reflects)
+        self.met: np.ndarray | None = None
+        self.rounds = cell_borders.Rounds(MOST_TURNS * self.patience, area)
+        self.size = np.array(world.cell)[:, None]
+        # NumPy is several times faster along rows than across pairs
+        self.table = np.ascontiguousarray(machine.velocity.reshape(-1, 2).T)
+
+    def go(self) -> None:
+        """Take all who are on their way one piece further."""
+        if self.machine.timed:
+            self._time_out()
+        piece = self._aimed(*self._read())
+        if len(piece.leaves) and not self.exact:
+            self._enter_alike(piece)
+        if len(piece.leaves):
+            self._stop_at_border(piece)
+        self._move(piece)
+        self._tire(piece)
+        self._go_on(self._in_rounds(piece))
+
+    def who(self, some: np.ndarray) -> np.ndarray:
+        """Return the crowd's indices of `some`, (j,) intp indices of those on their way."""
+        return some if isinstance(self.agents, slice) else self.agents[some]
+
+    def _time_out(self) -> None:
+        """Move those whose timer has run out into their next state."""
+        now, machine = self.now, self.machine
+        out = self.who(np.flatnonzero(now.wait[self.agents] <= 0))
+        now.state[out] = machine.timed_out(now.state[out], now.key[out])
+        now.key[out] = random_streams.moved_on(now.key[out], np.ones(len(out), bool))
+        now.wait[out] = machine.waits(now.state[out], now.key[out])
+
+    def _read(self) -> tuple[Walkers, np.ndarray, np.ndarray]:
+        """Read the table: the old state and the label give the velocity and the next state.
+
+        Returns walkers, label and changed, as in _Piece.
+        """
+        now, machine, agents = self.now, self.machine, self.agents
+        old, (column, row) = now.state[agents], self.cell
+        label = self.world.labels[:1, 0] if ONE_LABEL in self.leave else self.world.labels[row, column]
+        velocity = self.table.take(old.astype(np.intp) * len(machine.labels) + label, axis=1)
+        if UNCHANGING in self.leave:
+            changed = np.zeros(len(old), bool)
         else:
-            new = machine.following(old, label, key[agents])
+            new = machine.following(old, label, now.key[agents])
             changed = new != old
-            state[agents] = new
-        read = np.ones(len(rest), np.intp)
-        if reflects:
-            velocity = velocity * np.stack([1.0 - 2 * (mirror[agents] & 1), 1.0 - (mirror[agents] & 2)])
-            mirror[agents] *= ~changed
-        if draws:
-            key[agents] = random_streams.moved_on(key[agents], changed)
-            into = np.flatnonzero(changed) if isinstance(agents, slice) else agents[changed]
-            wait[into] = machine.waits(state[into], key[into])
+            now.state[agents] = new
+        if self.reflects:
+            velocity = velocity * np.stack([1.0 - 2 * (now.mirror[agents] & 1), 1.0 - (now.mirror[agents] & 2)])
+            now.mirror[agents] *= ~changed
+        if self.draws:
+            now.key[agents] = random_streams.moved_on(now.key[agents], changed)
+            into = self.who(np.flatnonzero(changed))
+            now.wait[into] = machine.waits(now.state[into], now.key[into])
+        place = np.array((now.x[agents], now.y[agents]))
         if machine.edge == "stop":
-            velocity[:, cell_borders.leaves_map(x[agents], y[agents], velocity, area)] = 0
-        span = np.minimum(rest, wait[agents]) if timed else rest.copy()
-        if exact:
+            velocity[:, cell_borders.leaves_map(place, velocity, self.world.area)] = 0
+        return Walkers(place, self.cell, velocity), label, changed
+
+    def _aimed(self, walkers: Walkers, label: np.ndarray, changed: np.ndarray) -> _Piece:
+        """Return the piece up to the end of the step or of a timer, through any border."""
+        world, edge = self.world, self.machine.edge
+        span = np.minimum(self.rest, self.now.wait[self.agents]) if self.machine.timed else self.rest.copy()
+        if self.exact:
             span[changed] = 0
-        # where the span leads; those who would leave their cell go to its border
-        to_x, to_y = x[agents] + velocity[0] * span, y[agents] + velocity[1] * span
-        to_column, to_row = world.cells(to_x, to_y)
-        leaves = (to_column != column) | (to_row != row)
-        if machine.edge != "clamp":
-            leaves |= cell_borders.outside(to_x, to_y, area)
-        if exact or not isinstance(agents, slice):
+        to = walkers.place + walkers.velocity * span
+        to_cell = np.array(world.cells(*to))
+        leaves = (to_cell[0] != walkers.cell[0]) | (to_cell[1] != walkers.cell[1])
+        if edge != "clamp":
+            leaves |= cell_borders.outside(to, world.area)
+        if self.exact or self.pieces:
             # on a border and heading out: however short the move, even if rounding loses it, it
             # leaves the cell
-            leaves |= cell_borders.on_border(x[agents], y[agents], column, row, velocity, world, machine.edge)
-        c = np.flatnonzero(leaves)
-        # into a cell of the same label at its side nothing is read that is not known
-        if len(c) and not exact:
-            on = c[cell_borders.same_beside(column[c], row[c], to_column[c], to_row[c], world) & ~changed[c]]
-            if machine.edge != "clamp":
-                on = on[~cell_borders.outside(to_x[on], to_y[on], area)]
-            column[on], row[on], leaves[on] = to_column[on], to_row[on], False
-            read[on] += 1
-            c = np.flatnonzero(leaves)
-        if len(c):
-            past = ~changed[c] * cell_borders.past(column[c], row[c], velocity[:, c], span[c], world)
-            at = x[agents][c], y[agents][c], column[c], row[c], velocity[:, c], span[c]
-            span[c], to_x[c], to_y[c], column[c], row[c], flips, crossed = cell_borders.to_border(*at, world, machine.edge, past)
-            read[c] += crossed
-            if reflects:
-                mirror[np.arange(len(x))[agents][c]] ^= flips
-            if draws:
-                entered = np.zeros(len(rest), bool)
-                entered[c] = ONE_LABEL not in leave and world.labels[row[c], column[c]] != label[c]
-                key[agents] = random_streams.moved_on(key[agents], entered)
-        x[agents] = np.clip(to_x, area.x_min, area.x_max)
-        y[agents] = np.clip(to_y, area.y_min, area.y_max)
-        speed = np.hypot(*velocity)
-        heading[agents] = np.where(speed > 0, np.arctan2(velocity[1], velocity[0]), heading[agents])
-        if timed:
-            wait[agents] -= span
-        rest = rest - span
-        # who goes on, and who has been at it too long without getting anywhere
-        j = np.flatnonzero(leaves | changed) if exact else c
-        slow = span[j] * np.abs(velocity[:, j] / cell).max(axis=0) <= cell_borders.PROGRESS
-        before, idle = idle, np.zeros(len(idle), np.int32)
-        if slow.any():
-            idle[j] = np.where(slow, before[j] + 1, 0)
-            if repeats:
-                met = np.full((6, len(x)), np.nan) if met is None else met
-                now = np.array([x[agents], y[agents], state[agents], column, row, rest])[:, j]
-                skipped = cell_borders.rounds(now, met, np.arange(len(x))[agents][j], idle[j], patience)
-                idle[j] += skipped
-                reads += int(skipped.sum())
-        pieces, reads, stands = pieces + 1, reads + int(read.sum()), False
-        if pieces >= cell_borders.MANY_PIECES:
-            now = None if draws else np.array([x[agents], y[agents], state[agents], mirror[agents], column, row])
-            gone = np.array([span * np.abs(velocity / cell).max(axis=0), read])
-            times, took, (_, more), caught, stands = rounds.piece(pieces, now, rest, gone)
-            rest = np.maximum(rest - times * took, 0)
-            reads += int(times @ more)
-            held[agents[caught]] = True
-        goes = rest > 0
-        gives_up = goes & ((idle >= patience) | stands)
-        agents = np.flatnonzero(goes) if isinstance(agents, slice) else agents[goes]
+            leaves |= cell_borders.on_border(walkers, world, edge)
+        return _Piece(walkers, label, changed, span, to, to_cell, np.flatnonzero(leaves), np.ones(len(span), np.intp))
+
+    def _enter_alike(self, piece: _Piece) -> None:
+        """Let go on who enters a cell of the same label at its side: its read is known."""
+        c, world = piece.leaves, self.world
+        on = cell_borders.same_beside(self.cell.take(c, 1), piece.to_cell.take(c, 1), world) & ~piece.changed[c]
+        if self.machine.edge != "clamp":
+            on &= ~cell_borders.outside(piece.to.take(c, 1), world.area)
+        piece.leaves, on = c[~on], c[on]
+        _put(self.cell, on, piece.to_cell.take(on, 1))
+        piece.reads[on] += 1
+
+    def _stop_at_border(self, piece: _Piece) -> None:
+        """Stop who leaves its cell at the border, or at the end of cells of one label."""
+        c, now, world = piece.leaves, self.now, self.world
+        walkers, span = piece.walkers.of(c), piece.span[c]
+        past = ~piece.changed[c] * cell_borders.past(walkers, span, world)
+        crossing = cell_borders.to_border(walkers, span, past, world, self.machine.edge)
+        _put(piece.to, c, crossing.place)
+        _put(self.cell, c, crossing.cell)
+        piece.span[c] = crossing.taken
+        piece.reads[c] += crossing.crossed
+        if self.reflects:
+            now.mirror[self.who(c)] ^= crossing.flips
+        if self.draws:
+            entered, (column, row) = np.zeros(len(piece.span), bool), crossing.cell
+            entered[c] = ONE_LABEL not in self.leave and world.labels[row, column] != piece.label[c]
+            now.key[self.agents] = random_streams.moved_on(now.key[self.agents], entered)
+
+    def _move(self, piece: _Piece) -> None:
+        """Walk the piece."""
+        now, agents, area = self.now, self.agents, self.world.area
+        now.x[agents] = np.clip(piece.to[0], area.x_min, area.x_max)
+        now.y[agents] = np.clip(piece.to[1], area.y_min, area.y_max)
+        vx, vy = piece.walkers.velocity
+        now.heading[agents] = np.where(np.hypot(vx, vy) > 0, np.arctan2(vy, vx), now.heading[agents])
+        if self.machine.timed:
+            now.wait[agents] -= piece.span
+        self.rest = self.rest - piece.span
+        self.pieces, self.reads = self.pieces + 1, self.reads + int(piece.reads.sum())
+
+    def _tire(self, piece: _Piece) -> None:
+        """Count the pieces without progress of those stopped, and skip whole rounds of such."""
+        stopped = piece.leaves
+        if self.exact:
+            stopped = piece.changed.copy()
+            stopped[piece.leaves] = True
+            stopped = np.flatnonzero(stopped)
+        before, self.idle = self.idle, np.zeros(len(self.idle), np.int32)
+        if not len(stopped):
+            return
+        slow = self._cells(piece.span[stopped], piece.walkers.velocity.take(stopped, 1)) <= cell_borders.PROGRESS
+        self.idle[stopped] = np.where(slow, before[stopped] + 1, 0)
+        if self.repeats and slow.any():
+            now, agents = self.now, self.agents
+            self.met = np.full((6, len(now)), np.nan) if self.met is None else self.met
+            here = np.array([now.x[agents], now.y[agents], now.state[agents], *self.cell, self.rest])[:, stopped]
+            skipped = cell_borders.rounds(here, self.met, self.who(stopped), self.idle[stopped], self.patience)
+            self.idle[stopped] += skipped
+            self.reads += int(skipped.sum())
+
+    def _in_rounds(self, piece: _Piece) -> np.ndarray | bool:
+        """Skip the rounds of who comes back to where it was with progress in between.
+
+        Returns who stands from now on, (k,) bool, or False for nobody.
+        """
+        if self.pieces < cell_borders.MANY_PIECES:
+            return False
+        now, agents = self.now, self.agents
+        columns = now.x[agents], now.y[agents], now.state[agents], now.mirror[agents], *self.cell
+        gone = np.array([self._cells(piece.span, piece.walkers.velocity), piece.reads])
+        again = self.rounds.piece(self.pieces, None if self.draws else np.array(columns), self.rest, gone)
+        self.rest = np.maximum(self.rest - again.times * again.seconds, 0)
+        self.reads += int(again.times @ again.gone[1])
+        self.held[self.who(np.flatnonzero(again.caught))] = True
+        return again.stands
+
+    def _go_on(self, stands: np.ndarray | bool) -> None:
+        """Keep those who have time left, less those who have long been getting nowhere."""
+        goes = self.rest > 0
+        gives_up = goes & ((self.idle >= self.patience) | stands)
         if gives_up.any():
-            stand = agents[gives_up[goes]]
-            held[stand] = True
-            wait[stand] -= rest[gives_up]
-            agents, goes = agents[~gives_up[goes]], goes & ~gives_up
-        if pieces >= cell_borders.MANY_PIECES:
-            rounds.keep(goes)
-        rest, idle, column, row = rest[goes], idle[goes], column[goes], row[goes]
-    wait = wait if timed else crowd.wait
-    pace = crowd.pace if ONE_PACE in leave else pace_of(x, y, state, machine, world)
-    moved = replace(crowd, x=x, y=y, heading=heading, state=state, wait=wait, key=key, mirror=mirror, pace=pace)
-    return moved, Tally(reads, held, pieces)
+            stand = self.who(np.flatnonzero(gives_up))
+            self.held[stand] = True
+            if self.machine.timed:
+                self.now.wait[stand] -= self.rest[gives_up]
+            goes &= ~gives_up
+        if self.pieces >= cell_borders.MANY_PIECES:
+            self.rounds.keep(goes)
+        on = np.flatnonzero(goes)
+        self.agents, self.cell = self.who(on), self.cell.take(on, 1)
+        self.rest, self.idle = self.rest[on], self.idle[on]
+
+    def _cells(self, span: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the cells walked (j,) in `span` (j,) seconds at `velocity` (2, j)."""
+        return span * np.abs(velocity / self.size).max(axis=0)
 
 
-def _time_out(machine: StateMachine, agents, state, wait, key) -> None:
-    """Move those of `agents` whose timer has run out into their next state."""
-    out = np.flatnonzero(wait <= 0) if isinstance(agents, slice) else agents[wait[agents] <= 0]
-    state[out] = machine.timed_out(state[out], key[out])
-    key[out] = random_streams.moved_on(key[out], np.ones(len(out), bool))
-    wait[out] = machine.waits(state[out], key[out])
+def _put(into: np.ndarray, some: np.ndarray, values: np.ndarray) -> None:
+    """Write values (2, j) to the columns `some` (j,) of `into` (2, k)."""
+    for row, value in zip(into, values, strict=True):  # several times faster than into[:, some]
+        row[some] = value
 
 
 def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachine, world: LabelMap) -> np.ndarray:
@@ -231,5 +357,5 @@ def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachi
     pace = machine.paces.of[state, label]
     if machine.edge == "stop":
         # who stands
-        pace[cell_borders.leaves_map(x, y, machine.velocity[state, label].T, world.area)] = 0
+        pace[cell_borders.leaves_map(np.array((x, y)), machine.velocity[state, label].T, world.area)] = 0
     return pace

@@ -118,8 +118,8 @@ def within(
         if leaves.any():
             c = np.flatnonzero(leaves & ~other)
             c = c[~np.isnan(x[block][c])]  # their state changes
-            to = world.cells(x[block][c], y[block][c])
-            leaves[c] = ~same_beside(*(cell[c].astype(np.intp) for cell in cells), *to, world)
+            to_cell = np.array(world.cells(x[block][c], y[block][c]))
+            leaves[c] = ~same_beside(np.array([cell[c] for cell in cells], np.intp), to_cell, world)
             other |= leaves
         if heading is not crowd.heading:
             _turn(crowd.heading[block], tables, case, heading[block])

@@ -17,7 +17,7 @@ from ..crowd.maps import HeightMap, LabelMap
 from ..crowd.state_machine import StateMachine
 from ..progress import aside
 from .courant_number import check_speeds
-from .lookahead import look, onward, opened
+from .lookahead import Ahead, look, onward, opened
 from .step import advance, pace_of, step
 from .tabulated_step import Tables
 
@@ -62,7 +62,7 @@ class Trajectory:
     _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         for axis in "xy":
             place = getattr(self.start, axis)
             # who stands beyond the map is taken onto it, but from infinity nobody comes back
@@ -73,13 +73,15 @@ class Trajectory:
         self.start = replace(self.start, pace=pace)
         self._kept[0] = self.start
         # the latest, and the one before it once that has been asked for, as open shutters do
-        self._recent, self._looks_back = ((0, self.start),), False
-        self._ground = None, None
+        self._recent: tuple[tuple[int, Crowd], ...] = ((0, self.start),)
+        self._looks_back = False
+        self._ground: tuple[np.ndarray, np.ndarray] | None = None  # x, and the ground's z there
         self.left_out = self.leave and self.leave & needless(
             self.start, self.machine, self.world, len(self.groups), self.heights is not None
         )
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
-        self._ahead = None, None  # a crowd, and what is known of its next steps
+        # a crowd, and what is known of its next steps
+        self._ahead: tuple[Crowd | None, Ahead | None] = None, None
 
     def at(self, time: float) -> Crowd:
         """Return the crowd at `time`, in frames."""
@@ -88,10 +90,10 @@ class Trajectory:
         crowd = self._step(crowd, part, int(whole)) if part else crowd
         if self.heights is None:
             return crowd
-        x, z = self._ground
+        x, z = self._ground or (None, crowd.z)
         if crowd.x is not x:  # who stands still, stands on the ground found before
             z = self.heights.at(crowd.x, crowd.y)
-            self._ground = (crowd.x, z) if STILL in self.left_out else (None, None)
+            self._ground = (crowd.x, z) if STILL in self.left_out else None
         return replace(crowd, z=z)
 
     def phase(self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
@@ -190,7 +192,8 @@ class Trajectory:
                     del self._kept[kept]
 
     def _at_whole(self, target: int) -> Crowd:
-        latest, own = self._recent[0], ()
+        latest = self._recent[0]
+        own: tuple[tuple[int, Crowd], ...] = ()
         while True:
             with self._lock:
                 looked_back = latest[0] - target == 1

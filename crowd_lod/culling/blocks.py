@@ -134,7 +134,6 @@ def blocks_of(
     spheres: Spheres,
     area: Area,
     wraps: tuple | None = None,
-    flat: bool = False,
     heights: HeightMap | None = None,
 ) -> Blocks:
     """Return the blocks of `crowd`.
@@ -144,8 +143,7 @@ def blocks_of(
         it.
     wraps: (least, most) displacement (3,) within which the boxes will be used, if agents that leave
         the area come back at its other side.
-    flat: no agent's height changes.
-    heights: the ground that agents stand on; without it they stand at their own z.
+    heights: the ground that agents stand on; without it they stay at their own z.
 
     Needs at most about 9 bytes an agent, of which the result keeps 5.
     """
@@ -156,7 +154,7 @@ def blocks_of(
     boxes = np.empty((8, leaves))
     low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):
-        floor = float(crowd.z[0]) if flat and crowd.z.min() == crowd.z.max() else None
+        floor = float(crowd.z[0]) if heights is None and crowd.z.min() == crowd.z.max() else None
         low[2], high[2] = floor or 0.0, floor or 0.0
         for at in range(0, leaves, COLUMNS // 4):
             some = slice(at, at + COLUMNS // 4)
@@ -182,10 +180,10 @@ def blocks_of(
             half = (high - low) / 2
             low[:] = (low + high) / 2
             high[:] = half
-    sizes = [count]
+    sizes = np.array([count])
     if len(centre) > 1:  # in parts: to be counted, they are taken for numbers of 8 bytes
         parts = (crowd.group[at : at + morton_order.BLOCK] for at in range(0, count, morton_order.BLOCK))
-        sizes = sum(np.bincount(part, minlength=len(centre)) for part in parts)
+        sizes = np.sum([np.bincount(part, minlength=len(centre)) for part in parts], axis=0)
     return Blocks(rows, np.append(0, np.cumsum(sizes)), np.array([centre, radius]), tiers, extent, bool(np.isfinite(extent)), floor)
 
 
@@ -312,7 +310,7 @@ def near(
     return some
 
 
-def _alone(blocks: Blocks, crowd: Crowd, tests, limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:
+def _alone(blocks: Blocks, crowd: Crowd, tests: list[Test], limits: np.ndarray, decided: Decided, count: int) -> np.ndarray:
     """Decide agents that are clearly in or out; return the places (m,) of the rest.
 
     count: how many agents of decided.own, flattened, are tested. The places are indices into the
@@ -368,23 +366,23 @@ def _steps(limits: np.ndarray) -> tuple:
     return _over(limits, np.maximum), _over(limits, np.minimum)
 
 
-def _asked(tests, steps, boxes: np.ndarray, group: np.ndarray, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _asked(
+    tests: list[list[Test]], steps: list[tuple], boxes: np.ndarray, group: np.ndarray, some: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (outside, level), each (b,), for the boxes (9, b).
 
+    tests: for each time, those of the eyes.
+    steps: of each limit, from `_steps`.
     outside: whether no camera sees the box.
     level: the LOD of boxes seen wholly and in one LOD, else CULLED. The boxes' first and last
         groups are group[:, some].
     """
-    outside = inside = nearest = None
-    for time, eyes in enumerate(tests):
-        for test in eyes:
-            out, within, near, far = test(boxes)
-            outside = out if outside is None else outside & out
-            inside = within if inside is None else inside | within
-            if nearest is None:
-                nearest, farthest = near, far
-            elif not time:
-                nearest, farthest = np.minimum(nearest, near), np.minimum(farthest, far)
+    (outside, inside, nearest, farthest), *others = (test(boxes) for test in tests[0])
+    for out, within, near, far in others:
+        outside, inside = outside & out, inside | within
+        nearest, farthest = np.minimum(nearest, near), np.minimum(farthest, far)
+    for out, within, *_ in (test(boxes) for eyes in tests[1:] for test in eyes):
+        outside, inside = outside & out, inside | within
     finest, coarsest = np.zeros((2, boxes.shape[1]), np.uint8)
     for latest, earliest in steps:
         finest += (nearest >= (latest[*group[:, some]] if np.ndim(latest) else latest)).view(np.uint8)

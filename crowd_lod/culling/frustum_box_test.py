@@ -122,10 +122,15 @@ class Test:
         worst = values[: len(sides)].max(axis=0)
         return worst > self.slack, worst <= -self.slack, distance
 
-    def _of_range(self, boxes, close, away, least, most) -> tuple[np.ndarray, np.ndarray]:
+    def _of_range(
+        self, boxes: np.ndarray, close: np.ndarray, away: np.ndarray, least: np.ndarray, most: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Return (outside, inside), each (b,), for a PANO camera's clip range and cone.
 
         The cone tests a sphere about each box.
+
+        close, away: (b,) metres, bounds of the distances of the boxes' centers.
+        least, most: (b,) metres, bounds of the reach of the boxes' spheres.
         """
         camera = self.camera
         outside = (close > camera.far + most + self.slack) | (away < camera.near - most - self.slack)

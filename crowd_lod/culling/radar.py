@@ -24,23 +24,10 @@ TINY = 1e-150
 CORNERS = np.indices((2, 2, 2), dtype=bool).reshape(3, 8)
 
 
-def radar(
-    crowd: Crowd,
-    cameras: Camera | Sequence[Camera],
-    centre: np.ndarray,
-    radius: np.ndarray,
-    margin: float | None = None,
-    radial: bool = False,
-    leave: frozenset[LeftOut] = NOTHING,
-    every: bool | None = None,
-    measure: bool = True,
-    agents: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (visible, distance): which agents any camera may see, and how far away.
+@dataclass(frozen=True)
+class RadarOptions:
+    """How agents are tested.
 
-    cameras: one, or the eyes of one picture.
-    centre, radius: (G,) float64 metres, each group's bounding sphere: the height of its center
-        above the feet, and its radius.
     margin: None derives the chapter's widening from the sphere. The sphere is then visible iff it
         lies in or touches all six planes (Delta = r / cos(fov / 2) at the sides, r at near and
         far). A number is the chapter's fixed Delta in metres, at the sides alone.
@@ -48,6 +35,31 @@ def radar(
     leave: what the crowd does not need, from leave_outs.needless.
     every: the answer for all agents, from `bounds`, if it is known.
     measure: whether to measure distances; those not measured are inf.
+    """
+
+    margin: float | None = None
+    radial: bool = False
+    leave: frozenset[LeftOut] = NOTHING
+    every: bool | None = None
+    measure: bool = True
+
+
+PLAIN = RadarOptions()
+
+
+def radar(
+    crowd: Crowd,
+    cameras: Camera | Sequence[Camera],
+    centre: np.ndarray,
+    radius: np.ndarray,
+    options: RadarOptions = PLAIN,
+    agents: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (visible, distance): which agents any camera may see, and how far away.
+
+    cameras: one, or the eyes of one picture.
+    centre, radius: (G,) float64 metres, each group's bounding sphere: the height of its center
+        above the feet, and its radius.
     agents: (m,) indices to test, group by group if the crowd is in order; None tests all. The
         results are then (m,).
 
@@ -61,11 +73,11 @@ def radar(
     Positions relative to the camera are computed in float64.
     """
     cameras = (cameras,) if isinstance(cameras, Camera) else tuple(cameras)
-    count = len(crowd) if agents is None else len(agents)
-    visible, distance = np.full(count, bool(every)), np.full(count, np.inf)
-    if not count or (every is not None and not measure):
+    count, leave = len(crowd) if agents is None else len(agents), options.leave
+    visible, distance = np.full(count, bool(options.every)), np.full(count, np.inf)
+    if not count or (options.every is not None and not options.measure):
         return visible, distance
-    frustums = [None if camera.kind == "PANO" else planes(camera) for camera in cameras]
+    views = [(camera, None if camera.kind == "PANO" else planes(camera)) for camera in cameras]
     height = crowd.z[0] + centre if FLAT in leave else None
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
         groups = crowd.group if agents is None else crowd.group[agents]
@@ -73,22 +85,35 @@ def radar(
             here = block if agents is None else agents[block]
             group = groups[block.start if leave & {ONE_GROUP, IN_ORDER} else block]
             z = crowd.z[here] + centre[group] if height is None else height[group]
-            r = radius[group] if margin is None else 0.0
-            x, y = crowd.x[here], crowd.y[here]
-            for camera, frustum in zip(cameras, frustums, strict=True):
-                v = x - camera.origin[0], y - camera.origin[1], z - camera.origin[2]
-                depth = _dot(v, camera.Z)
-                range_ = np.sqrt(_dot(v, v)) if radial or frustum is None or camera.turn else None
-                if every is None:
-                    reach, slack = _reach(camera, v, range_, r)
-                    if frustum is None:
-                        inside = _in_cone(camera, v, depth, range_, reach + slack)
-                    else:
-                        inside = _in_frustum(frustum, v, depth, reach + frustum.rounding * slack, margin)
-                    visible[block] |= inside & np.isfinite(slack)
-                if measure:
-                    np.fmin(distance[block], range_ if radial or frustum is None else depth, out=distance[block])
+            r = radius[group] if options.margin is None else 0.0
+            places = crowd.x[here], crowd.y[here], z
+            for camera, frustum in views:
+                _look(camera, frustum, places, r, options, (visible[block], distance[block]))
     return visible, distance
+
+
+def _look(
+    camera: Camera, frustum: Planes | None, places: tuple, r: np.ndarray | float, options: RadarOptions, found: tuple
+) -> None:
+    """Add to `found`, (visible, distance) of a block of agents, what one camera sees.
+
+    frustum: the camera's planes; None for a panoramic one.
+    places: x, y, z of the spheres' centers, each (b,) or one number.
+    r: radius.
+    """
+    visible, distance = found
+    v = tuple(place - origin for place, origin in zip(places, camera.origin, strict=True))
+    depth, ranged = _dot(v, camera.Z), options.radial or frustum is None
+    away = np.sqrt(_dot(v, v)) if ranged or camera.turn else depth  # |v|, where something follows from it
+    if options.every is None:
+        reach, slack = _reach(camera, v, away, r)
+        if frustum is None:
+            inside = _in_cone(camera, v, depth, away, reach + slack)
+        else:
+            inside = _in_frustum(frustum, v, depth, reach + frustum.rounding * slack, options.margin)
+        visible |= inside & np.isfinite(slack)
+    if options.measure:
+        np.fmin(distance, away if ranged else depth, out=distance)
 
 
 def _blocks(group: np.ndarray, leave: frozenset[LeftOut]) -> list[slice]:
@@ -117,9 +142,7 @@ def bounds(
     cameras: Sequence[Camera],
     centre: np.ndarray,
     radius: np.ndarray,
-    margin: float | None = None,
-    radial: bool = False,
-    leave: frozenset[LeftOut] = NOTHING,
+    options: RadarOptions = PLAIN,
 ) -> Bounds:
     """Return what `radar` finds for all agents, from the box about them.
 
@@ -132,13 +155,13 @@ def bounds(
     if not len(crowd):
         return Bounds()
     with np.errstate(invalid="ignore", over="ignore", under="ignore"):
-        z = crowd.z[:1] if FLAT in leave else crowd.z
+        z = crowd.z[:1] if FLAT in options.leave else crowd.z
         low = np.array([crowd.x.min(), crowd.y.min(), z.min() + centre.min()])
         high = np.array([crowd.x.max(), crowd.y.max(), z.max() + centre.max()])
         if not np.isfinite([low, high]).all():
             return Bounds()
-        r = (radius.min(), radius.max()) if margin is None else (0.0, 0.0)
-        each = [_bounds(camera, low, high, r, margin, radial) for camera in cameras]
+        r = (radius.min(), radius.max()) if options.margin is None else (0.0, 0.0)
+        each = [_bounds(camera, low, high, r, options) for camera in cameras]
     answers = [one.every for one in each]
     return Bounds(
         every=True if True in answers else None if None in answers else False,
@@ -148,7 +171,7 @@ def bounds(
     )
 
 
-def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin: float | None, radial: bool) -> Bounds:
+def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, options: RadarOptions) -> Bounds:
     """Return the Bounds for one camera of spheres in a box.
 
     low, high: (3,), the box of the spheres' centers.
@@ -168,7 +191,7 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin:
     else:
         frustum = planes(camera)
         least, most = (least + frustum.rounding * little).min(), (most + frustum.rounding * much).max()
-        *sides, near, far = frustum.limits(margin, ROUNDING)
+        *sides, near, far = frustum.limits(options.margin, ROUNDING)
         along = depth * frustum.fixed[5]
         beyond = [(_dot(corners, normal), side) for normal, side in zip(frustum.normals, sides, strict=False)]
         inside = along.max() <= far + least and along.min() >= -near - least
@@ -176,25 +199,25 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, margin:
         outside = along.min() > far + most or along.max() < -near - most
         outside = outside or any(d.min() > most + side for d, side in beyond)
     every = None if not np.isfinite(much).all() else True if inside else False if outside else None
-    if radial or camera.kind == "PANO":
+    if options.radial or camera.kind == "PANO":
         return Bounds(every, True, float(close.min()), float(away.max()))
     return Bounds(every, True, float(depth.min()), float(depth.max()))
 
 
-def _reach(camera: Camera, v: tuple, range_: np.ndarray | None, r: np.ndarray | float) -> tuple:
+def _reach(camera: Camera, v: tuple, away: np.ndarray, r: np.ndarray | float) -> tuple:
     """Return (the reach of spheres beyond their centers, its rounding), metres.
 
     r: radius.
     v: the centers, relative to the camera.
-    range_: |v|.
+    away: (b,) |v|, for a camera with a `turn`.
     """
     reach = r + camera.pad
-    away = np.abs(v[0]) + np.abs(v[1]) + np.abs(v[2])
+    size = np.abs(v[0]) + np.abs(v[1]) + np.abs(v[2])
     if camera.grain:
-        reach = reach + camera.grain * (away + np.abs(camera.origin).sum())
+        reach = reach + camera.grain * (size + np.abs(camera.origin).sum())
     if camera.turn:
-        reach = reach + camera.turn * (range_ + reach)
-    return reach, ROUNDING * (away + np.abs(camera.origin[2]) + reach) + TINY
+        reach = reach + camera.turn * (away + reach)
+    return reach, ROUNDING * (size + np.abs(camera.origin[2]) + reach) + TINY
 
 
 def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray, margin: float | None) -> np.ndarray:
@@ -217,20 +240,20 @@ def _in_frustum(frustum: Planes, v: tuple, depth: np.ndarray, bound: np.ndarray,
     return inside
 
 
-def _in_cone(camera: Camera, v: tuple, depth: np.ndarray, range_: np.ndarray, reach: np.ndarray) -> np.ndarray:
+def _in_cone(camera: Camera, v: tuple, depth: np.ndarray, away: np.ndarray, reach: np.ndarray) -> np.ndarray:
     """Return which spheres a PANO camera's clip range and cone hold, (b,) bool.
 
     In the plane through the axis and v, the cone's side is the line at the angle `cone`, from which
     v lies |v| sin(angle - cone) = across cos(cone) - depth sin(cone) away.
     """
-    inside = (range_ >= camera.near * (1 - ROUNDING) - reach) & (range_ <= camera.far * (1 + ROUNDING) + reach)
+    inside = (away >= camera.near * (1 - ROUNDING) - reach) & (away <= camera.far * (1 + ROUNDING) + reach)
     if camera.cone < np.pi:
         across = np.sqrt(_dot(v, camera.X) ** 2 + _dot(v, camera.Y) ** 2)
         inside &= across * np.cos(camera.cone) - depth * np.sin(camera.cone) <= reach * stretch(camera)[1]
     return inside
 
 
-def _dot(v: tuple, axis) -> np.ndarray:
+def _dot(v: tuple, axis: tuple | np.ndarray) -> np.ndarray:
     return v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2]
 
 

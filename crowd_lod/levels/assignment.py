@@ -131,7 +131,7 @@ def grain(begins: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
     return (np.minimum(begins, camera.far) - radius[:, None]).clip(0) / camera.pixels_per_unit
 
 
-def shown(deviation: np.ndarray, distance: np.ndarray, camera: Camera, radius: np.ndarray) -> np.ndarray:
+def shown(deviation: np.ndarray | float, distance: np.ndarray | float, camera: Camera, radius: np.ndarray | float) -> np.ndarray:
     """Return the pixels that a deviation shows at most: the inverse of `limits`.
 
     Infinite if the camera is inside the bounding sphere and the deviation is not 0.

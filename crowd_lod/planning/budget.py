@@ -28,7 +28,7 @@ from .shot import (
     shown_by,
     work_in,
 )
-from .survey import SEEN, within
+from .survey import SEEN, at_tolerance
 
 PRECISE = 1.002  # factor within which the least tolerance is found
 ENOUGH = 0.005  # part above its lower bound at which a search ends
@@ -150,7 +150,7 @@ def _check(shot: Shot, limits: _Limits) -> None:
 
 def relaxed(shot: Shot, tolerance: float) -> Shot:
     """Return the shot with LODs that the policy allows, or that show at most `tolerance` pixels."""
-    wide = within(shot.survey, shot.meshes.bounds, tolerance)
+    wide = at_tolerance(shot.survey, shot.meshes.bounds, tolerance)
     return replace(shot, survey=replace(wide, coarsest=np.maximum(wide.coarsest, shot.survey.coarsest)))
 
 
@@ -262,7 +262,7 @@ class _Search:
     def repaired(self, levels: np.ndarray, table: np.ndarray, over: np.ndarray) -> np.ndarray:
         """Return the levels (F, n) with coarser ones in frames that are over a limit."""
         levels = levels.copy()
-        for f in np.flatnonzero((over > 0).any(axis=1)):
+        for f in np.flatnonzero((over > 0).any(axis=1)).tolist():
             while self.coarsened(levels, table, f):
                 pass
         return self.shot.carried(levels)

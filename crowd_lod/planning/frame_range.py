@@ -28,10 +28,10 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
             raise CrowdError(f"The frames {text} run backwards: give the first frame first, {last}:{first}.")
         if step < 1:
             raise CrowdError(f"The frame step is {step}; it must be at least 1.")
-        frames = range(first, last + 1, step)
-        if len(frames) > MOST_FRAMES:
-            raise CrowdError(f"The range {text} holds {len(frames):,} frames; ask for at most {MOST_FRAMES:,}.")
-        return list(frames)
+        named = range(first, last + 1, step)
+        if len(named) > MOST_FRAMES:
+            raise CrowdError(f"The range {text} holds {len(named):,} frames; ask for at most {MOST_FRAMES:,}.")
+        return list(named)
     if not re.fullmatch(r"\s*-?\d{1,99}\s*(,\s*-?\d{1,99}\s*)*", text):
         raise CrowdError(f"The frames {text!r} are neither a range such as 1:120 nor a list such as 1,40,80.")
     frames = [_known(int(number)) for number in text.split(",")]

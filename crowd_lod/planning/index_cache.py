@@ -33,12 +33,12 @@ class Kept:
     pace: how far agents may get in a second.
     boxes: (frame, the blocks made then).
     order: (frame, the agents in order).
-    memo: of frame.plan.
+    memo: of frame.plan_of.
     """
 
     pace: blocks.Pace
-    boxes: tuple[int | None, blocks.Blocks | None] = (None, None)
-    order: tuple[int | None, np.ndarray | None] = (None, None)
+    boxes: tuple[int, blocks.Blocks] | None = None
+    order: tuple[int, np.ndarray] | None = None
     memo: Any = None
 
 
@@ -65,23 +65,25 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
     kept, every, first = kept_of(trajectory), trajectory.every, trajectory.first_frame
     frame = int(max(time - first, 0.0))
     frame = min(frame, 1) if STILL in trajectory.left_out else frame - frame % every
-    made, found = kept.boxes
-    if made != first + frame:
-        kept.boxes, found = (None, None), None  # let go before others are made
-        ordered = frame - frame % (ORDERED * every)
-        known, order = kept.order
-        area, heights = trajectory.world.area, trajectory.heights
-        if known != ordered:
-            kept.order, order = (None, None), None
-            crowd = trajectory.kept_at(ordered)
-            order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area))
-            kept.order = ordered, order
-        longest = trajectory.seconds_per_frame * np.array([-SHUTTER, every + SHUTTER])
-        wraps = kept.pace.between(longest) if trajectory.machine.edge == "wrap" else None
-        found = blocks.blocks_of(trajectory.kept_at(frame), order, trajectory.spheres, area, wraps, heights is None, heights)
-        made = first + frame
-        kept.boxes = made, found
-    return made, found
+    made = kept.boxes
+    if made is None or made[0] != first + frame:
+        made = kept.boxes = None  # let go before others are made
+        made = kept.boxes = first + frame, _made(trajectory, frame)
+    return made
+
+
+def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
+    """Make the blocks at a whole `frame`, counted from 0."""
+    kept, every, heights, area = kept_of(trajectory), trajectory.every, trajectory.heights, trajectory.world.area
+    since = frame - frame % (ORDERED * every)
+    order = kept.order
+    if order is None or order[0] != since:
+        order = kept.order = None
+        crowd = trajectory.kept_at(since)
+        order = kept.order = since, blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area))
+    longest = [frames * trajectory.seconds_per_frame for frames in (-SHUTTER, every + SHUTTER)]
+    wraps = kept.pace.between(longest) if trajectory.machine.edge == "wrap" else None
+    return blocks.blocks_of(trajectory.kept_at(frame), order[1], trajectory.spheres, area, wraps, heights)
 
 
 def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:

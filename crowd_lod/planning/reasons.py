@@ -17,8 +17,9 @@ REASONS = (
     "clipped beyond the far plane",
     "outside the frustum",
     "finer LODs left out for memory",
+    "shot plan",
 )
-NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT = range(len(REASONS))
+NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT, SHOT_PLAN = range(len(REASONS))
 
 
 def reasons(frame: Frame) -> np.ndarray:
@@ -26,7 +27,7 @@ def reasons(frame: Frame) -> np.ndarray:
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
     the distance alone does not give comes from the detail map, stands in for a finer one that builds leave out
-    (LevelPolicy.finest), or comes from hysteresis.
+    (LevelPolicy.finest), or comes from the shot plan or from hysteresis.
     """
     crowd, policy, camera = frame.crowd, frame.policy, frame.camera
     groups, spheres = frame.trajectory.groups, frame.trajectory.spheres
@@ -39,7 +40,7 @@ def reasons(frame: Frame) -> np.ndarray:
     found = np.full(len(crowd), DISTANCE, np.uint8)
     found[painted != plain] = DETAIL_MAP
     found[painted < finest] = LEFT_OUT
-    found[frame.levels != np.maximum(painted, finest)] = HYSTERESIS
+    found[frame.levels != np.maximum(painted, finest)] = SHOT_PLAN if frame.planned else HYSTERESIS
     found[frame.levels == 0] = NEAR_ENOUGH
     culled = np.flatnonzero(~frame.visible)
     found[culled] = BESIDE

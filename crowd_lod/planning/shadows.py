@@ -1,6 +1,7 @@
 """Agents outside the picture that still matter, by a shadow or in a flat mirror."""
 
 import time as clock
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import product
@@ -10,50 +11,16 @@ import numpy as np
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import BLOCKS, LeftOut
 from ..culling.blocks import Blocks, near
-from ..culling.camera import GRAIN, Camera, planes
+from ..culling.camera import GRAIN, Camera
 from ..culling.frustum_box_test import BEYOND
-from ..culling.radar import ROUNDING, TINY
 from ..sorting.buckets import sort
 from . import index_cache
-from .frame import Frame, most_moved
+from .frame import Frame
+from .request import Moment, moments
+from .volumes import OFFSET, Light, Mirror, Volume, bounded, left_from, mirrored, shaded, spread, view, within
 
 # agents tested at a time, which a processor's cache holds with their distances from all planes
 PART = 4096
-# Where Cycles starts rays that leave a surface, if they would hit it again: up to 256 spacings of
-# float32 along its normal from it, relative to the surface's coordinates, and near 0 up to LIFT
-# metres (ray_offset in its bvh/util.h).
-OFFSET, LIFT = 256 * float(np.finfo(np.float32).eps), 2.0**-16
-
-
-@dataclass(frozen=True)
-class Light:
-    """A light that casts shadows, in world space.
-
-    origin: (3,) metres, or None for a sun.
-    direction: (3,) unit vector: where a sun's light goes; the axis of any other light.
-    size: metres, the radius of a sphere about the origin that holds all of a lamp.
-    angle: radians: half of a sun's disc; half of a spot's cone about the axis; pi for a light in
-        all directions.
-    reach: metres from its origin at which the light ends.
-    """
-
-    origin: np.ndarray | None
-    direction: np.ndarray
-    size: float = 0.0
-    angle: float = np.pi
-    reach: float = np.inf
-
-
-@dataclass(frozen=True)
-class Mirror:
-    """A flat mirror with two sides.
-
-    normal: (3,) unit vector.
-    corners: (4, 3) metres, a rectangle that holds the mirror.
-    """
-
-    normal: np.ndarray
-    corners: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -76,278 +43,88 @@ class Surroundings:
     finest: tuple[int, ...] = ()
 
 
-@dataclass(frozen=True)
-class Volume:
-    """The space that a camera sees, directly or in a mirror.
-
-    It holds the points p with normals . (p - origin) <= offsets, moved outward by `pad` metres and
-    by `turn` metres per meter of distance from the origin (see Camera).
-
-    origin: (3,) metres.
-    normals: (k, 3) unit vectors, outward.
-    offsets: (k,) metres.
-    """
-
-    origin: np.ndarray
-    normals: np.ndarray
-    offsets: np.ndarray
-    pad: float = 0.0
-    turn: float = 0.0
-
-
-def view(camera: Camera) -> Volume:
-    """Return the volume that the camera sees.
-
-    For a panoramic camera: a cube that holds its far distance, and a pyramid about its cone.
-    """
-    if camera.kind != "PANO":
-        frustum = planes(camera)
-        return Volume(camera.origin, frustum.normals, frustum.offsets, camera.pad, camera.turn)
-    normals, offsets = _sides(camera)
-    cube = np.concatenate([np.eye(3), -np.eye(3)])
-    offsets = np.append(offsets, np.full(6, camera.far))
-    return Volume(camera.origin, np.concatenate([normals, cube]), offsets, camera.pad, camera.turn)
-
-
-def _sides(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Return normals (k, 3) and offsets (k,) of the planes at the picture's sides.
-
-    Empty for a panoramic camera with a cone of 90 degrees or more from its axis.
-    """
-    if camera.kind != "PANO":
-        frustum = planes(camera)
-        return frustum.normals[:4], frustum.offsets[:4]
-    if camera.cone >= np.pi / 2:
-        return np.empty((0, 3)), np.empty(0)
-    rows = np.array([a * np.cos(camera.cone) - camera.Z * np.sin(camera.cone) for x in (camera.X, camera.Y) for a in (x, -x)])
-    return rows / np.linalg.norm(rows, axis=1, keepdims=True), np.zeros(4)
-
-
-def mirrored(camera: Camera, mirror: Mirror) -> Volume | None:
-    """Return the volume that the camera sees in the mirror.
-
-    It is the reflected camera's picture, as far as the mirror's rectangle frames it, in front of
-    the mirror. It has no far end, because a reflected ray has none. None if the mirror is out of
-    the picture.
-    """
-    middle, normal = mirror.corners.mean(axis=0), mirror.normal
-    height = float(normal @ (camera.origin - middle))
-    # its rays start all over its window: they meet the side that they run against
-    if camera.kind == "ORTHO":
-        height, normal = (1.0, normal) if camera.Z @ normal < 0 else (-1.0, normal)
-    if height == 0:
-        return None
-    seen, (sides, side_offsets) = view(camera), _sides(camera)
-    away = mirror.corners - camera.origin
-    reach = camera.pad + camera.turn * (np.linalg.norm(away, axis=1) + camera.pad)
-    if (away @ seen.normals.T - seen.offsets - reach[:, None] > 0).all(axis=0).any():
-        return None
-    reflection = np.eye(3) - 2 * np.outer(normal, normal)
-    origin = camera.origin - 2 * float(normal @ (camera.origin - middle)) * normal
-    frame, frame_offsets = _framed(mirror.corners - origin, reflection @ camera.Z if camera.kind == "ORTHO" else None)
-    front = -np.sign(height) * normal
-    return Volume(
-        origin,
-        np.concatenate([sides @ reflection, frame, front[None]]),
-        np.concatenate([side_offsets, frame_offsets, [front @ (middle - origin)]]),
-        camera.pad,
-        camera.turn,
-    )
-
-
-def _framed(corners: np.ndarray, along: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-    """Return normals and offsets of planes through the edges of `corners` (k, 3).
-
-    The corners form a polygon. The planes also pass through the origin, or run parallel to `along`.
-    """
-    ends = np.roll(corners, -1, axis=0)
-    normals = np.cross(corners, ends) if along is None else np.cross(ends - corners, along)
-    length = np.linalg.norm(normals, axis=1)
-    kept = length > 1e-12 * np.linalg.norm(corners, axis=1).max() ** 2
-    normals, corners = normals[kept] / length[kept, None], corners[kept]
-    offsets = np.einsum("kd,kd->k", normals, corners)
-    outward = np.where(normals @ ends.mean(axis=0) <= offsets, 1.0, -1.0)
-    return normals * outward[:, None], offsets * outward
-
-
-def within(volume: Volume, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Return which spheres reach into the volume, (n,) bool.
-
-    points: (n, 3) metres, their centers.
-    radius: (n,) metres.
-
-    As in the radar test, some spheres outside are kept near the volume's edges.
-    """
-    still = np.zeros(3)
-    return _swept(volume, points, radius, still, 0.0)
-
-
-def shaded(volume: Volume, light: Light, points: np.ndarray, radius: np.ndarray) -> np.ndarray:
-    """Return which spheres may cast a shadow into the volume, (n,) bool.
-
-    points: (n, 3) metres, their centers.
-    radius: (n,) metres.
-
-    A shadow is a sphere that moves away from the light and grows. From the sun: at c + t cos(a) d
-    with the radius r + t sin(a), where a is half the angle of its disc. From a lamp at L of the
-    size s: at c + t (c - L) with r + t (r + s), t >= 0. Every point that some of the light does not
-    reach because of the sphere lies in one of these spheres.
-
-    Their distances from the volume's planes are linear in t. So the values t at which a sphere
-    touches all planes form an interval, found by clipping; the agent is kept iff the interval is
-    not empty.
-
-    Kept without need: shadows that pass near an edge of the volume, as in the radar test, and
-    shadows that fall where another shadow or the back of a surface lies already.
-    """
-    if light.origin is None:
-        way, grow = np.cos(light.angle) * light.direction, float(np.sin(light.angle))
-        return _swept(volume, points, radius, way, grow)
-    way = points - light.origin
-    grow = radius + light.size
-    distance = np.linalg.norm(way, axis=1)
-    kept = distance - grow <= light.reach
-    if light.angle < np.pi:  # of a sphere beside the cone there is no shadow
-        depth = way @ light.direction
-        across = np.sqrt(np.maximum(distance**2 - depth**2, 0))
-        kept &= across * np.cos(light.angle) - depth * np.sin(light.angle) <= grow + ROUNDING * distance
-    ends = None if np.isinf(light.reach) else (distance - radius - light.reach, distance - grow)
-    if not kept.all():
-        points, radius, way, grow = (each[kept] for each in (points, radius, way, grow))
-        ends = ends and (ends[0][kept], ends[1][kept])
-    kept[kept] = _swept(volume, points, radius, way, grow, ends)
-    return kept
-
-
-def _swept(volume: Volume, points, radius, way, grow, ends=None) -> np.ndarray:
-    """Return whether spheres that move and grow with t >= 0 touch all planes, (n,).
-
-    At t a sphere is at points + t way, and its radius is radius + t grow. Returns bool.
-
-    way: (3,) with grow a number, or (n, 3) with grow (n,).
-    ends: one more condition, ends[0] + t ends[1] <= 0.
-    """
-    v = points - volume.origin
-    size, speed = np.linalg.norm(v, axis=1), np.linalg.norm(way, axis=-1)
-    reach, growth = radius + volume.pad, grow
-    if volume.turn:
-        reach = reach + volume.turn * (size + reach)
-        growth = growth + volume.turn * (speed + growth)
-    reach = reach + ROUNDING * (4 * size + np.linalg.norm(volume.origin) + reach) + TINY
-    growth = growth + ROUNDING * (4 * speed + growth)
-    offsets = volume.offsets + ROUNDING * np.abs(volume.offsets)
-    if np.ndim(growth):  # all planes at once: (k, n)
-        at, rate = _along(volume.normals, v) - offsets[:, None] - reach, _along(volume.normals, way) - growth
-        if ends is not None:
-            at = np.concatenate([at, (ends[0] - ROUNDING * size)[None]])
-            rate = np.concatenate([rate, (ends[1] - ROUNDING * speed)[None]])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            turn = -at / rate
-        low = np.where(rate < 0, turn, 0.0).max(axis=0, initial=0.0)
-        high = np.where(rate > 0, turn, np.inf).min(axis=0, initial=np.inf)
-        return (low <= high * (1 + ROUNDING)) & ~((rate == 0) & (at > 0)).any(axis=0)
-    low, high = np.zeros(len(v)), np.full(len(v), np.inf)
-    for normal, offset in zip(volume.normals, offsets, strict=True):
-        at, rate = v @ normal - offset - reach, way @ normal - growth
-        if rate < 0:
-            low = np.maximum(low, at / -rate)
-        elif rate > 0:
-            high = np.minimum(high, at / -rate)
-        else:
-            high[at > 0] = -1
-    return low <= high * (1 + ROUNDING)
-
-
-def _along(normals: np.ndarray, ways: np.ndarray) -> np.ndarray:
-    """Return how far the vectors `ways` (n, 3) go along the normals (k, 3), (k, n)."""
-    x, y, z = ways.T
-    return normals[:, :1] * x + normals[:, 1:2] * y + normals[:, 2:] * z
-
-
-def left_from(volume: Volume, about: np.ndarray, turn: float = 0.0) -> Volume:
-    """Return the volume of the points where rays from surfaces in the volume start.
-
-    Surfaces that show the volume count, too. Such points lie beside their surface by Cycles' ray
-    offset (OFFSET, LIFT).
-
-    about: the surfaces lie at coordinates of at most |about|, metres.
-    turn: with OFFSET, the coordinates may exceed `about` by the distance from the volume's origin.
-    """
-    return replace(volume, pad=volume.pad + OFFSET * float(np.abs(about).max()) + LIFT, turn=volume.turn + turn)
-
-
-def bounded(volume: Volume, box: np.ndarray) -> Volume:
-    """Return the part of the volume in the box (2, 3), least and greatest corner."""
-    normals = np.concatenate([volume.normals, np.eye(3), -np.eye(3)])
-    offsets = np.concatenate([volume.offsets, box[1] - volume.origin, volume.origin - box[0]])
-    return replace(volume, normals=normals, offsets=offsets)
-
-
 def surround(frame: Frame, around: Surroundings) -> Frame:
     """`frame` with the agents that it culled and that still matter: in `shadow` those that only cast a shadow into the picture or
     into what mirrors show of it, in `mirrored` those that mirrors show. A pure function of its arguments."""
     begun = clock.perf_counter()
-    trajectory, centre, radius = frame.trajectory, frame.trajectory.spheres.centre, frame.trajectory.spheres.reach
-    grown = radius + most_moved(trajectory, [time for time, _ in frame.shutter])
-    moments = [(frame.time, frame.crowd, frame.eyes, radius)]
-    moments += [(time, trajectory.at(time), eyes, grown) for time, eyes in frame.shutter]
-    unseen = ~frame.visible
+    trajectory, unseen = frame.trajectory, ~frame.visible
     made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
-    reflects, shades = (_Sought(unseen.copy(), made and np.ones(len(made[1].rows), bool)) for _ in range(2))
-    for time, crowd, eyes, size in moments if around.lights or around.mirrors else ():
-        # spheres are drawn: camera.pictured
-        beside = GRAIN * max(np.abs(eye.origin).sum() for eye in eyes)
-        views = [view(eye) for eye in eyes]
-        shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
-        mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
-        lit = [left_from(volume, volume.origin, OFFSET) for volume in (*views, *mirrors)]
-        if around.box is not None:
-            box = _joined(around.box, crowd, centre, size)
-            lit = [bounded(volume, box) for volume in lit]
-        moved, larger = made and index_cache.moved(trajectory, time, made[0]), float((size - radius).max()) + beside
-        larger += GRAIN * 3 * (made[1].extent + np.abs(moved).max()) if made else 0.0
-        asked = [(reflects, volume, None) for volume in mirrors]
-        asked += [(shades, volume, light) for volume, light in product(lit, map(_spread, around.lights))]
-        for sought, volume, light in asked:
-            touches = partial(within, volume) if light is None else partial(shaded, volume, light)
-            leaves = made and near(made[1], sought.leaves, moved, larger, _about(made[1], volume, light), touches)
-            agents = np.flatnonzero(sought.agents) if made is None else made[1].rows.take(leaves, axis=0)
-            left = sought.agents[agents]
-            agents = agents[left]
-            found = np.empty(len(agents), bool)
-            for begin in range(0, len(agents), PART):
-                some = slice(begin, begin + PART)
-                points = np.stack(crowd.places(centre, agents[some]), axis=1)
-                r = size[crowd.group[agents[some]]] + (beside + GRAIN * np.abs(points).sum(axis=1))
-                found[some] = touches(points, r) & np.isfinite(points).all(axis=1)
-            sought.agents[agents[found]] = False
-            if made is not None:
-                left[left] = ~found
-                sought.leaves[leaves] = left.any(axis=1)
-    reflects, shades = unseen & ~reflects.agents, unseen & ~shades.agents
+    reflects, shades = (_Sought(unseen.copy(), np.ones(len(made[1].rows) if made else 0, bool)) for _ in range(2))
+    for moment in moments(trajectory, frame) if around.lights or around.mirrors else ():
+        there = _there(frame, moment, made)
+        mirrors, lit = _volumes(there, moment.eyes, around)
+        for volume in mirrors:
+            reflects.find(there, volume)
+        for volume, light in product(lit, map(spread, around.lights)):
+            shades.find(there, volume, light)
+    reflected, shade = unseen & ~reflects.agents, unseen & ~shades.agents
     count = len(frame.buckets.counts)
     finest = np.array(around.finest or [0] * len(trajectory.groups), np.uint8)[frame.crowd.group]
     levels = np.maximum(finest, np.uint8(min(around.level, count - 1)))
     return replace(
         frame,
-        shadow=sort(shades & ~reflects, levels, count),
-        mirrored=sort(reflects, levels, count),
+        shadow=sort(shade & ~reflected, levels, count),
+        mirrored=sort(reflected, levels, count),
         left_out=(*frame.left_out, *around.left_out),
         milliseconds=frame.milliseconds | {"surroundings": 1000 * (clock.perf_counter() - begun)},
     )
 
 
-def _spread(light: Light) -> Light:
-    """Return the light with its cone widened by Cycles' offset of ray starts.
+@dataclass(frozen=True)
+class _There:
+    """The crowd at one moment, when some of its agents are looked for.
 
-    The cone then holds all rays to the light from where those start that leave what it lights. A
-    ray that starts d beside its place, R from the lamp at L, d <= OFFSET (|L| + R) + LIFT, passes a
-    place r <= R from the lamp at the distance d r / R beside it.
+    centre, radius: (G,) metres, each group's sphere.
+    beside: metres by which pictures may draw an agent beside where it stands, for the cameras'
+        coordinates; spheres are drawn (camera.pictured).
+    blocks: the crowd's, of a large one.
+    moved: (least, most) displacement (3,) of the agents since these were made, metres.
+    larger: metres by which spheres are larger than they were then.
     """
-    if light.origin is None or light.angle >= np.pi:
-        return light
-    size = light.size + OFFSET * float(np.abs(light.origin).max()) + LIFT
-    return replace(light, size=size, angle=light.angle + OFFSET)
+
+    crowd: Crowd
+    centre: np.ndarray
+    radius: np.ndarray
+    beside: float
+    blocks: Blocks | None = None
+    moved: tuple[np.ndarray, np.ndarray] = (np.zeros(3), np.zeros(3))
+    larger: float = 0.0
+
+    def kept(self, agents: np.ndarray, touches: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> np.ndarray:
+        """Return whether `touches` keeps the sphere of each of `agents` (m,), (m,) bool."""
+        found = np.empty(len(agents), bool)
+        for begin in range(0, len(agents), PART):
+            some = slice(begin, begin + PART)
+            points = np.stack(self.crowd.places(self.centre, agents[some]), axis=1)
+            radius = self.radius[self.crowd.group[agents[some]]] + (self.beside + GRAIN * np.abs(points).sum(axis=1))
+            found[some] = touches(points, radius) & np.isfinite(points).all(axis=1)
+        return found
+
+
+def _there(frame: Frame, moment: Moment, made: tuple[int, Blocks] | None) -> _There:
+    """Return the crowd at a moment of the frame. made: (frame, the blocks made then)."""
+    trajectory, spheres = frame.trajectory, frame.trajectory.spheres
+    crowd = frame.crowd if moment.time == frame.time else trajectory.at(moment.time)
+    beside = GRAIN * max(np.abs(eye.origin).sum() for eye in moment.eyes)
+    there = _There(crowd, spheres.centre, moment.radius, beside)
+    if made is None:
+        return there
+    since, blocks = made
+    moved = index_cache.moved(trajectory, moment.time, since)
+    larger = float((moment.radius - spheres.reach).max()) + beside
+    larger += GRAIN * 3 * (blocks.extent + np.abs(moved).max())
+    return replace(there, blocks=blocks, moved=moved, larger=larger)
+
+
+def _volumes(there: _There, eyes: Sequence[Camera], around: Surroundings) -> tuple[list[Volume], list[Volume]]:
+    """Return (what mirrors show, where shadows are seen)."""
+    shown = [(mirrored(eye, mirror), mirror) for eye in eyes for mirror in around.mirrors]
+    mirrors = [left_from(volume, mirror.corners) for volume, mirror in shown if volume is not None]
+    lit = [left_from(volume, volume.origin, OFFSET) for volume in (*map(view, eyes), *mirrors)]
+    if around.box is not None:
+        box = _joined(around.box, there)
+        lit = [bounded(volume, box) for volume in lit]
+    return mirrors, lit
 
 
 @dataclass(frozen=True)
@@ -355,11 +132,28 @@ class _Sought:
     """The agents not found yet.
 
     agents: (n,) bool.
-    leaves: (b,) bool, the smallest blocks that may hold some of them, or None.
+    leaves: (b,) bool, the smallest blocks that may hold some of them; unused without blocks.
     """
 
     agents: np.ndarray
-    leaves: np.ndarray | None
+    leaves: np.ndarray
+
+    def find(self, there: _There, volume: Volume, light: Light | None = None) -> None:
+        """Strike out the agents in the volume, or those that `light` lets cast a shadow into it."""
+        touches = partial(within, volume) if light is None else partial(shaded, volume, light)
+        if there.blocks is None:
+            agents = np.flatnonzero(self.agents)
+            self.agents[agents[there.kept(agents, touches)]] = False
+            return
+        about = _about(there.blocks, volume, light)
+        leaves = near(there.blocks, self.leaves, there.moved, there.larger, about, touches)
+        rows = there.blocks.rows.take(leaves, axis=0)
+        left = self.agents[rows]
+        agents = rows[left]
+        found = there.kept(agents, touches)
+        self.agents[agents[found]] = False
+        left[left] = ~found
+        self.leaves[leaves] = left.any(axis=1)
 
 
 def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
@@ -371,9 +165,10 @@ def _about(blocks: Blocks, volume: Volume, light: Light | None) -> float:
     return (1 + volume.turn) * (about + away[away < BEYOND * about].max(initial=0.0))
 
 
-def _joined(box: np.ndarray, crowd: Crowd, centre: np.ndarray, radius: np.ndarray) -> np.ndarray:
+def _joined(box: np.ndarray, there: _There) -> np.ndarray:
     """Return the box (2, 3) about `box` and the crowd: shadows fall on agents, too."""
-    columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in crowd.places()]
+    centre, radius = there.centre, there.radius
+    columns = [np.array([np.nanmin(c), np.nanmax(c)]) for c in there.crowd.places()]
     low, high = np.array(columns).T
     low, high = low + (0, 0, centre.min()) - radius.max(), high + (0, 0, centre.max()) + radius.max()
     return np.array([np.minimum(box[0], low), np.maximum(box[1], high)])

@@ -19,9 +19,9 @@ from ..levels.cost_model import SECONDS, Actors, Price, Work, price, work_of
 from ..progress import share
 from .survey import SEEN, Survey
 
-PART = 8192  # agents decided together: their rows stay in the processor's cache
-SAMPLE = 20_000  # agents from which the weight of switches is found
-STEPS = 10  # of the search for it, each by a factor of FACTOR
+TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
+SAMPLE = 10_000  # agents from which the weight of switches is found
+STEPS = 6  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
 NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anyway
 NOTICED = 0.25  # pixels as which any switch in sight counts, besides those by which it changes the picture
@@ -84,7 +84,8 @@ class Shot:
         """(F, n) uint8, the coarsest LOD of each agent in each frame; UNSEEN where it is not seen.
 
         It is the survey's `coarsest`. It is finer only where a switch in the next frame would
-        change the picture by more than twice the pixels that the two LODs are allowed to show.
+        change the picture by more than twice the pixels that the two LODs are allowed to show, and
+        never finer than exceptions allow.
         """
         survey, bounds = self.survey, self.meshes.bounds
         found = np.where(survey.seen, survey.coarsest, UNSEEN).astype(np.uint8)
@@ -93,8 +94,11 @@ class Shot:
             group, (then, now) = survey.group[agents], survey.scale[f - 1 : f + 1, agents].astype(np.float64)
             before, after = found[f - 1, agents], found[f, agents]
             most = np.maximum(then * bounds[group, before], now * bounds[group, after])
+            least = 0 if survey.finest is None else survey.finest[f - 1, agents]
             for k in range(self.meshes.count - 1, 0, -1):
-                before[(before == k) & (k > after) & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)] = k - 1
+                before[
+                    (before == k) & (k > np.maximum(after, least)) & (now * (bounds[group, k] + bounds[group, after]) > 2 * most)
+                ] = k - 1
             found[f - 1, agents] = before
         return found
 
@@ -246,6 +250,8 @@ def programme(shot: Shot, table: np.ndarray, weight: float, agents: slice) -> tu
         seen = allowed != UNSEEN
         own = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1) * seen
         own[numbers > allowed] = np.inf
+        if survey.finest is not None:
+            own[(numbers < survey.finest[f, agents]) & seen] = np.inf
         cost += own
     return _traced(came, cost), float(cost.min(axis=0).sum(dtype=np.float64))
 
@@ -267,7 +273,7 @@ def _traced(came: np.ndarray, cost: np.ndarray) -> np.ndarray:
 def decided(shot: Shot, table: np.ndarray, weight: float) -> Generator[float, None, tuple[np.ndarray, float]]:
     """Decide on all agents by `programme`: yield the progress, return (levels (F, n), cost)."""
     agents = len(shot.survey.group)
-    parts = [slice(begin, min(begin + PART, agents)) for begin in range(0, agents, PART)]
+    parts = [slice(begin, min(begin + TOGETHER, agents)) for begin in range(0, agents, TOGETHER)]
     levels, cost = np.empty(shot.survey.kind.shape, np.uint8), 0.0
     _ = shot.allowed  # found once, before threads ask for it
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -309,15 +315,15 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     thresholds, avoid = _limit(shot, avoid)
     weight = yield from share(_weight(shot, avoid), 0.0, 0.4)
     for step in range(STEPS):
-        levels = yield from share(_solved(shot, thresholds, weight), 0.4, 0.8)
+        levels, shared = yield from share(solved(shot, thresholds, weight), 0.4, 0.8)
         found = bill(shot, levels)
         if found.above(thresholds) <= avoid or step == STEPS - 1:
             break
-        weight /= 2  # the sample promised more than the whole keeps
+        weight /= 1.5  # the sample promised more than the whole keeps
     if found.above(thresholds) > avoid:
         levels = shot.coarsest
         found = bill(shot, levels)
-    least = yield from share(lower_bound(shot, weight), 0.8, 1.0)
+    least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
     paid = objective(found, weight)
     return ShotPlan(levels, found, thresholds, weight, max(paid / least - 1, 0.0) if least > 0 else 0.0)
 
@@ -329,6 +335,8 @@ def _limit(shot: Shot, avoid: float) -> tuple[Bill, float]:
     may switch by more than twice the tolerance.
     """
     thresholds = bill(shot, shot.survey.coarsest)
+    if np.array_equal(shot.coarsest, shot.survey.coarsest):
+        return thresholds, avoid
     return thresholds, max(avoid, bill(shot, shot.coarsest).above(thresholds))
 
 
@@ -339,30 +347,32 @@ def objective(found: Bill, weight: float) -> float:
 
 def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
     """Find the largest weight of switches that costs no more than `avoid`, from a sample."""
-    some = _sampled(shot)
+    some, _ = sampled(shot, SAMPLE)
     thresholds, avoid = _limit(some, avoid)
     unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        levels = yield from share(_solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS))
+        levels, _ = yield from share(solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS))
         if bill(some, levels).above(thresholds) <= avoid:
             low = middle
         else:
             high = middle
-        if high < 1.05 * low:
+        if high < 1.1 * low:
             break
     return low
 
 
-def _sampled(shot: Shot) -> Shot:
-    """Return the shot of at most SAMPLE of its agents, evenly."""
-    every = max(-(-len(shot.survey.group) // SAMPLE), 1)
-    return shot if every == 1 else Shot(shot.survey.of(slice(None, None, every)), shot.meshes, shot.engine)
+def sampled(shot: Shot, most: int) -> tuple[Shot, slice]:
+    """Return the shot of at most `most` of its agents, evenly, and which they are."""
+    some = slice(None, None, max(-(-len(shot.survey.group) // most), 1))
+    return shot if some.step == 1 else Shot(shot.survey.of(some), shot.meshes, shot.engine), some
 
 
-def _solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, np.ndarray]:
-    """Return the levels of least cost that are found for one weight of switches.
+def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, tuple[np.ndarray, float | None]]:
+    """Return (the levels of least cost that are found for one weight of switches, a lower bound).
+
+    The bound is that of agents that share meshes evenly, or None where it was not found on the way.
 
     Where meshes cost much, two rounds: in the first an agent pays its share of a mesh, as if all
     that may show it did. In the second the meshes of the first cost next to nothing, and all others
@@ -370,12 +380,13 @@ def _solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, Non
     """
     unique = _unique(shot, thresholds)
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
-    levels, _ = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
+    levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
+    if not _matter(shot, thresholds):
+        return levels, shared if "traced" not in SECONDS[shot.engine] else None
     table = shared_table(shot, thresholds, bill(shot, levels))
-    if table is None:
-        return levels
+    assert table is not None
     again, _ = yield from share(decided(shot, table, weight), 0.5, 1.0)
-    return min((levels, again), key=lambda each: objective(bill(shot, each), weight))
+    return min((levels, again), key=lambda each: objective(bill(shot, each), weight)), None
 
 
 def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None:
@@ -383,11 +394,17 @@ def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None
 
     None where meshes cost so little that it does not matter.
     """
-    unique = _unique(shot, thresholds)
-    if (unique * (thresholds.shown > 0)).sum() < MATTERS * (shot.instance * thresholds.shown).sum():
+    if not _matter(shot, thresholds):
         return None
+    unique = _unique(shot, thresholds)
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
     return _table(shot, np.where(found.shown > 0, NEARLY * shares, unique))
+
+
+def _matter(shot: Shot, thresholds: Bill) -> bool:
+    """Return whether meshes cost so much, beside instances, that agents should share them."""
+    meshes = (_unique(shot, thresholds) * (thresholds.shown > 0)).sum()
+    return bool(meshes >= MATTERS * (shot.instance * thresholds.shown).sum())
 
 
 def _unique(shot: Shot, thresholds: Bill) -> np.ndarray:
@@ -405,10 +422,14 @@ def _table(shot: Shot, unique: np.ndarray) -> np.ndarray:
     return (shot.instance + unique).astype(np.float32)
 
 
-def lower_bound(shot: Shot, weight: float) -> Generator[float, None, float]:
-    """Return seconds that no plan of the shot can go below, switches counted by `weight`."""
+def lower_bound(shot: Shot, weight: float, shared: float | None = None) -> Generator[float, None, float]:
+    """Return seconds that no plan of the shot can go below, switches counted by `weight`.
+
+    shared: the least sum of agents that share meshes evenly, where it is known.
+    """
     fixed, least, table = floor(shot)
-    _, shared = yield from decided(shot, table, weight)
+    if shared is None:
+        _, shared = yield from decided(shot, table, weight)
     return fixed + max(least, shared)
 
 

@@ -4,17 +4,20 @@ A shot is run through once, and decided on from this.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from ..animation.phase_classes import Library
-from ..culling.radar import radar
+from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
 from .frame import Frame
 
 # Kinds of agents in a frame.
 CULLED, SEEN, SHADOW, MIRRORED = range(4)
+EVERYONE = RadarOptions(every=True)  # only their distances are asked for
 MOST_SCALE = float(np.finfo(np.float16).max)
 MOST_BYTES = 16 * 2**30  # of a survey
 
@@ -37,7 +40,9 @@ class Survey:
     owner: (L,) uint8, the group of each character.
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
-        culled in the frame before: they appear at once.
+        culled in the frame before, or an exception hid: they appear at once.
+    finest, limit: (F, n) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
+        whatever the policy does; None without exceptions (planning/exceptions.py).
     """
 
     numbers: np.ndarray
@@ -51,6 +56,8 @@ class Survey:
     owner: np.ndarray
     rays: np.ndarray
     entered: list[np.ndarray]
+    finest: np.ndarray | None = None
+    limit: np.ndarray | None = None
 
     @property
     def seen(self) -> np.ndarray:
@@ -59,7 +66,8 @@ class Survey:
 
     def of(self, agents: slice) -> "Survey":
         """Return the survey of these agents alone; nobody counts as entered."""
-        columns = {name: getattr(self, name)[:, agents] for name in ("kind", "coarsest", "scale", "character")}
+        names = ("kind", "coarsest", "scale", "character", *(("finest", "limit") if self.finest is not None else ()))
+        columns = {name: getattr(self, name)[:, agents] for name in names}
         part = len(self.group[agents]) / len(self.group)
         return replace(
             self, **columns, group=self.group[agents], rays=self.rays * part, entered=[np.empty(0, np.intp)] * len(self.times)
@@ -107,6 +115,30 @@ def empty(numbers: Sequence[int], times: Sequence[float], group: np.ndarray, lib
     )
 
 
+class Recorder:
+    """Records frames into a survey beside the work on the next frame, in a thread of its own."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1)
+        self._last: Future[None] | None = None
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def add(self, *about: Any) -> None:
+        """Record one frame; `about` are the arguments of `record`. Errors are those of the frame before."""
+        self.finish()
+        self._last = self._pool.submit(record, *about)
+
+    def finish(self) -> None:
+        """Wait for the last frame."""
+        if self._last is not None:
+            self._last.result()
+
+
 def record(  # noqa: PLR0913 - what a frame tells, and what it follows
     survey: Survey, f: int, frame: Frame, library: Library, before: Frame | None = None, rays: float = 0.0, cut: bool = False
 ) -> None:
@@ -133,15 +165,13 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
     survey.scale[f, seen] = scale_of(frame, seen)
     survey.rays[f], survey.cuts[f] = rays, cut
     if before is not None and not cut:
-        survey.entered[f] = _unclipped(before, np.setdiff1d(seen, before.buckets.order))
+        survey.entered[f] = _unclipped(before, seen[survey.kind[f - 1, seen] != SEEN])
 
 
 def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
     """Return those of `agents` (m,) that the near or far clip culled in the frame `before`."""
     camera, reach = before.camera, before.trajectory.spheres.reach[before.crowd.group[agents]]
-    _, depth = radar(
-        before.crowd, camera, before.trajectory.spheres.centre, before.trajectory.spheres.reach, agents=agents, every=True
-    )
+    _, depth = radar(before.crowd, camera, before.trajectory.spheres.centre, before.trajectory.spheres.reach, EVERYONE, agents)
     return agents[(depth + reach < camera.near) | (depth - reach > camera.far)]
 
 
@@ -157,7 +187,7 @@ def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
     crowd, most = frame.crowd, np.zeros(len(agents))
     radius = spheres.radius[crowd.group[agents]]
     for eye in frame.eyes:
-        _, distance = radar(crowd, eye, spheres.centre, spheres.reach, agents=agents, every=True)
+        _, distance = radar(crowd, eye, spheres.centre, spheres.reach, EVERYONE, agents)
         ahead = distance + radius > 0
         nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
         most = np.maximum(most, np.where(ahead, eye.pixels_per_unit / nearest, 0.0))
@@ -172,8 +202,8 @@ def _rounded_up(values: np.ndarray) -> np.ndarray:
     return found
 
 
-def within(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
-    """Return the survey with the coarsest LODs that show at most `tolerance` pixels.
+def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
+    """Return the survey with the coarsest LODs that show at most `tolerance` pixels, or that exceptions allow.
 
     bounds: (G, K) metres, of each group's LODs, never decreasing along a row.
     """
@@ -184,5 +214,7 @@ def within(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
         found = np.zeros(len(agents), np.uint8)
         for k in range(1, bounds.shape[1]):
             found[scale * bounds[group, k] <= tolerance] = k
+        if survey.finest is not None and survey.limit is not None:
+            found = np.clip(found, survey.finest[f, agents], survey.limit[f, agents])
         coarsest[f, agents] = found
     return replace(survey, coarsest=coarsest)

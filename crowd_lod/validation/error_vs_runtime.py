@@ -20,7 +20,7 @@ from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
 from ..culling.camera import Camera, planes
-from ..culling.radar import radar
+from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import LevelPolicy, assign, limits
 from .exact_frustum import seen
 
@@ -175,7 +175,7 @@ def culling(
         return np.logical_or.reduce([seen(camera, points, radius[crowd.group])[0] for camera in cameras])
 
     def derived(view: View, delta: float | None = None) -> np.ndarray:
-        return radar(*view, centre, radius, delta)[0]
+        return radar(*view, centre, radius, RadarOptions(delta))[0]
 
     flat = all(camera.kind != "PANO" for _, cameras in views for camera in cameras)
     fixed = MARGINS if margin is None or margin in MARGINS else (*MARGINS, margin)

@@ -12,6 +12,7 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.planning.planned import told_unplanned
 from ...crowd_lod.progress import share
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.ownership import remove_owned
@@ -48,13 +49,15 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None
             "a time, so set it below 1, or render with Crowd LOD installed."
         )
     read, rows = (yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)), None
+    unplanned: list[tuple[int, str]] = []
     try:
-        rows = yield from share(_rows(scene, Library(read[0]), frames), 0.2, 0.8)
+        rows = yield from share(_rows(scene, Library(read[0]), frames, unplanned), 0.2, 0.8)
     finally:
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
     cast = yield from share(make_cast(scene, scene.crowd_lod, _kept(scene, rows), read), 0.8, 0.99)
     top = install(scene, cast)
+    cast.notes.extend(filter(None, [told_unplanned(unplanned)]))
     mark(scene, frames)
     for name, item in points_of(top).items():
         columns = rows[name][0].keys()
@@ -122,11 +125,14 @@ def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) 
 
 
 def _rows(
-    scene: bpy.types.Scene, library: Library, frames: Sequence[int]
+    scene: bpy.types.Scene, library: Library, frames: Sequence[int], unplanned: list[tuple[int, str]]
 ) -> Generator[float, None, dict[str, list[dict[str, np.ndarray]]]]:
     """Compute the points of each bucket, by its name, frame by frame.
 
-    library: the characters that the points show. Yields the progress.
+    library: the characters that the points show.
+    unplanned: gets (frame, why the shot plan does not hold there, or "").
+
+    Yields the progress.
     """
     render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
     rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}
@@ -137,6 +143,7 @@ def _rows(
             yield from share(approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames))
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
+            unplanned.append((number, frame.unplanned))
             held = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
                 rows[name].append(columns_in_time(trajectory, held, number, agents, library, tilt))

@@ -65,7 +65,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         cast = yield from prepared(scene, lambda: build(scene))
         frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
         seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
-        return " ".join(filter(None, (f"{seen}.", told_of_cast(scene, cast), told_of_characters(scene))))
+        return " ".join(filter(None, (f"{seen}.", frame.unplanned, told_of_cast(scene, cast), told_of_characters(scene))))
 
 
 class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):

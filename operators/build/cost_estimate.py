@@ -143,7 +143,7 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
     library = cast_of(characters_of(scene))
     owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(library.first(trajectory.gaits)))
     shown = {name: [] for name in choices}
-    bias, samples = bias_of(settings, trajectory.world.area), _samples(scene)
+    bias, samples = bias_of(settings, trajectory.world.area), samples_of(scene)
     rays = []
     with frame_stepping.stepped(scene) as at:
         for done, number in enumerate(looked_at):
@@ -206,7 +206,8 @@ def _images(
                 yield from pictures[item]
 
 
-def _samples(scene: bpy.types.Scene) -> int:
+def samples_of(scene: bpy.types.Scene) -> int:
+    """Return the samples per pixel that the scene's engine takes."""
     return scene.cycles.samples if scene.render.engine == "CYCLES" else scene.eevee.taa_render_samples
 
 

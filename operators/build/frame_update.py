@@ -16,7 +16,7 @@ from ...crowd_lod.crowd.leave_outs import FLAT
 from ...crowd_lod.culling.camera import Camera, differs
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
-from ..blender import cameras, frame_stepping, mesh_data, scene_data
+from ..blender import cameras, frame_stepping, mesh_data, scene_cache, scene_data
 from ..blender.main_thread import on_main_thread
 from ..crowd import lights
 from ..crowd.scene_crowd import frame_of, trajectory_of
@@ -177,6 +177,8 @@ class Rendering:
 _rendering: dict[int, Rendering] = {}  # by the scene's session_uid
 # the session_uids of the scenes of whose camera this render has said that it was not foreseen
 _told: set[int] = set()
+# of each scene, why the frame shown last does not use the shot plan
+_unplanned: dict[int, str] = scene_cache.kept({}, by_scene=True)
 # The stepping.stage of a render in a file of several scenes, to be removed when it ends: Blender
 # crashes where anything is removed while it renders scenes that compositing nodes show.
 _stages: list[bpy.types.Scene] = []
@@ -290,6 +292,9 @@ def _planned(
         shutter = cameras.read_shutter(scene, whole, at) if blurred else []
         around = lights.read_surroundings(scene, depsgraph, whole, [part for part, _ in shutter] or own, at)
     frame = frame_of(scene, depsgraph, whole, film, trajectory, around, shutter)
+    if frame.unplanned and _unplanned.get(scene.session_uid) != frame.unplanned:
+        print(f"Crowd LOD, frame {number:g}: {frame.unplanned}", file=sys.stderr)
+    _unplanned[scene.session_uid] = frame.unplanned
     return trajectory, frame, held_by(scene, trajectory, number, frame.crowd), shutter
 
 

@@ -17,11 +17,12 @@ from ...crowd_lod.errors import FAULTS, CrowdError, sentence
 from ...crowd_lod.format import printable
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.progress import Made, share
-from ...crowd_lod.reporting import files, interrupt, standard_streams
+from ...crowd_lod.reporting import files, interrupt, plan_file, standard_streams
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
-from ..batch import error_report
-from ..batch.preview import COLOR_MODES, Preview, preview
+from ..batch import error_report, shot_plan
+from ..batch.preview import preview
+from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping
 from ..build import bake, render_setup, view_layers
@@ -128,14 +129,10 @@ def _frames(args, settings) -> list[int]:
 def _preview(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
-    if args.seed is not None:
-        settings.seed = _within("seed", args.seed, 0, 2**31 - 1)
+    _set(settings, args)
+    _follow_plan(settings, args)
     if args.width is not None:
         _within("width", args.width, 16, 8192)
-    if args.tolerance is not None:
-        if not 0 < args.tolerance < float("inf"):
-            raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
-        settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
     stem = _stem(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
@@ -167,9 +164,48 @@ def _preview(args, command: list[str]) -> dict:
     }
 
 
+def _plan(args, command: list[str]) -> dict:
+    scene = open_scene(args.scene)
+    settings = scene.crowd_lod
+    _set(settings, args)
+    stem = _stem(args)
+    folder = files.absolute(args.out or Path(f"{stem}_plan"))
+    wanted = shot_plan.Wanted(
+        frames=parse_frames(settings.frames if args.frames is None else args.frames),
+        folder=folder,
+        avoid=settings.avoid_pops if args.avoid_pops is None else args.avoid_pops,
+    )
+    with files.staged(folder) as part:
+        planned = _finish(shot_plan.plan_shot(scene, wanted), f"plan of {stem}", args.quiet)
+        told = shot_plan.write_plan(part, planned)
+    if args.scene is None:  # the open file goes on with it
+        settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
+    out = printable(folder)
+    return {"out": out, **told["shot"], "summary": f"{shot_plan.sentence(planned)}\n{out}"}
+
+
+def _set(settings, args) -> None:
+    """Set seed and tolerance as the command gives them."""
+    if args.seed is not None:
+        settings.seed = _within("seed", args.seed, 0, 2**31 - 1)
+    if getattr(args, "tolerance", None) is not None:
+        if not 0 < args.tolerance < float("inf"):
+            raise CrowdError(f"The tolerance is {args.tolerance:g} pixels; give a number above 0, such as 1.")
+        settings.choice, settings.tolerance = "BY_TOLERANCE", args.tolerance
+
+
+def _follow_plan(settings, args) -> None:
+    """Use the shot plan in the folder that the command gives, if any."""
+    if args.plan is not None:
+        path = files.absolute(args.plan / plan_file.NAME)
+        plan_file.read(path)  # says what is wrong with it
+        settings.shot_plan, settings.use_shot_plan = str(path), True
+
+
 def _verify(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
+    _follow_plan(settings, args)
     stem = _stem(args)
     wanted = Verify(
         frames=_frames(args, settings),
@@ -227,8 +263,8 @@ def _build(args, command: list[str]) -> dict:
     frames = None if args.frames is None else parse_frames(args.frames)
     with files.staged_file(path) as part:
         scene = open_scene(args.scene)
-        if args.seed is not None:
-            scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
+        _set(scene.crowd_lod, args)
+        _follow_plan(scene.crowd_lod, args)
         if args.bake and frames is None:
             frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
         view_layers.check_layers(scene, args.view_layer or ())
@@ -329,6 +365,7 @@ COMMANDS = {
     "preview": _preview,
     "build": _build,
     "verify": _verify,
+    "plan": _plan,
     "sample": _sample,
     "error": _report_error,
     "extremes": _report_extremes,

@@ -7,7 +7,8 @@ import numpy as np
 
 from ...crowd_lod.crowd.leave_outs import NO_MIRRORS, NO_SHADOWS, NOT_WANTED, WORKBENCH
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.planning.shadows import Light, Mirror, Surroundings
+from ...crowd_lod.planning.shadows import Surroundings
+from ...crowd_lod.planning.volumes import Light, Mirror
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.cameras import camera_at, read_shutter, shutter_times
 from .scene_crowd import policy_of

@@ -27,6 +27,7 @@ from ..blender.rig_dependencies import action_range
 from .character_extent import bounds, frames_of, lowest, posing, unknown
 from .scene_world import bias_of, check_maps, heights_of, machine_of, world_of
 from .settings_versions import VERSION
+from .shot_reference import use_of
 from .stuck_agents import find
 
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
@@ -348,7 +349,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     around: Surroundings | None = None,
     shutter: Sequence[tuple[float, Sequence[Camera]]] | None = None,
 ) -> Frame:
-    """Return the plan of the crowd at `time`.
+    """Return the plan of the crowd at `time`, with the LODs of the scene's shot plan if it has one.
 
     time: frames of the animation; the scene's own if None (see scene_data.time_of).
     camera: one camera, or the eyes; the active ones as `depsgraph` has them if None.
@@ -362,8 +363,9 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     eyes = camera or read_cameras(scene, depsgraph)
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings, trajectory.world.area)
-    frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
-    return frame if around is None else surround(frame, around)
+    use = use_of(settings, trajectory, policy_of(settings), bias, time, (eyes,) if isinstance(eyes, Camera) else eyes)
+    frame = plan(trajectory, eyes, use.policy, time, shutter, bias)
+    return use.applied(frame if around is None else surround(frame, around))  # who is hidden casts no shadow
 
 
 def _off_ground(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[str]:

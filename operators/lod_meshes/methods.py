@@ -16,7 +16,7 @@ from .shaded_pictures import similarity
 from .source_mesh import Source, evaluated_mesh, read_weights, staged
 from .surface import Surface, roughly, scattered
 
-COMPARED = 4_000  # points of each surface that the two ways are compared at
+COMPARED, IN_MOTION = 4_000, 1_000  # points of each surface that the two ways are compared at, at rest and in each pose
 UV_OFF = 0.05  # distance in UV space from which on a point counts as off
 MOST_OFF = 0.02  # part of the surface that may be off without the precise way being asked
 KEPT = 0.05  # part of the area that a LOD's silhouette may gain or lose
@@ -77,10 +77,11 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
         )
     better, reason = chosen_method(one, two)
     best, other = (fast, precise) if better else (precise, fast)
+    where = " in motion" if one.motion else ""
     best.why = (
-        f"{'Pose-Aware' if best is fast else 'Decimate Modifier'}, as {reason}: Pose-Aware is up to {one.near:.2%} of the size away, with wrong UVs on {one.off:.1%} of the "
-        f"surface, {one.area:.0%} of the silhouette's area, in {fast.milliseconds:.0f} ms; Decimate Modifier "
-        f"{two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
+        f"{'Pose-Aware' if best is fast else 'Decimate Modifier'}, as {reason}: Pose-Aware is up to {one.near:.2%} of the size away{where}, "
+        f"with wrong UVs on {one.off:.1%} of the surface, {one.area:.0%} of the silhouette's area, in {fast.milliseconds:.0f} ms; "
+        f"Decimate Modifier {two.near:.2%}, {two.off:.1%}, {two.area:.0%}, {precise.milliseconds:.0f} ms."
     )
     bpy.data.meshes.remove(other.mesh)
     wanted = round(ratio * len(triangles))
@@ -95,38 +96,53 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
 class Errors:
     """What is wrong with a LOD's mesh.
 
-    near: symmetric Hausdorff distance, the largest at rest and in the poses that tell most, as part of the source's diagonal.
-    off: largest part of the surface at rest, over the UV maps, whose UVs are off by more than UV_OFF.
-    area: of its silhouette, as part of the source's. similar: structural similarity of its picture, where it was looked at.
+    rest: symmetric Hausdorff distance at rest, as part of the source's diagonal. off: largest part of the surface at rest, over the
+    UV maps, whose UVs are off by more than UV_OFF. area: of its silhouette, as part of the source's. similar: structural similarity
+    of its picture, where it was looked at. motion: like rest, the largest in the poses; 0 if nothing deforms the source.
     """
 
-    near: float
+    rest: float
     off: float
     area: float = 1.0
     similar: float = 1.0
+    motion: float = 0.0
+
+    @property
+    def near(self) -> float:
+        """Return the distance that decides: in motion, or at rest if nothing moves."""
+        return self.motion or self.rest
 
     def as_near_as(self, other: "Errors") -> bool:
-        """Return whether the two hardly differ in distance."""
-        near = self.near + NEAR_ENOUGH, other.near + NEAR_ENOUGH
-        return max(near) <= SLACK * min(near)
+        """Return whether the two hardly differ in distance, in motion and at rest."""
+        return _alike(self.motion, other.motion) and _alike(self.rest, other.rest)
+
+
+def _alike(one: float, other: float) -> bool:
+    return max(one, other) + NEAR_ENOUGH <= SLACK * (min(one, other) + NEAR_ENOUGH)
 
 
 def chosen_method(fast: Errors, precise: Errors) -> tuple[bool, str]:
-    """(whether the fast way is to be taken, why)."""
+    """(whether the fast way is to be taken, why).
+
+    The distance in motion decides, unless only one of them keeps the silhouette and is at most TWICE as far off. Where both are as
+    far off in motion, or nothing moves, UVs, pictures and the distance at rest do.
+    """
     kept = [abs(each.area - 1) <= KEPT for each in (fast, precise)]
     near = [each.near + NEAR_ENOUGH for each in (fast, precise)]
     if kept[0] != kept[1] and near[kept[1]] <= TWICE * near[kept[0]]:
         return kept[0], "its silhouette keeps the character's area"
+    if not _alike(fast.motion, precise.motion):
+        return fast.motion < precise.motion, "it is closer in motion"
     if fast.off <= max(MOST_OFF, precise.off):
         if abs(fast.similar - precise.similar) > AS_SIMILAR and fast.as_near_as(precise):
             return (
                 fast.similar > precise.similar,
                 f"its picture is more similar ({max(fast.similar, precise.similar):.2f} for {min(fast.similar, precise.similar):.2f})",
             )
-        better = fast.near <= SLACK * precise.near + NEAR_ENOUGH
+        better = fast.rest <= SLACK * precise.rest + NEAR_ENOUGH
         return better, "it is no worse" if better else "it is closer"
     # where neither keeps the UVs, a far closer shape is worth UVs a little farther off
-    better = precise.off > MOST_OFF and fast.near * fast.off < precise.near * precise.off
+    better = precise.off > MOST_OFF and fast.rest * fast.off < precise.rest * precise.off
     return better, "its surface is much closer, which outweighs its less exact UVs" if better else "its UVs are closer"
 
 
@@ -136,8 +152,8 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     Yields between its steps and returns the Made.
     """
     start = clock.perf_counter()
-    about = charts_of(source).seams, source.posed[0], source.share
-    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, *about)
+    about = charts_of(source).seams, source.telling, source.share
+    result = yield from decimating(source.geometry[:2], ratio, source.item.name, *about)
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()
@@ -183,17 +199,15 @@ def errors(source: Source, mesh: bpy.types.Mesh) -> Generator[None, None, Errors
     points, triangles, corners, _ = mesh_data.read_triangles(mesh)
     diagonal = float(np.linalg.norm(np.ptp(source.surface.points, axis=0))) or 1.0
     made = Surface(points, triangles)
-    distance = roughly(source.surface, made, COMPARED)
-    skin, surfaces = source.posed
-    if surfaces:
-        follows = nearest_vertices(source, points)
-    for j, surface in enumerate(surfaces):
+    rest, motion = roughly(source.surface, made, COMPARED), 0.0
+    follows = nearest_vertices(source, points) if source.posed else None
+    for pose, surface in enumerate(source.posed):
         yield
-        distance = max(distance, roughly(surface, Surface(skin.at(j, points.T, follows).T, triangles), COMPARED))
+        motion = max(motion, roughly(surface, Surface(source.skin.at(pose, points.T, follows).T, triangles), IN_MOTION))
     yield
     off = uv_error(source, mesh, made, corners)
     yield
-    return Errors(distance / diagonal, off, made.shown / source.surface.shown)
+    return Errors(rest / diagonal, off, made.shown / source.surface.shown, motion=motion / diagonal)
 
 
 def uv_error(source: Source, mesh: bpy.types.Mesh, surface: Surface, corners: np.ndarray) -> float:

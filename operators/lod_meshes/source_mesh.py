@@ -79,13 +79,14 @@ class Source:
         return Surface(*self.geometry[:2])
 
     @cached_property
-    def posed(self) -> tuple[Skin | None, list[Surface]]:
-        """Return (the skin in the most distinct poses, the surface in each of them).
+    def posed(self) -> list[Surface]:
+        """Return the surface in each pose, or an empty list if nothing deforms the mesh."""
+        return [Surface(place, self.geometry[1]) for place in self.skin.place] if self.skin else []
 
-        The skin is None, and the list is empty, if nothing deforms the mesh.
-        """
-        skin = self.skin and self.skin.telling(self.geometry[1])
-        return skin, [Surface(place, self.geometry[1]) for place in skin.place] if skin else []
+    @cached_property
+    def telling(self) -> Skin | None:
+        """Return the skin in the most distinct poses, or None if nothing bends the mesh."""
+        return self.skin and self.skin.telling(self.geometry[1])
 
     def offset(self, key: int) -> np.ndarray:
         """Return vertex offsets of shape key number `key` at value 1: (n, 3) float32."""

@@ -11,6 +11,8 @@ from ..blender.color_space import linear
 from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
 
+PURPLE = (0.45, 0.2, 0.75)  # the last reason; LODs have no more tints
+
 
 @dataclass(frozen=True)
 class Colours:
@@ -48,7 +50,7 @@ def by_reason(frame: Frame) -> Colours:
 
     The reasons are those of crowd_lod.planning.reasons.REASONS.
     """
-    return Colours(reasons(frame), _opaque(TINTS), culled=True)
+    return Colours(reasons(frame), _opaque([*TINTS, PURPLE]), culled=True)
 
 
 def by_material(frame: Frame, characters: Sequence[Character]) -> Colours:

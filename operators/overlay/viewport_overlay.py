@@ -15,11 +15,14 @@ from ...crowd_lod.levels.assignment import Bias
 from ...crowd_lod.planning.agent_under_cursor import Account, account
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.hysteresis import held
+from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
+from ..crowd.shot_exceptions import drawn_inputs
+from ..crowd.shot_reference import Use, reference, use_of
 from . import agent_colors, character_cache, gpu_culling, hud, inset, shader_programs
 from .appearance import cast_of, colours_of, drawing_of, style_of
 from .draw_data import Style, drawing
@@ -216,7 +219,8 @@ def _shown_now(context, before: Shown | None) -> Shown:
         key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
-        frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6)
+        frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6), reference(settings)
+        frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN:
             trajectory, bias, looked = known.trajectory, known.bias, before.looked
@@ -231,9 +235,11 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
-        frame = _faster.plan(trajectory, eyes, policy, time, shutter, bias)
+        use = Use(policy) if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
+        asked = Request(time=time, eyes=tuple(eyes), policy=use.policy, shutter=tuple(shutter), bias=bias)
+        frame = use.applied(_faster.plan_of(trajectory, asked))
         same_view = before is not None and before.frame_inputs[:1] == (own,)
-        if policy.hysteresis and same_view and same_crowd:
+        if policy.hysteresis and same_view and same_crowd and not frame.planned:
             frame = held(frame, known.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
@@ -251,7 +257,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
             cast=cast,
             batches=batches,
             prepared=1000 * (clock.perf_counter() - began),
-            notes=notes,
+            notes=(*notes, *filter(None, [frame.unplanned])),
         )
     except CrowdError as error:
         if before is not None and before.problem == str(error):

@@ -25,6 +25,7 @@ COLOURS = (
     ("yellow", "STRIP_COLOR_03"),
     ("pink", "STRIP_COLOR_07"),
     ("white", "STRIP_COLOR_09"),
+    ("purple", "STRIP_COLOR_06"),
 )
 MOST_ROWS = 12  # of a table of groups
 

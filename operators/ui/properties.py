@@ -17,10 +17,11 @@ from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..crowd.renamed_settings import renamed
 from ..crowd.scene_crowd import set_down
+from .exception_list import CrowdLodException
 
 OLD = {"options": {"HIDDEN"}, "description": "Old name of this setting, for older files and scripts"}
 METHODS = (
-    ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off, and take the closer one"),
+    ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off in motion, and take the closer one"),
     ("POSE_AWARE", "Pose-Aware", "Quadric edge collapse that heeds the poses of the action and keeps UV seams"),
     ("DECIMATE", "Decimate Modifier", "Blender's own, which looks at the rest pose; it is quicker"),
 )
@@ -342,6 +343,34 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Folder for the preview's pictures, table and plan",
     )
+    avoid_pops: FloatProperty(
+        name="Avoid Pops",
+        default=0.05,
+        min=0,
+        soft_max=1,
+        subtype="FACTOR",
+        description="Part by which a shot's time, memory and triangles may grow so that fewer characters change their LOD in sight",
+    )
+    plan_folder: StringProperty(
+        name="Plan Folder",
+        default="//crowd_lod_plan",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Folder for the shot plan and its report",
+    )
+    shot_plan: StringProperty(
+        name="Shot Plan",
+        subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="File with the LODs of every character in every frame, as Plan Shot made it; none takes LODs by distance",
+    )
+    use_shot_plan: BoolProperty(
+        name="Use Shot Plan", default=True, description="Overlay, Preview, Build and Bake show the LODs of the shot plan"
+    )
+    exceptions: CollectionProperty(
+        type=CrowdLodException, name="Exceptions", description="From the shot plan; of two for the same agent, the lower one holds"
+    )
+    exception_index: IntProperty(name="Exception", min=0, description="The exception that is selected in the list")
     overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
     overlay_mode: EnumProperty(
         name="Display As",

@@ -235,6 +235,21 @@ def test_the_choice_between_the_ways_weighs_shape_and_uvs(fast, precise, takes_f
 @pytest.mark.parametrize(
     "fast, precise, takes_fast",
     [
+        ((0.030, 0.00, 0.010), (0.010, 0.00, 0.020), True),  # a third as close at rest, twice as close in motion
+        ((0.010, 0.05, 0.010), (0.010, 0.01, 0.050), True),  # the precise way keeps the UVs, but not the knees
+        ((0.010, 0.00, 0.020), (0.030, 0.05, 0.010), False),
+        ((0.030, 0.00, 0.010), (0.010, 0.00, 0.010), False),  # as close in motion: the rest decides
+        ((0.010, 0.05, 0.010), (0.010, 0.01, 0.010), False),  # and the UVs
+    ],
+)
+def test_the_choice_weighs_motion_first(fast, precise, takes_fast):
+    fast, precise = (methods.Errors(rest, off, motion=motion) for rest, off, motion in (fast, precise))
+    assert methods.chosen_method(fast, precise)[0] == takes_fast
+
+
+@pytest.mark.parametrize(
+    "fast, precise, takes_fast",
+    [
         ((0.010, 0.0, 0.99, 0.9), (0.006, 0.0, 0.80, 0.9), True),  # the precise way is closer, and thinner
         ((0.010, 0.0, 0.80, 0.9), (0.011, 0.0, 1.02, 0.9), False),
         ((0.010, 0.0, 0.99, 0.9), (0.003, 0.0, 0.90, 0.9), False),  # more than twice as close

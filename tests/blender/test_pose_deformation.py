@@ -62,7 +62,7 @@ def test_lods_bend_as_the_character_does():
     item = arm()
     settings = bpy.context.scene.crowd_lod
     found = {}
-    for way in ("FAST", "PRECISE"):
+    for way in ("FAST", "PRECISE", "AUTO"):
         settings.way = way
         list(make_levels(bpy.context.scene))
         (group,) = groups_of(settings)
@@ -73,6 +73,8 @@ def test_lods_bend_as_the_character_does():
             assert np.abs(np.hypot(near[:, 0], near[:, 1]) - 0.2).max() < 0.03, (way, k)
     assert found["FAST"][1] == pytest.approx(0, abs=0.01)
     assert all(fast < precise / 2 for fast, precise in zip(found["FAST"][1:], found["PRECISE"][1:], strict=True)), found
+    assert found["AUTO"] == found["FAST"]
+    assert all("away in motion" in item["crowd_lod_why"] for level in settings.levels.children[1:] for item in level.all_objects)
     assert item.data.vertices and item.name == "arm"
 
 
@@ -101,11 +103,13 @@ def bowed(keyed=True):
 def test_a_shape_key_that_bends_counts_as_a_pose():
     bowed()
     settings, found = bpy.context.scene.crowd_lod, {}
-    for way in ("FAST", "PRECISE"):
+    for way in ("FAST", "PRECISE", "AUTO"):
         settings.way = way
         list(make_levels(bpy.context.scene))
         found[way] = groups_of(settings)[0].deviations
     assert all(fast < 0.7 * precise for fast, precise in zip(found["FAST"][1:], found["PRECISE"][1:], strict=True)), found
+    assert found["AUTO"] == found["FAST"]
+    assert all("away in motion" in item["crowd_lod_why"] for level in settings.levels.children[1:] for item in level.all_objects)
 
 
 @pytest.mark.usefixtures("exact_levels")
@@ -129,7 +133,7 @@ def test_keys_that_nothing_moves_count_at_their_full_value():
     assert len(source.skin.place) == 5 and np.abs(source.skin.place[:3] - rest).max() == 0
     for place, name in zip(source.skin.place[3:], ("bow", "lean"), strict=True):
         np.testing.assert_allclose(place, [point.co for point in item.data.shape_keys.key_blocks[name].data], atol=1e-6)
-    assert source.posed[0] is not None and len(source.posed[1]) >= 1
+    assert source.telling is not None and len(source.posed) == 5
 
 
 @pytest.mark.usefixtures("exact_levels")

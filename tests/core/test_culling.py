@@ -3,7 +3,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.culling.radar import BLOCK, lost, radar, refuse_lost
+from crowd_lod_extension.crowd_lod.culling.radar import BLOCK, RadarOptions, lost, radar, refuse_lost
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, audit, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import gap, scatter, seen, sees
@@ -72,7 +72,7 @@ def test_the_sphere_stands_at_its_height_above_the_feet():
 def test_fixed_delta_is_the_chapters():
     # |v.X| <= w/2 + Delta at depth 10: 10 + 3; near and far are not widened
     points = [(13, 10, 0), (13.001, 10, 0), (0, 0.999, 0), (0, 100.001, 0), (0, 100, 0)]
-    visible, _ = radar(crowd_at(points), straight(), ONE, np.array([50.0]), margin=3.0)
+    visible, _ = radar(crowd_at(points), straight(), ONE, np.array([50.0]), RadarOptions(margin=3.0))
     assert visible.tolist() == [True, False, False, False, True]
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
-from crowd_lod_extension.crowd_lod.culling.radar import radar
+from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
 from crowd_lod_extension.crowd_lod.validation import error_vs_runtime
 from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
@@ -30,7 +30,7 @@ def test_missed_and_surplus_are_those_that_rational_arithmetic_counts():
     assert all(row["visible"] == truth.sum() for row in rows if not row["offset_m"])
     for row in rows:
         if row["method"] == "fixed Delta":
-            kept = radar(crowd, camera, CENTRE, RADIUS, row["delta_m"])[0]
+            kept = radar(crowd, camera, CENTRE, RADIUS, RadarOptions(row["delta_m"]))[0]
             assert (row["missed"], row["surplus"]) == ((truth & ~kept).sum(), (kept & ~truth).sum())
     by = {(r["method"], r["delta_m"]): r for r in rows if not r["offset_m"]}
     assert by["fixed Delta", 0.0]["missed"] > 0 and by["fixed Delta", 10.0]["surplus"] > 0
@@ -64,7 +64,7 @@ def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(metric):
     crowd, (camera,) = view()
     policy = LevelPolicy((0.16, 0.4), metric)
     distance, ids = error_vs_runtime._levels((crowd, (camera,)), CENTRE, RADIUS, policy, "float64")
-    same = radar(crowd, camera, CENTRE, RADIUS, None, metric == "RADIAL")[1]
+    same = radar(crowd, camera, CENTRE, RADIUS, RadarOptions(radial=metric == "RADIAL"))[1]
     assert (distance == same).all() and (ids == assign(same, limits(policy, camera, RADIUS), crowd.group)).all()
 
 

@@ -12,7 +12,8 @@ from crowd_lod_extension.crowd_lod.culling import blocks
 from crowd_lod_extension.crowd_lod.culling.camera import planes
 from crowd_lod_extension.crowd_lod.culling.radar import radar
 from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shadows import Light, Surroundings, shaded, surround, view
+from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.planning.volumes import Light, shaded, view
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 
@@ -83,7 +84,7 @@ def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
         camera = in_float32(replace(camera, origin=camera.origin + away * way / np.linalg.norm(way)))
         feet = at_the_planes(camera, random, 60)
         seen = seen_in_blender(camera, feet)
-        frames = [plan(shot(feet), camera, POLICY, 0, lean=lean) for lean in (True, False)]
+        frames = [plan(each, camera, POLICY, 0) for each in (shot(feet), shot(feet).full)]
         for frame in frames:
             assert not (seen & ~frame.visible).any()
         assert (frames[0].visible == frames[1].visible).all()

@@ -9,7 +9,8 @@ from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
-from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.frame import plan_of
+from crowd_lod_extension.crowd_lod.planning.request import Request
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
 from crowd_lod_extension.operators.overlay import gpu_culling
@@ -38,10 +39,10 @@ class Tally:
 def tally(monkeypatch):
     settled, found = gpu_culling._settled, Tally()
 
-    def counting(places, ends, centre, radius, crowd, *more):
-        found.asked += len(crowd)
+    def counting(places, ends, spheres, asked):
+        found.asked += len(asked.crowd)
         found.open += ends[-1] - ends[-2]
-        return settled(places, ends, centre, radius, crowd, *more)
+        return settled(places, ends, spheres, asked)
 
     monkeypatch.setattr(gpu_culling, "_settled", counting)
     return found
@@ -49,7 +50,8 @@ def tally(monkeypatch):
 
 def same(planner, trajectory, camera, policy, time=1):
     """The plan on the GPU, after it was compared with the other."""
-    there, here = plan(trajectory, camera, policy, time, sorter=planner), plan(trajectory, camera, policy, time)
+    request = Request(time=time, eyes=(camera,), policy=policy)
+    there, here = plan_of(trajectory, request, planner), plan_of(trajectory, request)
     assert raw(there) == raw(here)
     return there
 
@@ -119,9 +121,8 @@ def test_places_that_float32_cannot_hold_are_left_to_numpy(tally):
 
 def test_what_a_sorter_cannot_do_is_done_without(tally):
     camera = random_camera(np.random.default_rng(1), "panoramic")
-    trajectory = shot(count=500)
-    frame = plan(trajectory, camera, LevelPolicy((0.3,)), 1, sorter=gpu_culling.Planner(trajectory))
-    assert raw(frame) == raw(plan(trajectory, camera, LevelPolicy((0.3,)), 1)) and tally.asked == 0
+    same(gpu_culling.Planner(trajectory := shot(count=500)), trajectory, camera, LevelPolicy((0.3,)))
+    assert tally.asked == 0
 
 
 def test_the_faster_way_is_taken():
@@ -133,11 +134,12 @@ def test_the_faster_way_is_taken():
 
 
 def ways_of(faster, trajectory, camera):
-    """Which of the first frames are planned on the GPU; all are what frame.plan makes."""
+    """Which of the first frames are planned on the GPU; all are what frame.plan_of makes."""
     policy, on_gpu = LevelPolicy((0.3,)), []
     for time in range(1, 2 * gpu_culling.TRIES + 1):
-        frame = faster.plan(trajectory, camera, policy, time)
-        assert raw(frame) == raw(plan(trajectory, camera, policy, time))
+        request = Request(time=time, eyes=(camera,), policy=policy)
+        frame = faster.plan_of(trajectory, request)
+        assert raw(frame) == raw(plan_of(trajectory, request))
         on_gpu.append(not any(item.stage == "culling" for item in frame.left_out))
     return on_gpu
 

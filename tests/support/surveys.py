@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.planning.shot import Meshes, Shot
-from crowd_lod_extension.crowd_lod.planning.survey import CULLED, MIRRORED, SEEN, SHADOW, empty, within
+from crowd_lod_extension.crowd_lod.planning.survey import CULLED, MIRRORED, SEEN, SHADOW, at_tolerance, empty
 
 TRIANGLES = np.array([[9000, 4000, 1500, 400], [12000, 5000, 2500, 300]], float)
 BOUNDS = np.array([[0, 1, 3, 8], [0, 2, 3, 12]]) / 64  # sums of them, times whole scales, are exact in float32
@@ -29,7 +29,7 @@ def some_shot(seed, agents=3, frames=5, lods=3, engine="EEVEE", tolerance=None, 
     survey.character[:] = (group * each + random.integers(each, size=shape)) * (survey.kind != CULLED)
     survey.rays[:] = random.integers(1000, size=frames)
     if tolerance is not None:
-        survey = within(survey, BOUNDS[:, :lods], tolerance)
+        survey = at_tolerance(survey, BOUNDS[:, :lods], tolerance)
     return Shot(survey, Meshes(TRIANGLES[:, :lods], TRIANGLES[:, :lods] / 2, BOUNDS[:, :lods]), engine)
 
 
@@ -44,7 +44,9 @@ def pixels_of(shot, f, agent, before, after):
 
 def sequences(shot, agent):
     """All (F,) LODs of the agent that are allowed; in frames that do not show it 0."""
+    finest = np.zeros_like(shot.allowed) if shot.survey.finest is None else shot.survey.finest
     allowed = [
-        range(shot.allowed[f, agent] + 1) if shot.survey.kind[f, agent] == SEEN else (0,) for f in range(len(shot.survey.times))
+        range(finest[f, agent], shot.allowed[f, agent] + 1) if shot.survey.kind[f, agent] == SEEN else (0,)
+        for f in range(len(shot.survey.times))
     ]
     return list(product(*allowed))

@@ -1,0 +1,110 @@
+"""A frame with the LODs that the shot plan gives its agents."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from ..culling.camera import Camera
+from ..levels.assignment import LevelPolicy
+from ..sorting.buckets import Buckets, sort
+from .frame import Frame, cost, tally
+
+# Parts of a byte of the plan: the LOD; whether it holds although it is coarser than the tolerance
+# allows, or finer; whether the agent is hidden.
+LEVEL, PINNED, HIDDEN = 0x0F, 0x40, 0x80
+SAME = 1e-4  # parts of a metre, a slope or a pixel by which two cameras that count as one may differ
+
+
+@dataclass(frozen=True)
+class Row:
+    """The shot plan of one frame.
+
+    levels: (n,) uint8, of LEVEL, PINNED and HIDDEN.
+    tolerance: pixels that the plan allows, or None if the policy's thresholds hold.
+    """
+
+    levels: np.ndarray
+    tolerance: float | None = None
+
+
+def policy_for(policy: LevelPolicy, tolerance: float | None) -> LevelPolicy:
+    """Return the policy by which a plan with this tolerance assigns LODs."""
+    if tolerance is None or tolerance == policy.tolerance:
+        return policy
+    return replace(policy, metric="PIXELS", tolerance=tolerance, thresholds=(0.0,) * len(policy.thresholds), group_thresholds=())
+
+
+def with_row(frame: Frame, row: Row) -> Frame:
+    """Return `frame` with the LODs of the shot plan.
+
+    An agent is never coarser than the policy of `frame` allows: at times between the plan's frames
+    it may be nearer than in them. Pinned and hidden agents are as the plan has them.
+    """
+    order, levels = frame.buckets.order, row.levels[frame.buckets.order]
+    level = np.where(levels & PINNED, levels & LEVEL, np.minimum(levels & LEVEL, frame.buckets.levels))
+    known = row.levels & LEVEL
+    known[order] = level
+    hidden = row.levels & HIDDEN != 0
+    shown = relevelled(frame, _without(hidden, order, level, len(frame.buckets.counts)), known)
+    shown = replace(shown, planned=True)
+    if not hidden.any():
+        return shown
+    shadow, mirrored = (
+        each and _without(hidden, each.order, each.levels, len(each.counts)) for each in (frame.shadow, frame.mirrored)
+    )
+    return replace(shown, shadow=shadow, mirrored=mirrored)
+
+
+def _without(hidden: np.ndarray, order: np.ndarray, levels: np.ndarray, count: int) -> Buckets:
+    """Return the buckets of agents in `order` that are not hidden, with the LODs `levels`."""
+    stays = ~hidden[order]
+    order, levels = order[stays], levels[stays]
+    found = sort(np.ones(len(order), bool), levels, count)
+    return Buckets(order[found.order], found.offsets)
+
+
+def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
+    """Return `frame` with other buckets, and the LOD of every agent in `levels` (n,) uint8."""
+    groups = frame.trajectory.groups
+    counted = tally(frame.crowd, buckets, len(groups))
+    vertices, _ = cost(counted, [group.vertices for group in groups])
+    triangles, _ = cost(counted, [group.triangles for group in groups])
+    return replace(frame, known_levels=levels, buckets=buckets, vertices=vertices, triangles=triangles)
+
+
+def told_unplanned(said: Sequence[tuple[int, str]]) -> str:
+    """Return sentences on frames without the shot plan: `said` are (frame, its sentence or "")."""
+    found: dict[str, list[int]] = {}
+    for number, sentence in said:
+        found.setdefault(sentence, []).append(number)
+    found.pop("", None)
+    return " ".join(f"Frames {numbers[0]} to {numbers[-1]}: {sentence}" for sentence, numbers in found.items())
+
+
+def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:
+    """Return what of the cameras decides on visibility and LODs, (E, 21) float64.
+
+    Origin, axes, window, near, far, cone, kind; last the pixels per unit of the window.
+    """
+    kinds = "PERSP", "ORTHO", "PANO"
+    return np.array(
+        [
+            [
+                *camera.origin, *camera.X, *camera.Y, *camera.Z, *(getattr(camera.seen, each.name) for each in fields(camera.seen)),
+                camera.near, camera.far, camera.cone, kinds.index(camera.kind), camera.pixels_per_unit,
+            ]
+            for camera in cameras
+        ]
+    )  # fmt: skip
+
+
+def same_cameras(planned: np.ndarray, now: np.ndarray) -> bool:
+    """Return whether a plan for the cameras `planned` holds for `now`, both of `numbers_of`.
+
+    It does at fewer pixels, too: its LODs are then finer than they need to be.
+    """
+    if planned.shape != now.shape:
+        return False
+    limit = SAME * np.maximum(1.0, np.abs(planned))
+    return bool((np.abs(planned - now) <= limit)[:, :-1].all() and (now[:, -1] <= planned[:, -1] * (1 + SAME)).all())

@@ -1,0 +1,64 @@
+"""What the plan of a frame is asked with, and the times at which it looks for agents."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..behaviour.trajectory import Trajectory
+from ..culling.camera import Camera
+from ..levels.assignment import Bias, LevelPolicy
+
+
+@dataclass(frozen=True, kw_only=True)
+class Request:
+    """What one frame is asked with.
+
+    time: in frames; LODs are those of this time.
+    eyes: one camera, or the eyes of a stereo picture.
+    policy: how LODs follow from distance.
+    shutter: with motion blur, (time in frames, the eyes' cameras from camera.opened) at each sample
+        of the open shutter, in order. An agent seen at any of them is visible. With a fixed margin
+        nothing is grown for the shutter except by the cameras' motion.
+    bias: the painted detail map.
+    """
+
+    time: float
+    eyes: tuple[Camera, ...]
+    policy: LevelPolicy
+    shutter: tuple[tuple[float, Sequence[Camera]], ...] = ()
+    bias: Bias | None = None
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A time at which agents may be seen.
+
+    time: in frames.
+    eyes: the cameras at that time.
+    radius: (G,) float64 metres, of the groups' spheres, which hold what is drawn until the next
+        moment.
+    """
+
+    time: float
+    eyes: Sequence[Camera]
+    radius: np.ndarray
+
+
+def moments(trajectory: Trajectory, request: Request) -> list[Moment]:
+    """Return the times at which agents may be seen; LODs are those of the first."""
+    reach = trajectory.spheres.reach
+    grown = reach + most_moved(trajectory, [time for time, _ in request.shutter])
+    return [Moment(request.time, request.eyes, reach), *(Moment(time, eyes, grown) for time, eyes in request.shutter)]
+
+
+def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
+    """Return how many metres an agent may walk between two of the `times`, in frames.
+
+    It is the distance of the whole gap, not of half of it. So an agent that jumps to the other side
+    of a wrapping map is covered before and after.
+    """
+    if len(times) < 2:
+        return 0.0
+    gap = max(np.diff(times))
+    return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame

@@ -1,0 +1,109 @@
+"""The file of a shot plan, `plan.npz`: NumPy arrays in a zip file, no pickles.
+
+version: VERSION.
+numbers: (F,) int64, frames of the timeline. times: (F,) float64, the same in frames of the
+    animation. Both increase.
+cameras: (F, E, 21) float64, of planning.planned.numbers_of.
+made_for: texts: pairs of what the plan was made for and its digest.
+tolerance: pixels, or NaN if the scene's own thresholds hold.
+levels_N: (n,) uint8 of frame N, see planning.planned.Row. Each is read only when its frame is shown.
+"""
+
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import CrowdError
+from ..format import printable
+from ..planning.planned import Row
+
+VERSION = 2
+NAME = "plan.npz"
+AGAIN = "press Plan Shot again"
+
+
+@dataclass(frozen=True)
+class StoredPlan:
+    """A plan's file, without its levels. The fields are those of the file."""
+
+    path: Path
+    numbers: np.ndarray
+    times: np.ndarray
+    cameras: np.ndarray
+    made_for: Mapping[str, str]
+    tolerance: float | None
+
+    def place(self, time: float) -> int | None:
+        """Return which of the plan's frames `time` belongs to, or None outside of them.
+
+        time: in frames of the animation; a time between two frames belongs to the one before.
+        """
+        f = int(np.searchsorted(self.times, time + 1e-6)) - 1
+        step = float(np.diff(self.times).max(initial=1.0))
+        return f if f >= 0 and time < self.times[f] + step else None
+
+    def row(self, f: int, agents: int) -> Row:
+        """Return the plan of frame `f`; CrowdError if the file is spoilt.
+
+        agents: the number that it must have.
+        """
+        name = f"levels_{self.numbers[f]}"
+        levels = _read(self.path, (name,))[name]
+        if levels.shape != (agents,) or levels.dtype != np.uint8:
+            raise CrowdError(f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}.")
+        return Row(levels, self.tolerance)
+
+
+def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:
+    """Write a plan's file to `path`.
+
+    stored: its fields; the path in it does not count.
+    levels: (n,) uint8 of each frame.
+    """
+    arrays: dict[str, Any] = {f"levels_{number}": row for number, row in zip(stored.numbers.tolist(), levels, strict=True)}
+    arrays |= {"version": np.array(VERSION), "made_for": np.array(list(stored.made_for.items()), np.str_)}
+    arrays |= {name: getattr(stored, name) for name in ("numbers", "times", "cameras")}
+    arrays["tolerance"] = np.array(np.nan if stored.tolerance is None else stored.tolerance)
+    np.savez_compressed(path, **arrays)
+
+
+def read(path: Path) -> StoredPlan:
+    """Return the plan stored in `path`, without its levels.
+
+    CrowdError if there is no such file, or it is of another version, or spoilt.
+    """
+    found = _read(path, ("version", "numbers", "times", "cameras", "made_for", "tolerance"))
+    if found["version"].shape != () or int(found["version"]) != VERSION:
+        raise CrowdError(f"The shot plan {printable(path)} is of another version of Crowd LOD: {AGAIN}.")
+    frames, tolerance = len(np.atleast_1d(found["numbers"])), float(found["tolerance"])
+    shapes = {"numbers": (frames,), "times": (frames,), "cameras": (frames, *found["cameras"].shape[1:])}
+    wrong = [name for name, shape in shapes.items() if found[name].shape != shape or not np.isfinite(found[name]).all()]
+    wrong += ["cameras"] * (found["cameras"].ndim != 3) + ["made_for"] * (found["made_for"].ndim != 2)
+    wrong += [name for name in ("numbers", "times") if name not in wrong and (np.diff(found[name]) <= 0).any()]
+    if wrong or not frames:
+        raise CrowdError(f"The shot plan {printable(path)} is spoilt in {', '.join(wrong) or 'its frames'}: {AGAIN}.")
+    return StoredPlan(
+        path=path,
+        numbers=found["numbers"],
+        times=found["times"],
+        cameras=found["cameras"],
+        made_for=dict(found["made_for"].tolist()),
+        tolerance=None if np.isnan(tolerance) else tolerance,
+    )
+
+
+def _read(path: Path, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Return these arrays of the file; CrowdError if one cannot be read."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            return {name: file[name] for name in names}
+    except FileNotFoundError:
+        raise CrowdError(f"There is no shot plan {printable(path)}: {AGAIN}, or press Remove Plan.") from None
+    except KeyError as error:
+        raise CrowdError(f"The shot plan {printable(path)} lacks {error.args[0]}: {AGAIN}.") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise CrowdError(f"The shot plan {printable(path)} cannot be read ({error}): {AGAIN}, or press Remove Plan.") from None

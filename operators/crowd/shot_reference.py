@@ -1,0 +1,137 @@
+"""The shot plan that a scene refers to, and whether it still holds."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from weakref import WeakKeyDictionary
+
+import bpy
+
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.planning.planned import Row, numbers_of, policy_for, same_cameras, with_row
+from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
+from ..blender import scene_cache
+from .shot_exceptions import digest_of
+
+# Plans by path, time of change and size.
+_stored: dict[tuple, StoredPlan] = scene_cache.kept({})
+_crowds: WeakKeyDictionary[Trajectory, dict[str, str]] = WeakKeyDictionary()
+CAMERA = "the camera"
+
+
+@dataclass(frozen=True)
+class Use:
+    """How a frame uses the scene's shot plan.
+
+    policy: by which LODs are assigned.
+    row: of the plan, or None if it gives no LODs.
+    unplanned: a sentence why the scene's plan gives none; "" if it does, or if there is none.
+    """
+
+    policy: LevelPolicy
+    row: Row | None = None
+    unplanned: str = ""
+
+    def applied(self, frame: Frame) -> Frame:
+        """Return `frame` with the plan's LODs."""
+        return replace(frame, unplanned=self.unplanned) if self.row is None else with_row(frame, self.row)
+
+
+def path_of(settings) -> Path | None:
+    """Return the path of the plan that the settings refer to, or None."""
+    return Path(bpy.path.abspath(settings.shot_plan)) if settings.shot_plan and settings.use_shot_plan else None
+
+
+def reference(settings) -> tuple:
+    """Return what changes when the settings refer to another plan, or its file changes."""
+    path = path_of(settings)
+    if path is None:
+        return ()
+    try:
+        about = path.stat()
+    except OSError:
+        return (path,)
+    return path, about.st_mtime_ns, about.st_size
+
+
+def stored_plan(settings) -> StoredPlan | None:
+    """Return the plan that the settings refer to; None if they refer to none.
+
+    CrowdError if it cannot be read.
+    """
+    key = reference(settings)
+    if key and key not in _stored:
+        _stored.clear()
+        _stored[key] = read(key[0])
+    return _stored[key] if key else None
+
+
+def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]) -> Use:
+    """Return how the frame at `time` uses the shot plan of the settings.
+
+    policy, bias: those of the settings.
+    time: in frames of the animation.
+    eyes: the frame's cameras.
+    """
+    try:
+        stored = stored_plan(settings)
+        if stored is None:
+            return Use(policy)
+        f = stored.place(time)
+        if f is None:
+            return Use(
+                policy, None, f"The shot plan covers frames {stored.numbers[0]} to {stored.numbers[-1]}: here thresholds hold."
+            )
+        changed = changes(stored.made_for, made_for(settings, trajectory, policy, bias))
+        exact = abs(stored.times[f] - time) < 1e-6
+        if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
+            changed = [CAMERA]
+        if changed:
+            return Use(policy, None, f"The shot plan is not used, for {' and '.join(changed)} changed since it was made: {AGAIN}.")
+        return Use(policy_for(policy, stored.tolerance), stored.row(f, len(trajectory.start)))
+    except CrowdError as error:
+        return Use(policy, None, str(error))
+
+
+def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+    """Return what differs between what a plan was made for, and what there is now."""
+    return [name for name, digest in now.items() if before.get(name) != digest]
+
+
+def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> dict[str, str]:
+    """Return digests of all that a plan depends on besides cameras, by their names.
+
+    settings: of the crowd, for their exceptions.
+    """
+    known = _crowds.get(trajectory)
+    if known is None:
+        known = _crowds[trajectory] = _of_crowd(trajectory)
+    return known | {
+        "the choice of LODs": _digest(repr(policy)),
+        "the detail map": _digest("" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()),
+        "the exceptions": _digest(digest_of(settings)),
+    }
+
+
+def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
+    groups, world, heights = trajectory.groups, trajectory.world, trajectory.heights
+    start = b"".join(column.tobytes() for column in vars(trajectory.start).values())
+    bodies = [(g.name, g.centre, g.radius, g.stride, g.period) for g in groups]
+    return {
+        "the crowd": _digest(repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame)), start),
+        "the state machine": _digest(trajectory.machine.text),
+        "the map": _digest(repr((world.area, world.labels.shape)), world.labels.tobytes()),
+        "the height map": _digest(
+            "" if heights is None else repr(heights.heights.shape), b"" if heights is None else heights.heights.tobytes()
+        ),
+        "the LOD meshes": _digest(repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])),
+    }
+
+
+def _digest(text: str, data: bytes = b"") -> str:
+    return hashlib.sha256(text.encode() + data).hexdigest()[:16]
