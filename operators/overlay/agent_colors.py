@@ -11,7 +11,8 @@ from ..blender.color_space import linear
 from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
 
-PURPLE = (0.45, 0.2, 0.75)  # the last reason; LODs have no more tints
+# the last reasons; LODs have no more tints
+PURPLE, BROWN = (0.45, 0.2, 0.75), (0.25, 0.12, 0.05)
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def by_reason(frame: Frame) -> Colors:
 
     The reasons are those of crowd_lod.planning.reasons.REASONS.
     """
-    return Colors(reasons(frame), _opaque([*TINTS, PURPLE]), culled=True)
+    return Colors(reasons(frame), _opaque([*TINTS, PURPLE, BROWN]), culled=True)
 
 
 def by_material(frame: Frame, characters: Sequence[Character]) -> Colors:

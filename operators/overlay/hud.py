@@ -70,6 +70,7 @@ def told(account: Account) -> list[tuple[str, str]]:
         ("State", account.state),
         ("Shown" if account.visible else "Culled", account.reason),
         ("LOD", str(account.level)),
+        *([("Shot plan", account.planned)] if account.planned else []),
         ("Depth", f"{account.depth:.4g} m"),
         ("Size", "-" if account.pixels is None else f"{account.pixels:.3g} pixels"),
         ("LOD error", unknown if account.error is None else f"{account.error:.2g} pixels"),
