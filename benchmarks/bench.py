@@ -1,4 +1,6 @@
-"""The chapter's two tests and the growth with the crowd, in the chapter's tables, with CSV, JSON and figure 1.6.
+"""The chapter's two tests, and the growth with the crowd.
+
+Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
 ./crowd-lod bench --worth [--quick] [--out DIR]     renders instead: worth.py
@@ -56,8 +58,10 @@ DRAWN |= {"Vertices": "vertices_millions", "Vertices, neither": "vertices_millio
 
 
 def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
-    """(trajectory, side in metres) of the chapter's crowd, 6 agents a square metre, half of them in either state, at 24 frames
-    a second."""
+    """Return (trajectory, side in metres) of the chapter's crowd.
+
+    6 agents a square metre, half of them in either state, at 24 frames a second.
+    """
     side = (agents / 6) ** 0.5
     area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), replace(load_preset("chapter"), start=np.array([0.5, 0.5]))
     world = edge_map(area, machine.labels)
@@ -65,7 +69,10 @@ def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
 
 
 def camera(side: float, part: float, turn: float = 0.0, half: float = 0.5) -> Camera:
-    """At eye height above the crowd's front edge, moved `part` of its side inwards and turned by `turn` radians."""
+    """A camera at eye height above the crowd's front edge.
+
+    It is moved `part` of the crowd's side inwards and turned by `turn` radians.
+    """
     c, s = np.cos(turn), np.sin(turn)
     X, Z = np.array([c, s, 0.0]), np.array([-s, c, 0.0])
     origin = np.array([0.0, side * (part - 0.5), 0.02 * side + 2])
@@ -84,9 +91,12 @@ def taken(job, *arguments) -> tuple[float, object]:
 
 
 def stages(agents: int, repeats: int, seed: int) -> dict:
-    """A row of test 1. The peers' agents stand as at the first frame; they are asked once a repeat, in turn with the core,
-    and find as many agents a LOD as the core does for the same crowd, but for those that float32 may put on the other side of
-    a plane: the core keeps them (camera.pictured)."""
+    """A row of test 1.
+
+    The peers' agents stand as at the first frame; they are asked once a repeat, in turn with the
+    core, and find as many agents a LOD as the core does for the same crowd, but for those that
+    float32 may put on the other side of a plane: the core keeps them (camera.pictured).
+    """
     trajectory, side = crowd_of(agents, seed)
     still = replace(trajectory, seconds_per_frame=0.0, _kept={})
     crowd, begin = trajectory.start, limits(POLICY, camera(side, 0), np.ones(1))[0]
@@ -149,8 +159,10 @@ def perspective(agents: int, which: str, repeats: int, seed: int) -> dict:
 
 
 def pictures(agents: int, which: str, repeats: int, seed: int, path: Path) -> dict:
-    """A row of test 2, drawn: milliseconds from plan to pixels by the overlay, with and without LODs and culling. The
-    picture goes to `path`."""
+    """A row of test 2, drawn: milliseconds from plan to pixels by the overlay.
+
+    With and without LODs and culling. The picture goes to `path`.
+    """
     trajectory, side = crowd_of(agents, seed)
     screen = drawn.Screen(PERSON)
     view = camera(side, -0.1, half=1.5) if which == "A" else camera(side, 0.9)
@@ -174,8 +186,12 @@ def pictures(agents: int, which: str, repeats: int, seed: int, path: Path) -> di
 
 
 def growth(agents: int, repeats: int, seed: int) -> dict:
-    """Time and memory an agent. Memory is what Python asks for: the state; what it takes to make the blocks anew, which
-    then hold 9 bytes; and a plan's results, of a camera that sees nearly all, with what it takes to make them."""
+    """Time and memory an agent.
+
+    Memory is what Python asks for: the state; what it takes to make the blocks anew, which then
+    hold 9 bytes; and a plan's results, of a camera that sees nearly all, with what it takes to make
+    them.
+    """
     trajectory, side = crowd_of(agents, seed)
     state = sum(getattr(trajectory.start, name).nbytes for name in vars(trajectory.start)) / agents
     ms = {"behaviour": [], "core": []}
@@ -198,9 +214,11 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
 
 
 def whole(agents: int, repeats: int, seed: int) -> dict:
-    """A row of the whole frame: from behaviour to points that the dependency graph holds, by Crowd LOD and by geometry nodes
-    that do the same, in turn. The processor's time counts all threads: it says what the work costs, the other how long it
-    takes."""
+    """A row of the whole frame, by Crowd LOD and by geometry nodes, in turn.
+
+    From behaviour to points that the dependency graph holds. The processor's time counts all
+    threads: it says what the work costs, the other how long it takes.
+    """
     trajectory, side = crowd_of(agents, seed)
     points, nodes = (
         walkers.Points(trajectory, POLICY),
@@ -231,8 +249,11 @@ def whole(agents: int, repeats: int, seed: int) -> dict:
 
 
 def busy(agents: int, frames: int, seed: int) -> dict:
-    """A row of behaviour where much happens, on the plaza's map: eight ways to turn at walls, timers, chance, three characters.
-    The C loop reads the same table, but has neither timers nor chance. Means: some frames work ahead, for others."""
+    """A row of behaviour where much happens, on the plaza's map.
+
+    Eight ways to turn at walls, timers, chance, three characters. The C loop reads the same table,
+    but has neither timers nor chance. Means: some frames work ahead, for others.
+    """
     machine = load_preset("plaza")
     world, groups = plaza_map.plan(machine), (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9))
     trajectory = Trajectory(populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24)

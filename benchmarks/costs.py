@@ -1,4 +1,6 @@
-"""What each thing that a build holds costs an engine: the coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
+"""What each thing that a build holds costs an engine.
+
+The coefficients of crowd_lod/levels/cost_model.py, fitted to renders.
 
 ./crowd-lod bench --costs
 
@@ -15,17 +17,19 @@ import numpy as np
 from crowd_lod_extension.crowd_lod.levels.cost_model import Work
 from worth import LIMIT, PICTURE, job, show
 
-# Of each engine the characters, how often their faces are divided, and whether crowds of them have LODs, too
+# Of each engine the characters, how often their faces are divided, pixels of a side of their images, and whether crowds of them have
+# LODs, too
+TEXTURED = (4, 0, 1024, False), (4, 0, 2048, False), (1, 0, 4096, False)
 CROWDS = {
-    "CYCLES": ((1, 0, True), (1, 1, True), (1, 2, True), (4, 0, True), (4, 1, False)),
-    "EEVEE": ((1, 0, False), (1, 1, False), (4, 0, False)),
+    "CYCLES": ((1, 0, 0, True), (1, 1, 0, True), (1, 2, 0, True), (4, 0, 0, True), (4, 1, 0, False), *TEXTURED),
+    "EEVEE": ((1, 0, 0, True), (1, 1, 0, True), (4, 0, 0, True), *TEXTURED),
 }
 AGENTS = {"CYCLES": (30, 1000, 30_000, 300_000), "EEVEE": (10, 100, 300)}
 SAMPLES = {"CYCLES": (4, 16), "EEVEE": (1,)}  # of a pixel
 REPEATS = {"CYCLES": 3, "EEVEE": 1}  # renders of each file, for medians
 COUNTS = {
-    "memory": ("posed", "unique", "instances", "instanced", "rigs"),
-    "seconds": ("posed", "unique", "instances", "instanced", "rigs"),
+    "memory": ("posed", "unique", "instances", "instanced", "rigs", "images"),
+    "seconds": ("posed", "unique", "instances", "instanced", "rigs", "images"),
     "file": ("rigs", "stored", "points"),
 }
 RAYS = {"CYCLES": "traced", "EEVEE": "rays"}  # what is counted of these for seconds
@@ -33,7 +37,10 @@ MEASURED = {"memory": "peak_mb", "seconds": "cpu_s", "file": "file_mb"}
 
 
 def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """The x (k,) >= 0 with the least squares of table (n, k) @ x - values (n,): Lawson and Hanson's active sets."""
+    """The x (k,) >= 0 with the least squares of table (n, k) @ x - values (n,).
+
+    Lawson and Hanson's active sets.
+    """
     x, used = np.zeros(table.shape[1]), np.zeros(table.shape[1], bool)
     scale = np.linalg.norm(table, axis=0) + 1e-300
     for _ in range(100):
@@ -56,8 +63,10 @@ def non_negative(table: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def fit(rows: list[dict], counts: Sequence[str], key: str) -> tuple[dict[str, float], np.ndarray]:
-    """(what one of each of `counts` costs, the relative error of each row) of the rows' `key`; errors are relative to the row's
-    own value, or to a twentieth of the largest where that is less."""
+    """(what one of each of `counts` costs, each row's relative error) of a `key`.
+
+    Errors are relative to the row's own value, or to a twentieth of the largest where that is less.
+    """
     table, values = np.array([[row[name] for name in counts] for row in rows], float), np.array([row[key] for row in rows])
     over = 0.05 * values.max()
     weight = 1 / np.maximum(values, over)
@@ -69,15 +78,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as scratch:
         for engine in CROWDS:
             rows = []
-            for groups, finer, lods in CROWDS[engine]:
-                rows += measured(engine, {"groups": groups, "metres": 5, "finer": finer}, lods, scratch)
+            for groups, finer, pixels, lods in CROWDS[engine]:
+                rows += measured(engine, {"groups": groups, "metres": 5, "finer": finer, "pixels": pixels}, lods, scratch)
             for name, key in MEASURED.items():
                 found, off = fit(rows, (*COUNTS[name], *[RAYS[engine]] * (name == "seconds")), key)
                 print(engine, name, {k: float(f"{1e6 * v:.4g}") for k, v in found.items()}, "residuals", off.round(2).tolist())
 
 
 def measured(engine: str, crowd: dict, lods: bool, scratch: str) -> list[dict]:
-    """The rows of a crowd: its counts, and what renders take beyond those of the empty ground."""
+    """The rows of a crowd: its counts, and what renders take.
+
+    Less what those of the empty ground take.
+    """
     made = job(1200, job="counts", folder=scratch, crowd=crowd, sizes=AGENTS[engine], lods=lods, **PICTURE[engine])
     if "ended" in made:
         raise SystemExit(f"crowd-lod bench: a crowd of {crowd['groups']} characters was not made ({made['ended']}).")

@@ -1,4 +1,7 @@
-"""The crowds of worth.py: heavy characters on open ground, seen from so many metres on."""
+"""The crowds of worth.py: heavy characters on open ground.
+
+They are seen from so many metres on.
+"""
 
 from dataclasses import replace
 from math import sqrt
@@ -11,13 +14,15 @@ from crowd_lod_extension.sample_scenes.characters import BUILDS, make_characters
 from crowd_lod_extension.sample_scenes.scenery import add, aim, camera, child, film, material, tile
 
 ROOM = 1.5  # square metres of ground an agent
-PIXELS = 4096  # of a side of the images, where characters have such
 
 
-def make(groups: int, metres: float, finer: int = 1, textured: bool = False, split: bool = False) -> bpy.types.Scene:
-    """A new file's scene: `groups` characters, each step of `finer` four times the faces of the samples', which stand `metres` and
-    more from the camera. textured: each with an image of PIXELS x PIXELS; split: of triangles with normals of their own, as game
-    characters are."""
+def make(groups: int, metres: float, finer: int = 1, pixels: int = 0, split: bool = False) -> bpy.types.Scene:
+    """A new file's scene of `groups` characters.
+
+    Each step of `finer` has four times the faces of the samples'. They stand `metres` and more from
+    the camera. pixels: of a side of the image that each has, or 0; split: of triangles with normals
+    of their own, as game characters are.
+    """
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     scene = bpy.context.scene
     film(scene)
@@ -28,9 +33,9 @@ def make(groups: int, metres: float, finer: int = 1, textured: bool = False, spl
         for g in range(groups)
     ]
     made = make_characters(characters, builds=builds, finer=finer)
-    if textured:
+    if pixels:
         for g, group in enumerate(made):
-            _paint(group, g)
+            _paint(group, pixels, g)
     if split:
         for item in characters.all_objects:
             if item.type == "MESH":
@@ -46,15 +51,18 @@ def make(groups: int, metres: float, finer: int = 1, textured: bool = False, spl
 
 
 def spread(scene: bpy.types.Scene, agents: int) -> None:
-    """Give the crowd so many agents, and ground in proportion, which begins where it did."""
+    """Give the crowd so many agents, and ground in proportion.
+
+    The ground begins where it did.
+    """
     side = sqrt(ROOM * agents)
     settings = scene.crowd_lod
     settings.count, settings.size, settings.centre = agents, (side, side), (side / 2, 0, 0)
 
 
-def _paint(group: bpy.types.Collection, seed: int) -> None:
+def _paint(group: bpy.types.Collection, pixels: int, seed: int) -> None:
     """Give both materials of a character one image of its own, spots in shades of grey."""
-    spots = np.random.default_rng(seed).integers(120, 255, (PIXELS // 32, PIXELS // 32, 1), np.uint8)
+    spots = np.random.default_rng(seed).integers(120, 255, (pixels // 32, pixels // 32, 1), np.uint8)
     image = image_data.write_image(f"{group.name} image", spots.repeat(32, axis=0).repeat(32, axis=1).repeat(3, axis=2))
     for one in [each for item in group.objects if item.type == "MESH" for each in item.data.materials]:
         shader = next(node for node in one.node_tree.nodes if node.type == "BSDF_PRINCIPLED")

@@ -1,4 +1,6 @@
-"""LOD meshes against their peers: Hausdorff distance and CPU time, at the same count of triangles.
+"""LOD meshes against their peers, at the same count of triangles.
+
+Prints Hausdorff distance and CPU time.
 
 The distance is measured at points spread over each of the two surfaces and at all their vertices, in percent of the
 bounding box's diagonal. "x" is the distance over that of fast-simplification with its default aggressiveness, 7.
@@ -24,7 +26,7 @@ FLOOR = 1e-4  # percent: where less is drawn
 
 
 def crowd_lod(points, triangles, ratio):
-    lod = decimate(points, triangles, ratio, "benchmark")
+    lod = decimate((points, triangles), ratio, "benchmark")
     return lod.points, lod.triangles
 
 

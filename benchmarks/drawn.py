@@ -1,4 +1,7 @@
-"""The whole pipeline, drawn: the overlay's own way from plan to pixels, into a picture without a window."""
+"""The whole pipeline, drawn into a picture without a window.
+
+By the overlay's own way from plan to pixels.
+"""
 
 from dataclasses import replace
 
@@ -55,7 +58,10 @@ class Screen:
         self.canvas = gpu.types.GPUOffScreen(*SIZE, format="RGBA8")
 
     def __call__(self, frame: Frame) -> np.ndarray:
-        """Draw the frame and wait for it: the picture (height, width, 4) uint8, bottom row first."""
+        """Draw the frame and wait for it.
+
+        Returns the picture (height, width, 4) uint8, bottom row first.
+        """
         import gpu
 
         what = drawing(frame, Style("MESHES", culled=False))
@@ -92,7 +98,10 @@ def matrices(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 def planned(trajectory: Trajectory, camera: Camera, policy: LevelPolicy, time: float, lods: bool, culling: bool) -> Frame:
-    """The plan, or what is left of it without LODs (all the finest) or without culling (all drawn)."""
+    """The plan, or what is left of it without LODs or without culling.
+
+    Without LODs all have the finest; without culling all are drawn.
+    """
     frame = plan(trajectory, camera, policy if lods else replace(policy, thresholds=()), time)
     if culling:
         return frame

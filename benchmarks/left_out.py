@@ -1,4 +1,6 @@
-"""What leaving out saves: milliseconds of a whole frame in full and lean, case by case.
+"""What leaving out saves, case by case.
+
+Prints milliseconds of a whole frame in full and lean.
 
 python benchmarks/left_out.py [AGENTS]    1,000,000 if not given
 """

@@ -1,4 +1,7 @@
-"""The C loop (loop.c), built with the machine's compiler, called on the project's own arrays."""
+"""The C loop (loop.c), called on the project's own arrays.
+
+It is built with the machine's compiler.
+"""
 
 import ctypes
 import os
@@ -34,7 +37,10 @@ def _at(array: np.ndarray) -> ctypes.c_void_p:
 
 
 class Cull:
-    """Culling, LOD and sorting of a crowd of one group, its agents in the order they are in."""
+    """Culling, LOD and sorting of a crowd of one group.
+
+    Its agents stay in the order they are in.
+    """
 
     def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
         self.crowd, self.group, self.limits = crowd, group, np.ascontiguousarray(limits, np.float64)
@@ -54,7 +60,10 @@ class Cull:
 
 
 class Step:
-    """One step of behaviour after another, on copies of a crowd's columns. No timers, no random choices."""
+    """One step of behaviour after another, on copies of a crowd's columns.
+
+    No timers, no random choices.
+    """
 
     def __init__(self, crowd: Crowd, machine: StateMachine, world: LabelMap, seconds: float):
         self.columns = [np.array(c) for c in (crowd.x, crowd.y, crowd.heading, crowd.state)]

@@ -1,4 +1,6 @@
-"""Redraws of the overlay against those of geometry-nodes instances of the same LOD meshes, in a real window, playing.
+"""Redraws of the overlay against those of geometry-nodes instances.
+
+Both of the same LOD meshes, in a real window, playing.
 
 blender --python benchmarks/overlay.py -- [OUT.json]    with the extension enabled; it quits when it is done
 
@@ -46,35 +48,10 @@ def session():
         yield from ready(scene)
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.build("EXEC_DEFAULT")
-        top = settings.build
-        taken = {"empty": [], "overlay": [], "nodes": [], "full": []}
-        thresholds = settings.thresholds[:]
-        at_the_end = [0.99 + k / 1000 for k in range(len(thresholds))]  # of what the camera sees
-        for _ in range(ROUNDS):
-            for name, frames in taken.items():
-                if name == "full" and frames:  # one round takes long enough
-                    continue
-                settings.overlay = name in ("overlay", "full")
-                settings.thresholds = at_the_end if name == "full" else thresholds
-                settings.build = top if name == "nodes" else None
-                top.hide_viewport = name != "nodes"
-                yield
-                frames += measure(scene, window)
-                if name == "overlay":
-                    visible = int(overlay().latest(scene).visible.sum())
-        settings.build, settings.thresholds = top, thresholds
+        visible, taken = yield from in_turns(scene, window)
         with bpy.context.temp_override(window=window, area=area, region=region):
             bpy.ops.crowd_lod.remove_build()
-        entry = found[f"{count} agents"] = {"visible": visible} | {name: summary(frames) for name, frames in taken.items()}
-        print(f"{count:,} agents, {visible:,} visible", flush=True)
-        for clock in ("shown", "processor"):
-            empty, drawn, *others = (entry[name][clock] for name in taken)
-            print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}", flush=True)
-            for name, other in zip(("nodes", "full"), others, strict=True):
-                ratio = other["median"] / drawn["median"]
-                net = (other["median"] - empty["median"]) / (drawn["median"] - empty["median"])
-                entry[f"{clock} {name} ratio"], entry[f"{clock} {name} ratio less empty"] = ratio, net
-                print(f"    {name} {said(other)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
+        found[f"{count} agents"] = compared(count, visible, taken)
         yield
     settings.overlay = True
     for mode, counts in (("MESHES", (1_000_000,)), ("BOXES", COUNTS), ("POINTS", COUNTS)):
@@ -86,6 +63,46 @@ def session():
             print(f"{count:,} agents as {mode.lower()}: {said_each}", flush=True)
     if ARGUMENTS:
         Path(ARGUMENTS[0]).write_text(json.dumps(found, indent=1), encoding="utf-8")
+
+
+def in_turns(scene, window):
+    """Play the built scene by the empty window, the overlay, the build, and at full detail.
+
+    Returns (agents that the overlay shows, frames by name).
+    """
+    settings, visible = scene.crowd_lod, 0
+    top, taken = settings.build, {"empty": [], "overlay": [], "nodes": [], "full": []}
+    thresholds = settings.thresholds[:]
+    at_the_end = [0.99 + k / 1000 for k in range(len(thresholds))]  # of what the camera sees
+    for _ in range(ROUNDS):
+        for name, frames in taken.items():
+            if name == "full" and frames:  # one round takes long enough
+                continue
+            settings.overlay = name in ("overlay", "full")
+            settings.thresholds = at_the_end if name == "full" else thresholds
+            settings.build = top if name == "nodes" else None
+            top.hide_viewport = name != "nodes"
+            yield
+            frames += measure(scene, window)
+            if name == "overlay":
+                visible = int(overlay().latest(scene).visible.sum())
+    settings.build, settings.thresholds = top, thresholds
+    return visible, taken
+
+
+def compared(count: int, visible: int, taken: dict[str, list]) -> dict:
+    """Print and return what `in_turns` took, and its ratios to the overlay."""
+    entry = {"visible": visible} | {name: summary(frames) for name, frames in taken.items()}
+    print(f"{count:,} agents, {visible:,} visible", flush=True)
+    for clock in ("shown", "processor"):
+        empty, drawn, *others = (entry[name][clock] for name in taken)
+        print(f"  {clock}: empty {said(empty)}, overlay {said(drawn)}", flush=True)
+        for name, other in zip(("nodes", "full"), others, strict=True):
+            ratio = other["median"] / drawn["median"]
+            net = (other["median"] - empty["median"]) / (drawn["median"] - empty["median"])
+            entry[f"{clock} {name} ratio"], entry[f"{clock} {name} ratio less empty"] = ratio, net
+            print(f"    {name} {said(other)}, x{ratio:.2f}, x{net:.2f} less empty", flush=True)
+    return entry
 
 
 def overlay():
@@ -101,7 +118,7 @@ def ready(scene):
 
 
 def measure(scene, window) -> list[tuple[float, float]]:
-    """(until shown, of the processor), milliseconds, of frames played one after the other."""
+    """Milliseconds (until shown, of the processor) of frames that are played."""
     times, began = [], time.monotonic()
     for number in range(WARM + FRAMES):
         start, work = time.perf_counter(), time.process_time()

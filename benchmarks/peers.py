@@ -1,4 +1,7 @@
-"""Other ways to cull, give LODs and sort, each on the same crowd: what the core is measured beside."""
+"""Other ways to cull, give LODs and sort, each on the same crowd.
+
+The core is measured beside them.
+"""
 
 from functools import cache
 
@@ -9,8 +12,11 @@ from crowd_lod_extension.crowd_lod.culling.camera import Camera, planes
 
 
 def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> list[np.ndarray]:
-    """The chapter's listings line by line in NumPy: camera coordinates of all, the radar test with the derived widening,
-    a sum of unit steps, and one pass a LOD."""
+    """The chapter's listings line by line in NumPy.
+
+    Camera coordinates of all, the radar test with the derived widening, a sum of unit steps, and
+    one pass a LOD.
+    """
     v = np.stack([crowd.x, crowd.y, crowd.z + group.centre], axis=1) - camera.origin
     along = v @ camera.Z
     visible = (along >= camera.near - group.radius) & (along <= camera.far + group.radius)
@@ -68,7 +74,10 @@ class Tree:
         self.geometry = self.group.nodes.new("NodeGroupInput").outputs[0]
 
     def node(self, kind: str, *values, **settings) -> bpy.types.Node:
-        """A node with `settings`; values: of its inputs, sockets to link or numbers; None leaves one as it is."""
+        """A node with `settings`.
+
+        values: of its inputs, sockets to link or numbers; None leaves one as it is.
+        """
         made = self.group.nodes.new(kind)
         for name, value in settings.items():
             setattr(made, name, value)
@@ -94,7 +103,10 @@ class Tree:
 
 
 class Cull:
-    """The part of a tree that deletes the points outside six planes and stores the others' LOD."""
+    """The part of a tree that deletes the points outside six planes.
+
+    It stores the others' LOD.
+    """
 
     def __init__(self, tree: Tree, limits: np.ndarray):
         place = tree.node("GeometryNodeInputPosition").outputs[0]
@@ -123,8 +135,10 @@ class Cull:
 
 
 class Nodes:
-    """Geometry nodes that cull and give LODs, in a scene of their own. No buckets: a tree of its own a LOD would still
-    have to part them."""
+    """Geometry nodes that cull and give LODs, in a scene of their own.
+
+    No buckets: a tree of its own a LOD would still have to part them.
+    """
 
     def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
         self.radius = group.radius

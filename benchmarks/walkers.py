@@ -1,5 +1,7 @@
-"""The whole frame: agents that walk, are culled, given LODs, and become points that Blender can instance; by Crowd LOD, and
-by geometry nodes that do the same."""
+"""The whole frame, by Crowd LOD and by geometry nodes that do the same.
+
+Agents walk, are culled, given LODs, and become points that Blender can instance.
+"""
 
 import bpy
 import numpy as np
@@ -48,9 +50,12 @@ class Points:
 
 
 class Walkers(Nodes):
-    """Geometry nodes that do the same, for the chapter's table and map: a simulation zone reads the label under each point
-    from an image, changes its state, moves and turns it, and plays its action; then it is culled and given a LOD. One
-    object: parting the LODs is left to what instances them. They step when the scene's frame goes on by one."""
+    """Geometry nodes that do the same, for the chapter's table and map.
+
+    A simulation zone reads the label under each point from an image, changes its state, moves and
+    turns it, and plays its action; then it is culled and given a LOD. One object: parting the LODs
+    is left to what instances them. They step when the scene's frame goes on by one.
+    """
 
     def __init__(self, trajectory: Trajectory, group: Group, limits: np.ndarray):
         self.trajectory, self.person = trajectory, group

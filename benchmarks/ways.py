@@ -1,4 +1,6 @@
-"""A child process of worth.py: makes the files, or renders one of them, and prints what that took as a line of JSON.
+"""A child process of worth.py: makes the files, or renders one of them.
+
+Prints what that took as a line of JSON.
 
 One file holds a crowd of crowds.py in each of these ways, its render settings the same:
 nobody            the ground without its crowd: what the scene itself costs
@@ -47,8 +49,11 @@ def shown_by(engine: str) -> tuple[str, ...]:
 
 
 def prepare(folder: str, crowd: dict, engine: str, sizes: list[int], width: int, samples: int) -> dict:
-    """Write WAY_AGENTS.blend into the folder of a crowd of crowds.make, for pictures `width` pixels wide of so many `samples` by the
-    `engine`; a row for each choice of LODs, of each file its MB, and of each of `sizes` what was predicted."""
+    """Write WAY_AGENTS.blend into the folder of a crowd of crowds.make.
+
+    For pictures `width` pixels wide of so many `samples` by the `engine`. Returns a row for each
+    choice of LODs, of each file its MB, and of each of `sizes` what was predicted.
+    """
     crowd_lod_extension.register()
     scene, rows, files, predicted = _scene(crowd, engine, width, samples), [], {}, {}
     settings = scene.crowd_lod
@@ -91,8 +96,11 @@ def _save(path: Path) -> float:
 
 
 def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, samples: int) -> dict:
-    """Write files of the crowd, of nobody and of each of `sizes` agents: everyone at full detail, and, with `lods`, a bake with LODs
-    by ratio; a row of counts for each (see crowd_lod/levels/cost_model.py)."""
+    """Write files of the crowd, of nobody and of each of `sizes` agents.
+
+    Everyone at full detail, and, with `lods`, a bake with LODs by ratio. Returns a row of counts
+    for each (see crowd_lod/levels/cost_model.py).
+    """
     crowd_lod_extension.register()
     scene, rows = _scene(crowd, "CYCLES", width, samples), []
     settings = scene.crowd_lod
@@ -105,14 +113,19 @@ def counts(folder: str, crowd: dict, sizes: list[int], lods: bool, width: int, s
     for way, agents in [(EVERYONE, 0), *((way, agents) for way in made for agents in sizes)]:
         bpy.ops.wm.open_mainfile(filepath=f"{folder}/{way}.blend")
         row, path = _counted(bpy.context.scene, way, agents), Path(folder) / f"{way}_{agents}.blend"
-        bpy.ops.wm.save_as_mainfile(filepath=str(path))
-        rows.append({**crowd, "way": way, "agents": agents, **row, "file": str(path), "file_mb": path.stat().st_size / 1e6})
+        rows.append({**crowd, "way": way, "agents": agents, **row, "file": str(path), "file_mb": _save(path)})
+        if not agents:
+            bpy.data.batch_remove(bpy.data.images)  # those of hidden characters are loaded, too
+            _save(path)
     crowd_lod_extension.unregister()
     return {"rows": rows}
 
 
 def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
-    """Show so many agents in that way; the row of what the build then holds, and shows at the first of FRAMES."""
+    """Show so many agents in that way; return the row of what the build holds.
+
+    And of what it shows at the first of FRAMES.
+    """
     crowds.spread(scene, agents or 1)
     if not agents:
         render_setup.remove_build(scene.crowd_lod)
@@ -121,13 +134,16 @@ def _counted(scene: bpy.types.Scene, way: str, agents: int) -> dict:
     if way != EVERYONE:
         finished(bake.bake(scene, FRAMES[:1]))
         return {name: float(np.sum(value)) for name, value in vars(works["By Ratio"]).items()}
-    top = scene.crowd_lod.build
+    top, full = scene.crowd_lod.build, works[cost_estimate.FULL]
     _dress(scene, EVERYONE)
-    return counted(top) | {"rays": float(works[cost_estimate.FULL].rays[0]), "stored": 0.0, "points": 3.0 * agents}
+    return counted(top) | {"rays": float(full.rays[0]), "images": full.images, "stored": 0.0, "points": 3.0 * agents}
 
 
 def counted(top: bpy.types.Collection) -> dict[str, int]:
-    """What the build `top`, of one LOD, holds and shows: see crowd_lod/levels/cost_model.py."""
+    """What the build `top`, of one LOD, holds and shows.
+
+    See crowd_lod/levels/cost_model.py.
+    """
     (points,) = render_setup.points_of(top).values()
     shelf = next(child for child in top.children_recursive if child.get(render_setup.LIBRARY, -1) == 0)
     homes = sorted(shelf.children, key=lambda home: home.name)
@@ -157,7 +173,10 @@ def _scene(crowd: dict, engine: str, width: int, samples: int) -> bpy.types.Scen
 
 
 def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
-    """Make the LODs of the scene, build it and write it to `path`; the row of what that took."""
+    """Make the scene's LODs, build it and write it to `path`.
+
+    Returns the row of what that took.
+    """
     begun = time.process_time()
     finished(make_levels(scene))
     made = time.process_time()
@@ -173,7 +192,10 @@ def _build(scene: bpy.types.Scene, way: str, path: Path) -> dict:
 
 
 def _dress(scene: bpy.types.Scene, way: str) -> None:
-    """Show the crowd as it stands in FRAMES in that way, with nothing left for Crowd LOD to do."""
+    """Show the crowd as it stands in FRAMES in that way.
+
+    Nothing is left for Crowd LOD to do.
+    """
     settings = scene.crowd_lod
     trajectory, top = trajectory_of(scene), settings.build
     points = render_setup.points_of(top)
@@ -205,8 +227,11 @@ def _dress(scene: bpy.types.Scene, way: str) -> None:
 
 
 def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
-    """Before the tree that instances them, one that leaves the points which the camera sees at this LOD. It has one
-    sphere for all groups, and the LODs' distances are the same for them."""
+    """Put a tree before the one that instances, which leaves what is seen.
+
+    These are the points which the camera sees at this LOD. It has one sphere for all groups, and
+    the LODs' distances are the same for them.
+    """
     centre = np.mean([group.centre for group in groups])
     sphere = Group("all", 0.0, max(group.radius + abs(group.centre - centre) for group in groups), 0.0, 1.0)
     nodes = peers.Nodes(frame.crowd, sphere, frame.begins[0])
@@ -242,8 +267,11 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
 
 
 def render(file: str, picture: str, engine: str, frame: int, width: int, samples: int) -> dict:
-    """Render the frame of the file to the EXR `picture`; what it took. export_s: to the first sample, wall time, as is
-    render_s, of all; cpu_s, of all; peak_mb: of this process."""
+    """Render the frame of the file to the EXR `picture`; return what it took.
+
+    export_s: to the first sample, wall time, as is render_s, of all; cpu_s, of all; peak_mb: of
+    this process.
+    """
     live = Path(file).stem.rpartition("_")[0] in CROWD_LOD
     if live:
         crowd_lod_extension.register()

@@ -1,4 +1,6 @@
-"""Worth it? What a render of a crowd takes with and without Crowd LOD, beside what *Estimate Cost* says before.
+"""Worth it? What a render of a crowd takes with and without Crowd LOD.
+
+Beside what *Estimate Cost* says before.
 
 ./crowd-lod bench --worth [--quick] [--out DIR]
 
@@ -30,7 +32,7 @@ TWENTY = {"groups": 20, "metres": 20, "finer": 0}
 QUICK = [("CYCLES", crowd, (1000, 10_000)) for crowd in (NEAR, FAR)]
 ROWS = [
     *(("CYCLES", crowd, (1000, 10_000, 100_000, 1_000_000)) for crowd in (NEAR, FAR)),
-    *(("CYCLES", crowd, (10_000,)) for crowd in (TWENTY, {**FAR, "textured": True})),
+    *(("CYCLES", crowd, (10_000,)) for crowd in (TWENTY, {**FAR, "pixels": 4096})),
     *(("EEVEE", crowd, (1000, 10_000)) for crowd in LIGHT),
 ]
 PICTURE = {"CYCLES": {"width": 640, "samples": 4}, "EEVEE": {"width": 160, "samples": 1}}
@@ -41,7 +43,10 @@ PARTS = {"cpu_s": "time", "peak_mb": "memory", "file_mb": "file"}  # what is mea
 
 @dataclass(frozen=True)
 class Goal:
-    """That of the rows that it is `of`, LODs by tolerance, baked, take at most these parts of what everyone takes."""
+    """That rows take at most these parts of what everyone takes.
+
+    Of the rows that it is `of`, LODs by tolerance, baked.
+    """
 
     says: str
     most: dict[str, float]
@@ -76,11 +81,14 @@ def job(limit: float, **inputs) -> dict:
 def name_of(crowd: dict) -> str:
     """The crowd's name in tables."""
     finer = ("light", "heavy")[crowd["finer"]]
-    return f"{crowd['groups']} {finer}{', textured' * crowd.get('textured', False)}, {crowd['metres']} m"
+    return f"{crowd['groups']} {finer}{', textured' * ('pixels' in crowd)}, {crowd['metres']} m"
 
 
 def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> dict:
-    """What the file of that way takes, medians; or None, and under "ended" why it could not be measured."""
+    """What the file of that way takes, medians, or None.
+
+    If None, "ended" says why it could not be measured.
+    """
     asked = {"engine": engine, "frame": FRAMES[1], "picture": str(folder / f"{way}.exr"), **PICTURE[engine]}
     found = [job(LIMIT, job="render", file=str(folder / f"{way}_{agents}.blend"), **asked)]
     while "ended" not in found[-1] and len(found) < repeats:
@@ -91,7 +99,10 @@ def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> 
 
 
 def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, float], repeats: int) -> list[dict]:
-    """A row for each way: what it takes, and its parts of what everyone takes, both less nobody."""
+    """A row for each way: what it takes, and its parts of what everyone takes.
+
+    Both less nobody.
+    """
     rows = []
     for way in shown_by(engine):
         row = {"engine": engine, "crowd": name_of(crowd), "agents": agents, "way": way}
@@ -105,8 +116,11 @@ def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, 
 
 
 def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
-    """The row of what was predicted of the crowd, and measured, at full detail and by tolerance, MB; time as the latter's part.
-    Of files that all hold the characters."""
+    """The row of what was predicted of the crowd, and of what was measured.
+
+    At full detail and by tolerance, MB; time as the latter's part. Of files that all hold the
+    characters.
+    """
     nobody, whole, own = (next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE, BAKED))
     found = {key: own[key] for key in ("engine", "crowd", "agents")}
     agents, characters = own["agents"], ", with characters"
@@ -119,7 +133,10 @@ def beside(rows: list[dict], predicted: dict, files: dict[str, float]) -> dict:
 
 
 def judged(rows: list[dict]) -> list[dict]:
-    """A row for each goal of which something was measured: whether it is met, and what misses it."""
+    """A row for each goal of which something was measured.
+
+    It says whether the goal is met, and what misses it.
+    """
     found = []
     for goal in GOALS:
         own = [row for row in rows if row["way"] == BAKED and goal.of(row) and row["time"] is not None]
@@ -149,7 +166,7 @@ def main(out: Path, quick: bool) -> None:
 
 
 def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int) -> dict[str, list[dict]]:
-    """The tables: of the LODs made, of the ways, of what was predicted and measured, and of the goals."""
+    """The tables: of the LODs, the ways, the predictions and the goals."""
     results = {"builds": [], "ways": [], "predicted": [], "goals": []}
     for engine, crowd, sizes in asked:
         with tempfile.TemporaryDirectory() as scratch:

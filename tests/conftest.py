@@ -17,10 +17,16 @@ import sys
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from . import rough
 
 TESTS = Path(__file__).parent
+
+# Hypothesis tries the same examples each time, on each Python; others by --hypothesis-profile=search
+settings.register_profile("same", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("search", settings.get_profile("same"), derandomize=False)
+settings.load_profile("same")
 
 
 def group(path: Path) -> str:

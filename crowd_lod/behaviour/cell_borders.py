@@ -65,18 +65,12 @@ class Crossing(NamedTuple):
     crossed: np.ndarray
 
 
-def _bounds(world: LabelMap) -> tuple[np.ndarray, np.ndarray]:
-    """Return the map's lower and upper bounds, each (2, 1) metres, along x and y."""
-    area = world.area
-    return np.array([[area.x_min], [area.y_min]]), np.array([[area.x_max], [area.y_max]])
-
-
 def _borders(walkers: Walkers, world: LabelMap, past: np.ndarray | int = 0) -> Borders:
     """Return the borders that agents walk toward.
 
     past: (2, c), cells beyond the agent's own that it may pass before the border, along x and y.
     """
-    low, high = _bounds(world)
+    low, high = world.area.bounds
     way = np.sign(walkers.velocity).astype(np.intp)
     last = walkers.cell + way * past
     beyond = last + way
@@ -125,7 +119,7 @@ def to_border(walkers: Walkers, span: np.ndarray, past: np.ndarray, world: Label
         border behind them or as far as `span` lets it.
     edge: the machine's policy at the map's edge.
     """
-    own, cell, (low, high) = walkers.cell, walkers.cell.copy(), _bounds(world)
+    own, cell, (low, high) = walkers.cell, walkers.cell.copy(), world.area.bounds
     last, way, beyond, out, border = _borders(walkers, world, past)
     with np.errstate(divide="ignore", invalid="ignore"):
         time = np.where(way == 0, np.inf, np.maximum((border - walkers.place) / walkers.velocity, 0))

@@ -34,6 +34,11 @@ class Area:
         """Width (x) and depth (y) in metres."""
         return self.x_max - self.x_min, self.y_max - self.y_min
 
+    @cached_property
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """The least and the greatest x and y, each (2, 1) float64 metres."""
+        return np.array([[self.x_min], [self.y_min]]), np.array([[self.x_max], [self.y_max]])
+
 
 # Cells along a side of the squares of one label that a map knows about, at most.
 MOST_SQUARE = 8

@@ -58,14 +58,15 @@ class Work:
 
 # Bytes of memory, and seconds of one processor, for one of each. Cycles: residuals of 20 renders up
 # to 3 % of memory; of 48 of seconds, half of them with LODs, 18 % rms. EEVEE on a software GPU: 3 %
-# of seconds, but up to 60 % of memory in scenes of few agents, which is little there.
+# of seconds, but up to 60 % of memory in scenes of few agents, which is little there. Seconds of
+# images: 8 renders by Cycles, within 24 %, 13 % rms; EEVEE has the same, for Blender decodes them.
 MEMORY = {
     "CYCLES": {"posed": 30, "unique": 133, "instances": 1800, "rigs": 551_000, "images": 1.4},
     "EEVEE": {"posed": 335, "unique": 107, "instances": 45_000, "rigs": 1_046_000, "images": 1.4},
 }
 SECONDS = {
-    "CYCLES": {"posed": 2e-7, "unique": 6.1e-7, "instances": 1.29e-5, "rigs": 3.7e-3, "traced": 1.1e-7},
-    "EEVEE": {"posed": 4.5e-7, "unique": 2e-6, "instances": 5.9e-3, "instanced": 6.8e-6, "rays": 1.55e-4},
+    "CYCLES": {"posed": 2e-7, "unique": 6.1e-7, "instances": 1.29e-5, "rigs": 3.7e-3, "traced": 1.1e-7, "images": 1.1e-8},
+    "EEVEE": {"posed": 4.5e-7, "unique": 2e-6, "instances": 5.9e-3, "instanced": 6.8e-6, "rays": 1.55e-4, "images": 1.1e-8},
 }
 FILE = {"stored": 42, "rigs": 17_200, "points": 14.6}  # bytes, compressed
 

@@ -72,7 +72,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float) -> Generator[float, N
     yield begun
     for step, factor in enumerate(WEIGHTS, 1):
         done = begun + (1 - begun) * step / len(WEIGHTS)
-        levels = yield from share(solved(some, thresholds, factor * plan.weight), begun, done)
+        levels, _ = yield from share(solved(some, thresholds, factor * plan.weight), begun, done)
         points.append(point("avoid", levels))
         begun = done
     return Curve(len(survey.group), points)

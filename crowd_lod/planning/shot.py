@@ -20,8 +20,8 @@ from ..progress import share
 from .survey import SEEN, Survey
 
 TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
-SAMPLE = 20_000  # agents from which the weight of switches is found
-STEPS = 10  # of the search for it, each by a factor of FACTOR
+SAMPLE = 10_000  # agents from which the weight of switches is found
+STEPS = 6  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
 NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anyway
 NOTICED = 0.25  # pixels as which any switch in sight counts, besides those by which it changes the picture
@@ -291,15 +291,15 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
     thresholds, avoid = _limit(shot, avoid)
     weight = yield from share(_weight(shot, avoid), 0.0, 0.4)
     for step in range(STEPS):
-        levels = yield from share(solved(shot, thresholds, weight), 0.4, 0.8)
+        levels, shared = yield from share(solved(shot, thresholds, weight), 0.4, 0.8)
         found = bill(shot, levels)
         if found.above(thresholds) <= avoid or step == STEPS - 1:
             break
-        weight /= 2  # the sample promised more than the whole keeps
+        weight /= 1.5  # the sample promised more than the whole keeps
     if found.above(thresholds) > avoid:
         levels = shot.coarsest
         found = bill(shot, levels)
-    least = yield from share(lower_bound(shot, weight), 0.8, 1.0)
+    least = yield from share(lower_bound(shot, weight, shared), 0.8, 1.0)
     paid = _objective(found, weight)
     return ShotPlan(levels, found, thresholds, weight, max(paid / least - 1, 0.0) if least > 0 else 0.0)
 
@@ -311,6 +311,8 @@ def _limit(shot: Shot, avoid: float) -> tuple[Bill, float]:
     may switch by more than twice the tolerance.
     """
     thresholds = bill(shot, shot.survey.coarsest)
+    if np.array_equal(shot.coarsest, shot.survey.coarsest):
+        return thresholds, avoid
     return thresholds, max(avoid, bill(shot, shot.coarsest).above(thresholds))
 
 
@@ -327,12 +329,12 @@ def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
     for step in range(2 * STEPS):
         middle = float(np.sqrt(low * high))
-        levels = yield from share(solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS))
+        levels, _ = yield from share(solved(some, thresholds, middle), step / (2 * STEPS), (step + 1) / (2 * STEPS))
         if bill(some, levels).above(thresholds) <= avoid:
             low = middle
         else:
             high = middle
-        if high < 1.05 * low:
+        if high < 1.1 * low:
             break
     return low
 
@@ -343,8 +345,10 @@ def sampled(shot: Shot, most: int) -> tuple[Shot, slice]:
     return shot if some.step == 1 else Shot(shot.survey.of(some), shot.meshes, shot.engine), some
 
 
-def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, np.ndarray]:
-    """Return the levels of least cost that are found for one weight of switches.
+def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, tuple[np.ndarray, float | None]]:
+    """Return (the levels of least cost that are found for one weight of switches, a lower bound).
+
+    The bound is that of agents that share meshes evenly, or None where it was not found on the way.
 
     Where meshes cost much, two rounds: in the first an agent pays its share of a mesh, as if all
     that may show it did. In the second the meshes of the first cost next to nothing, and all others
@@ -352,12 +356,15 @@ def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None
     """
     unique = _unique(shot, thresholds)
     shares = unique / np.maximum(thresholds.shown.sum(axis=1), 1)[:, None, :]
-    levels, _ = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
-    if (unique * (thresholds.shown > 0)).sum() < MATTERS * (shot.instance * thresholds.shown).sum():
-        return levels
+    levels, shared = yield from share(decided(shot, _table(shot, shares), weight), 0.0, 0.5)
+    if (
+        "traced" not in SECONDS[shot.engine]
+        and (unique * (thresholds.shown > 0)).sum() < MATTERS * (shot.instance * thresholds.shown).sum()
+    ):
+        return levels, shared
     found = bill(shot, levels)
     again, _ = yield from share(decided(shot, _table(shot, np.where(found.shown > 0, NEARLY * shares, unique)), weight), 0.5, 1.0)
-    return min((levels, again), key=lambda each: _objective(bill(shot, each), weight))
+    return min((levels, again), key=lambda each: _objective(bill(shot, each), weight)), None
 
 
 def _unique(shot: Shot, thresholds: Bill) -> np.ndarray:
@@ -375,7 +382,7 @@ def _table(shot: Shot, unique: np.ndarray) -> np.ndarray:
     return (shot.instance + unique).astype(np.float32)
 
 
-def lower_bound(shot: Shot, weight: float) -> Generator[float, None, float]:
+def lower_bound(shot: Shot, weight: float, shared: float | None = None) -> Generator[float, None, float]:
     """Return seconds that no plan of the shot can go below, switches counted by `weight`.
 
     Each frame shows of each character a LOD as fine as the finest that one of its agents needs, at
@@ -394,7 +401,8 @@ def lower_bound(shot: Shot, weight: float) -> Generator[float, None, float]:
         instanced[f] = each[needed, own].sum()
     least = np.where(seen > 0, np.append(each, np.zeros((1, characters)), axis=0)[finest, np.arange(characters)], 0.0)
     unique = SECONDS[shot.engine]["unique"] * each / np.maximum(seen, 1)[:, None, :]
-    _, shared = yield from decided(shot, _table(shot, unique), weight)
+    if shared is None:
+        _, shared = yield from decided(shot, _table(shot, unique), weight)
     work = Work(
         posed=float(least.max(axis=0).sum()),
         unique=least.sum(axis=1),

@@ -18,11 +18,26 @@ from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
 from .index_cache import blocks_at, moved
 from .request import Moment, Request
 
-# Another way to cull, give LODs and sort, of the same agents and LODs: (crowd, order, camera,
-# policy, begin) -> (places (m,) int32, offsets (n + 1,) intp). Where in `order`, agent indices (n,)
-# or None for agent order, the visible agents of LOD k stand is places[offsets[k]:offsets[k + 1]],
-# rising. See operators/overlay/gpu_culling.py.
-Sorter = Callable[[Crowd, np.ndarray | None, Camera, LevelPolicy, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+@dataclass(frozen=True)
+class Unsorted:
+    """What a `Sorter` is asked with.
+
+    order: (n,) int32, agent indices; None for agent order.
+    begins: (G, n - 1) metres, where LODs begin.
+    """
+
+    crowd: Crowd
+    order: np.ndarray | None
+    camera: Camera
+    policy: LevelPolicy
+    begins: np.ndarray
+
+
+# Another way to cull, give LODs and sort, of the same agents and LODs. It returns (places (m,)
+# int32, offsets (n + 1,) intp): where in the order the visible agents of LOD k stand is
+# places[offsets[k]:offsets[k + 1]], rising. See operators/overlay/gpu_culling.py.
+Sorter = Callable[[Unsorted], tuple[np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -168,7 +183,7 @@ def _elsewhere(task: Task, blocks: Blocks | None, sorter: Sorter) -> Sorted:
     crowd = task.crowd
     gone = 0 if blocks is not None and blocks.finite else task.lost()
     order = None if blocks is None else blocks.order
-    places, offsets = sorter(crowd, order, task.seen[0].eyes[0], task.request.policy, task.begins)
+    places, offsets = sorter(Unsorted(crowd, order, task.seen[0].eyes[0], task.request.policy, task.begins))
     counted = None
     if blocks is not None:
         edges = [np.searchsorted(places[a:b], blocks.groups) for a, b in zip(offsets[:-1], offsets[1:], strict=True)]

@@ -4,7 +4,9 @@ A shot is run through once, and decided on from this.
 """
 
 from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -108,6 +110,30 @@ def empty(numbers: Sequence[int], times: Sequence[float], group: np.ndarray, lib
     )
 
 
+class Recorder:
+    """Records frames into a survey beside the work on the next frame, in a thread of its own."""
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1)
+        self._last: Future[None] | None = None
+
+    def __enter__(self) -> "Recorder":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+
+    def add(self, *about: Any) -> None:
+        """Record one frame; `about` are the arguments of `record`. Errors are those of the frame before."""
+        self.finish()
+        self._last = self._pool.submit(record, *about)
+
+    def finish(self) -> None:
+        """Wait for the last frame."""
+        if self._last is not None:
+            self._last.result()
+
+
 def record(  # noqa: PLR0913 - what a frame tells, and what it follows
     survey: Survey, f: int, frame: Frame, library: Library, before: Frame | None = None, rays: float = 0.0, cut: bool = False
 ) -> None:
@@ -134,7 +160,7 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
     survey.scale[f, seen] = scale_of(frame, seen)
     survey.rays[f], survey.cuts[f] = rays, cut
     if before is not None and not cut:
-        survey.entered[f] = _unclipped(before, np.setdiff1d(seen, before.buckets.order))
+        survey.entered[f] = _unclipped(before, seen[survey.kind[f - 1, seen] != SEEN])
 
 
 def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:

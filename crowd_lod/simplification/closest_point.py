@@ -30,7 +30,9 @@ def walk(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) -> tuple[np.
     return face, weights
 
 
-def follow(mesh: TriangleMesh, face, weights, points, walking=True) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def follow(
+    mesh: TriangleMesh, face: np.ndarray, weights: np.ndarray, points: np.ndarray, walking: bool = True
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The closest points again, after the mesh or the points have moved a little.
 
     face: (k,), weights: (3, k), the closest points before; points: (3, k). Only points farther off than a part of the largest
@@ -51,7 +53,9 @@ def follow(mesh: TriangleMesh, face, weights, points, walking=True) -> tuple[np.
     return face, weights, off, distance
 
 
-def doubt(mesh: TriangleMesh, face, weights, points, count: int | None = None) -> tuple[np.ndarray, np.ndarray]:
+def doubt(
+    mesh: TriangleMesh, face: np.ndarray, weights: np.ndarray, points: np.ndarray, count: int | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Search again, on all faces near enough, for the points that are farthest off.
 
     face: (k,), weights: (3, k), the closest points as known; points: (3, k); count: how many to doubt at a time. It goes on while
@@ -112,20 +116,20 @@ def _closest_round(mesh: TriangleMesh, start: np.ndarray, points: np.ndarray) ->
     return face, weights
 
 
-def barycentric(p, a, b, c) -> np.ndarray:
+def barycentric(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Barycentric weights (3, k) of points p, dropped onto the planes of triangles.
 
     p, a, b, c: (3, k), the points and the triangles' corners. Triangles without area get thirds.
     """
     products = _products(p, a, b, c)
     uu, uv, vv = products[:3]
-    s, t = _on_plane(*products)
+    s, t = _on_plane(products)
     flat = uu * vv - uv * uv <= 1e-12 * uu * vv
     s[flat] = t[flat] = 1 / 3
     return np.stack([1 - s - t, s, t])
 
 
-def closest_weights(p, a, b, c) -> np.ndarray:
+def closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Barycentric weights (3, k) of the points of triangles closest to points p.
 
     p, a, b, c: (3, k), the points and the triangles' corners.
@@ -136,7 +140,7 @@ def closest_weights(p, a, b, c) -> np.ndarray:
     return weights
 
 
-def distances(p, a, b, c) -> np.ndarray:
+def distances(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Distances (k,) of p to the triangles abc, each (3, k)."""
     square = np.empty(p.shape[1])
     for block in blocks(p.shape[1], BLOCK):
@@ -144,7 +148,7 @@ def distances(p, a, b, c) -> np.ndarray:
     return np.sqrt(square)
 
 
-def _closest_weights(p, a, b, c) -> np.ndarray:
+def _closest_weights(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """As closest_weights(), all at once."""
     _, s, t, (ab, ac, bc), (on_ab, on_ac, on_bc) = _planes_and_sides(p, a, b, c)
     # no where(): the processor cannot foresee which
@@ -157,7 +161,7 @@ def _closest_weights(p, a, b, c) -> np.ndarray:
     return np.stack([1 - s - t, s, t])
 
 
-def squares(p, a, b, c) -> np.ndarray:
+def squares(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
     """Squared distances (k,) of points p to triangles abc, each (3, k)."""
     (ww, plane), s, t, _, away = _planes_and_sides(p, a, b, c)
     sides = np.minimum(np.minimum(*away[:2]), away[2])
@@ -165,7 +169,7 @@ def squares(p, a, b, c) -> np.ndarray:
     return np.maximum(ww + sides + inside * (plane - sides), 0)
 
 
-def _products(p, a, b, c) -> list[np.ndarray]:
+def _products(p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[np.ndarray]:
     """The dot products (k,) uu, uv, vv, wu, wv, ww.
 
     u = b - a, v = c - a, w = p - a.
@@ -174,13 +178,16 @@ def _products(p, a, b, c) -> list[np.ndarray]:
     return [np.einsum("dn,dn->n", *pair) for pair in ((u, u), (u, v), (v, v), (w, u), (w, v), (w, w))]
 
 
-def _on_plane(uu, uv, vv, wu, wv, _) -> tuple[np.ndarray, np.ndarray]:
+def _on_plane(products: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Barycentric weights (k,) of b and of c: p dropped onto the triangle's plane."""
+    uu, uv, vv, wu, wv, _ = products
     area = uu * vv - uv * uv + 1e-300
     return (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
 
 
-def _planes_and_sides(p, a, b, c) -> tuple[tuple, np.ndarray, np.ndarray, tuple, tuple]:
+def _planes_and_sides(
+    p: np.ndarray, a: np.ndarray, b: np.ndarray, c: np.ndarray
+) -> tuple[tuple, np.ndarray, np.ndarray, tuple, tuple]:
     """What closest points of triangles are computed from, each (k,).
 
     Returns: the squared distance to a and what to add for that to the plane; the weights of b and c on the plane; the place of the
@@ -188,7 +195,7 @@ def _planes_and_sides(p, a, b, c) -> tuple[tuple, np.ndarray, np.ndarray, tuple,
     Source: Ericson, "Real-Time Collision Detection", 2005, section 5.1.5.
     """
     uu, uv, vv, wu, wv, ww = products = _products(p, a, b, c)
-    s, t = _on_plane(*products)
+    s, t = _on_plane(products)
     plane = -(s * wu + t * wv)
     wu2, wv2 = wu + wu, wv + wv
     ab, ac = (wu / (uu + 1e-300)).clip(0, 1), (wv / (vv + 1e-300)).clip(0, 1)

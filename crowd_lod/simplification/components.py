@@ -12,7 +12,14 @@ _right = np.cross((0.0, 0.0, 1.0), _towards) * np.sqrt(1.5)
 DIRECTIONS = np.stack([_right, np.cross(_towards, _right)], axis=1)
 
 
-def within(points, part, new_points, new_triangles, collapse_map, target: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def within(
+    points: np.ndarray,
+    part: np.ndarray,
+    new_points: np.ndarray,
+    new_triangles: np.ndarray,
+    collapse_map: np.ndarray,
+    target: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Bring a mesh of many loose parts to at most `target` triangles.
 
     Parts become cards of two triangles, the smallest first; where that is not enough, those nearest to others go. The largest part
@@ -63,7 +70,8 @@ def _spread_out(middle: np.ndarray, radius: np.ndarray, count: np.ndarray, targe
     middle: (p, 3), radius: (p,), of spheres about the parts; count: (p,) their triangles; target: triangles in all.
     Source: Gonzalez, "Clustering to minimize the maximum intercluster distance", 1985.
     """
-    kept, away, left = [], radius, target
+    kept: list[int] = []
+    away, left = radius, target
     while not kept or (count <= left).any():
         kept.append(int(np.where(count <= left, away, -1).argmax() if kept else away.argmax()))
         reach = np.linalg.norm(middle - middle[kept[-1]], axis=1) + radius

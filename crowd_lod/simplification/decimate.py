@@ -5,7 +5,7 @@ distance to the source is least.
 """
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,10 +15,10 @@ from ..errors import CrowdError
 from ..progress import finished
 from . import settings
 from .components import areas, grown, within
-from .edge_collapse import Poses, collapse, normals_of, quadrics_of
+from .edge_collapse import Collapsed, Poses, collapse, normals_of, quadrics_of
 from .pose_deformation import Skin
 from .surface_fit import SurfaceFit
-from .triangle_mesh import constrained_edges, edge_keys, half_edges
+from .triangle_mesh import Shape, constrained_edges, edge_keys, half_edges
 
 GRID = 2.0**33  # steps in the mesh's size: a power of two, so that flat stays flat
 
@@ -42,29 +42,26 @@ class LodMesh:
 def missing_library() -> str | None:
     """A sentence saying what decimation lacks on this machine, or None."""
     try:
-        import fast_simplification  # noqa: F401
+        import fast_simplification  # noqa: F401 - imported to see whether it can be
     except ImportError as error:
         return f"LOD meshes need the fast-simplification package ({error}): reinstall the Crowd LOD extension from its zip."
     return None
 
 
-def decimate(points: np.ndarray, triangles: np.ndarray, ratio: float, name: str, seams=None, skin=None, effort=1.0) -> LodMesh:
+def decimate(
+    shape: Shape, ratio: float, name: str, seams: np.ndarray | None = None, skin: Skin | None = None, effort: float = 1.0
+) -> LodMesh:
     """The mesh with about `ratio` of its triangles, all at once: see `decimating`."""
-    return finished(decimating(points, triangles, ratio, name, seams, skin, effort))
+    return finished(decimating(shape, ratio, name, seams, skin, effort))
 
 
 def decimating(
-    points: np.ndarray,
-    triangles: np.ndarray,
-    ratio: float,
-    name: str,
-    seams: np.ndarray | None = None,
-    skin: Skin | None = None,
-    effort: float = 1.0,
-) -> Iterator[None]:
+    shape: Shape, ratio: float, name: str, seams: np.ndarray | None = None, skin: Skin | None = None, effort: float = 1.0
+) -> Generator[None, None, LodMesh]:
     """Make the mesh with about `ratio` of its triangles; yields between its steps.
 
-    points: (n, 3) metres; triangles: (m, 3) indices; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for errors.
+    shape: points (n, 3) metres and triangles (m, 3) indices; ratio: in (0, 1], 1 gives the mesh itself; name: of the mesh, for
+    errors.
     seams: (k, 2) indices of points, edges to be kept in place as open borders are, such as UV seams and where materials meet.
     skin: how its points move, if they do: the poses count as much as the rest.
     effort: what part of Settings.moves it may do, as one of a character's meshes.
@@ -72,15 +69,10 @@ def decimating(
     Returns the LodMesh. Points without a triangle are dropped, open borders at the same points become one. Loose parts are lost
     only where there are not two triangles for each: those that lie nearest to others go first. CrowdError for bad input.
     """
-    if not 0 < ratio <= 1:
-        raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
-    if not len(triangles):
-        raise CrowdError(f"The mesh {name} has no faces: remove it from its character group or give it some.")
-    if not np.isfinite(points).all():
-        raise CrowdError(f"The mesh {name} has {int((~np.isfinite(points)).any(axis=1).sum())} vertices at NaN or infinity.")
-    used, triangles = np.unique(triangles, return_inverse=True)
+    _check(shape, ratio, name)
+    used, triangles = np.unique(shape[1], return_inverse=True)
     triangles = triangles.reshape(-1, 3)
-    points, target = points[used].astype(np.float64), max(1, round(ratio * len(triangles)))
+    points, target = shape[0][used].astype(np.float64), max(1, round(ratio * len(triangles)))
     if target >= len(triangles):
         return LodMesh(points, triangles.astype(np.int32), used)
     problem = missing_library()
@@ -106,26 +98,37 @@ def decimating(
     whole, held = whole.reshape(-1, 3), held[(held >= 0).all(axis=1)]
     skin = skin and skin.of(used[solid]).scaled(low, size).telling(whole)
     yield
-    new_points, new_triangles, collapse_map, follows = yield from _best(unit[solid], whole, held, target, skin, effort)
+    best = yield from _best((unit[solid], whole), held, target, skin, effort)
     if skin:
-        source = solid[follows]
+        source = solid[best.follows]
     else:
-        collapse_map = np.append(collapse_map, -1)[index[joined]]
+        collapse_map = np.append(best.collapse_map, -1)[index[joined]]
         stands = np.flatnonzero(collapse_map >= 0)
-        source = stands[_nearest(unit[stands], new_points, collapse_map[stands])]
-    return LodMesh(new_points * size + low, new_triangles.astype(np.int32), used[source])
+        source = stands[_nearest(unit[stands], best.points, collapse_map[stands])]
+    return LodMesh(best.points * size + low, best.triangles.astype(np.int32), used[source])
 
 
-def _best(points, triangles, seams, target: int, skin: Skin | None, effort: float) -> Iterator[None]:
+def _check(shape: Shape, ratio: float, name: str) -> None:
+    """Raise CrowdError if `decimating` cannot work with the input."""
+    points, triangles = shape
+    if not 0 < ratio <= 1:
+        raise CrowdError(f"The LOD ratio {ratio:g} of {name} is not in (0, 1].")
+    if not len(triangles):
+        raise CrowdError(f"The mesh {name} has no faces: remove it from its character group or give it some.")
+    if not np.isfinite(points).all():
+        raise CrowdError(f"The mesh {name} has {int((~np.isfinite(points)).any(axis=1).sum())} vertices at NaN or infinity.")
+
+
+def _best(shape: Shape, seams: np.ndarray, target: int, skin: Skin | None, effort: float) -> Generator[None, None, Collapsed]:
     """Collapse edges, then fit the surface; yields between the steps.
 
-    points: (n, 3), of unit size; triangles: (m, 3); seams: (k, 2); target: triangles wanted; effort: part of Settings.moves.
-    Returns points (k, 3); triangles (m, 3); collapse_map (n,), the new point of each, or -1; follows (k,), with a skin the source's
-    point that each moves with.
+    shape: points (n, 3), of unit size, and triangles (m, 3); seams: (k, 2); target: triangles wanted; effort: part of
+    Settings.moves. Returns the points left; `follows` tells something with a skin only.
 
     Work is counted, not timed: the same mesh gives the same LOD. fast-simplification knows no poses, and takes the rings of a
     straight elbow first: it goes less far, in the pose that bends most.
     """
+    points, triangles = shape
     part, facing = connected_components(len(points), triangles), normals_of(points, triangles)
     now = settings.CURRENT
     hold = 1.0 if skin else min(1.0, target / len(triangles) / now.seams_yield) ** 3
@@ -144,9 +147,10 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     if len(some) < len(triangles) and not poses:
         # of a flat face all points may have landed far from its corners, which must not forget it
         rows[:11] += now.bulk_planes * quadrics_of(start, some, constrained_edges(some, collapse_map[seams], len(start)), hold)
-    new_points, new_triangles, end, follows = yield from collapse(start, some, rows[:11], rows[11:].T, target, poses)
-    new_points, new_triangles, collapse_map = within(points, part, new_points, new_triangles, end[collapse_map], target)
-    follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), follows)
+    left = yield from collapse((start, some), rows[:11], rows[11:].T, target, poses)
+    lod = left.points, left.triangles
+    new_points, new_triangles, collapse_map = within(points, part, *lod, left.collapse_map[collapse_map], target)
+    follows = np.where((new_points == points).all(axis=1), np.arange(len(points)), left.follows)
     kept, new_triangles = np.unique(new_triangles, return_inverse=True)
     new_points, new_triangles = new_points[kept], new_triangles.reshape(-1, 3)
     index = np.full(len(start), -1)
@@ -155,10 +159,9 @@ def _best(points, triangles, seams, target: int, skin: Skin | None, effort: floa
     yield
     inner = half_edges(triangles)[held[~border]]  # open borders may move along themselves
     inside = np.isin(edge_keys(seams.T, len(points)), edge_keys(inner.T, len(points)))
-    fit = SurfaceFit((new_points, new_triangles), (points, triangles), collapse_map, seams[inside], skin, follows[kept])
+    fit = SurfaceFit((new_points, new_triangles), shape, collapse_map, seams[inside], skin, follows[kept])
     yield from _fitted(fit, max(effort * now.moves, now.moves_each * len(triangles)))
-    new_points = _widened(points, triangles, part, fit)
-    return new_points, fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows
+    return Collapsed(_widened(points, triangles, part, fit), fit.corners.T, fit.copies.one(fit.collapse_map), fit.follows)
 
 
 def _fitted(fit: SurfaceFit, moves: float) -> Iterator[None]:
@@ -200,7 +203,9 @@ def _widened(points: np.ndarray, triangles: np.ndarray, part: np.ndarray, fit: S
     return grown(new_points, fit.corners.T, of, wanted, settings.CURRENT.parts_grown * fit.worst)
 
 
-def _bulk(points, triangles, part, target: int, seen: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bulk(
+    points: np.ndarray, triangles: np.ndarray, part: np.ndarray, target: int, seen: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """About `target` triangles by fast-simplification.
 
     points: (n, 3); triangles: (m, 3); part: (n,); seen: (n, 3), the points by which it chooses what to collapse. Loose parts that it

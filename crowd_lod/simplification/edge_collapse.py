@@ -5,15 +5,16 @@ Sources: Garland, Heckbert, "Surface simplification using quadric error metrics"
 Edelsbrunner, Guha, Nekhayev, "Topology preserving edge contraction", 1999.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from . import settings
 from .closest_point import BLOCK
 from .pose_deformation import Skin
-from .triangle_mesh import blocks, edge_keys, edges_of, half_edges, length
+from .triangle_mesh import Shape, blocks, edge_keys, edges_of, half_edges, length
 from .triangle_mesh import normals as normals_at
 
 
@@ -77,16 +78,31 @@ def normals_of(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     return _spread(np.cross(b - a, c - a).T, triangles.T, len(points)).T
 
 
-def collapse(points, triangles, quadrics, normals, target: int, poses: Poses | None = None) -> Iterator[None]:
+class Collapsed(NamedTuple):
+    """A mesh with fewer triangles than its source, of n points.
+
+    points: (k, 3); triangles: (m, 3). collapse_map: (n,), the point that each of the source's collapsed into, or -1.
+    follows: (k,), the source's point that each moves with.
+    """
+
+    points: np.ndarray
+    triangles: np.ndarray
+    collapse_map: np.ndarray
+    follows: np.ndarray
+
+
+def collapse(
+    shape: Shape, quadrics: np.ndarray, normals: np.ndarray, target: int, poses: Poses | None = None
+) -> Generator[None, None, Collapsed]:
     """Collapse edges until at most `target` faces are left, or as few as may be.
 
-    points: (n, 3), about of unit size; triangles: (m, 3); quadrics: (11, n); normals: (n, 3). With `poses` the errors in these
-    add to that at rest. Source: Mohr, Gleicher, "Deformation sensitive decimation", 2003.
+    shape: points (n, 3), about of unit size, and triangles (m, 3); quadrics: (11, n); normals: (n, 3). With `poses` the errors in
+    these add to that at rest. Source: Mohr, Gleicher, "Deformation sensitive decimation", 2003.
 
-    Yields between the rounds. Returns points (n, 3), whose indices stay; triangles (k, 3); collapse_map (n,), the point that each
-    collapsed into; follows (n,), the source's point that each moves with: of an edge's two the nearer. No collapse opens, closes,
-    pinches or folds the surface; each part keeps a triangle, or four where it is closed.
+    Yields between the rounds. Returns the mesh with all n points, whose indices stay; of an edge's two it moves with the nearer. No
+    collapse opens, closes, pinches or folds the surface; each part keeps a triangle, or four where it is closed.
     """
+    points, triangles = shape
     all_points, all_landed, all_follow = points.copy(), *np.tile(np.arange(len(points)), (2, 1))
     # of few of them, when most have collapsed before
     own, corners = np.unique(triangles, return_inverse=True)
@@ -109,8 +125,7 @@ def collapse(points, triangles, quadrics, normals, target: int, poses: Poses | N
         if poses:
             errors = _PoseErrors(poses, follows, quadrics[10])
             errors.add(cost, known[4], found, most)
-        order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
-        order = order[np.argsort(cost[order], kind="stable")]
+        order = _cheapest(cost, most)
         passes = len(order) if thorough else settings.CURRENT.round_passes
         chosen, bad = (order[each] for each in _choose(_Mesh(points, corners, normals), edges, found.take(order), passes, facing))
         refused = np.append(refused, keys[bad])
@@ -131,13 +146,27 @@ def collapse(points, triangles, quadrics, normals, target: int, poses: Poses | N
         changed[keep] = True
         for each in (quadrics, normals, *(poses.quadrics if poses else ())):
             each[:, keep] += each[:, gone]
-        move = np.arange(n)
-        move[gone] = keep
-        collapse_map, corners = move[collapse_map], move[corners]
-        corners = corners.compress(~_flat(corners), axis=1)
+        collapse_map, corners = _merged(ends, collapse_map, corners)
         yield
     all_points[own], all_landed[own], all_follow[own] = points.T, own[collapse_map], follows
-    return all_points, own[corners].T, all_landed, all_follow
+    return Collapsed(all_points, own[corners].T, all_landed, all_follow)
+
+
+def _cheapest(cost: np.ndarray, most: int) -> np.ndarray:
+    """The `most` edges of least finite `cost` (k,), the cheapest first, and those as cheap as the last of them."""
+    order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
+    return order[np.argsort(cost[order], kind="stable")]
+
+
+def _merged(ends: np.ndarray, collapse_map: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(collapse_map (n,), corners (3, j)) once the second of each edge's `ends` (2, k) has become the first.
+
+    corners: (3, m); triangles that become flat are dropped.
+    """
+    move = np.arange(len(collapse_map))
+    move[ends[1]] = ends[0]
+    corners = move[corners]
+    return move[collapse_map], corners.compress(~_flat(corners), axis=1)
 
 
 def _taken_over(before: np.ndarray, known: np.ndarray, keys: np.ndarray, changed: np.ndarray) -> np.ndarray:
@@ -207,12 +236,12 @@ def _planes(normal: np.ndarray, on: np.ndarray, weight: np.ndarray) -> np.ndarra
     return np.stack([x * x, x * y, x * z, y * y, y * z, z * z, x * d, y * d, z * d, d * d, np.ones(len(d))]) * weight
 
 
-def _spread(rows: np.ndarray, corners, n: int) -> np.ndarray:
+def _spread(rows: np.ndarray, corners: Iterable[np.ndarray], n: int) -> np.ndarray:
     """Each row (k,) of `rows` summed over n vertices, those that `corners` (k,) name."""
     return np.stack([sum(np.bincount(corner, row, n) for corner in corners) for row in rows])
 
 
-def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+def _place(points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Where edges from a to b collapse to (3, k), and at what cost (k,)."""
     at, cost = np.empty((3, len(a))), np.empty(len(a))
     for block in blocks(len(a), BLOCK):
@@ -220,7 +249,7 @@ def _place(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
     return at, cost
 
 
-def _place_block(points, quadrics, a, b) -> tuple[np.ndarray, np.ndarray]:
+def _place_block(points: np.ndarray, quadrics: np.ndarray, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """As _place(), all at once."""
     p, q = points.take(a, 1), points.take(b, 1)
     xx, xy, xz, yy, yz, zz, xd, yd, zd, dd, area = quadrics.take(a, 1) + quadrics.take(b, 1)
@@ -332,7 +361,7 @@ def _valid(mesh: _Mesh, edges: np.ndarray, chosen: _Edges, facing: float) -> np.
     # a tetrahedron would become two triangles back to back
     across = np.where(mine >= 0, -1, rest)
     high = across.max(axis=0)
-    across = edge_keys((across.sum(axis=0) + 1 - high, high), n)
+    across = edge_keys(np.stack([across.sum(axis=0) + 1 - high, high]), n)
     good[_twice(edge * n * n + across) // n // n] = False
     old = [points.take(corner, 1) for corner in rest]
     new = [np.where(moved >= 0, at.take(edge, 1), corner) for moved, corner in zip(mine, old, strict=True)]

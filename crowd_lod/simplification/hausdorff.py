@@ -7,7 +7,7 @@ Guthe, Borodin, Klein, "Fast and accurate Hausdorff distance calculation between
 upper bounds for triangle soup Pompeiu-Hausdorff distance", 2024.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -291,7 +291,9 @@ class _Way:
         weights = closest_weights(self.other.points[hub[some], self.base].T, *at[some].transpose(1, 2, 0)).T
         return _joined([*pairs, _Pairs(some, weights, hub[some, None].repeat(3, axis=1), np.eye(3)[np.zeros_like(some)])])
 
-    def crossings(self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray):
+    def crossings(
+        self, at: np.ndarray, beneath: np.ndarray, hub: np.ndarray, side: tuple[int, int], some: np.ndarray
+    ) -> Iterator[tuple[_Pairs, np.ndarray]]:
         """The spokes that an edge of the pieces `some` crosses, one after another.
 
         side: the edge's two corners. Yields _Pairs where it crosses, and 1 or -1 for each: the way round the hub.
@@ -299,7 +301,7 @@ class _Way:
         i, j = side
         face, last, middle = beneath[some, i], beneath[some, j], self.other.points[hub[some], self.base]
         one, other = at[some, i], at[some, j]
-        up = sum(normals(*self.other.corners(each, self.base)) for each in (face, last)).T
+        up = np.add(*(normals(*self.other.corners(each, self.base)) for each in (face, last))).T
         left = np.einsum("pd,pd->p", np.cross(one - middle, other - middle), up) > 0
         for more in reversed(range(settings.CURRENT.bound_spokes)):
             place = (self.other.triangles[face] == hub[some, None]).argmax(axis=1)

@@ -78,7 +78,8 @@ class Skin:
         a, b = triangles[:: len(triangles) // settings.CURRENT.pose_triangles + 1, [0, 1]].T
         # from one end of a side to the other: what a turn of all together leaves as it is
         turns = np.einsum("kmji,kmjl->kmil", self.frame[:, a], self.frame[:, b]) - np.eye(3)
-        unlike, chosen, most = np.full(len(turns), np.inf), [], most or settings.CURRENT.poses
+        unlike, most = np.full(len(turns), np.inf), most or settings.CURRENT.poses
+        chosen: list[int] = []
         new = np.zeros_like(turns[0])
         while len(chosen) < most:
             unlike = np.minimum(unlike, np.sqrt(((turns - new) ** 2).sum(axis=(2, 3))).mean(axis=1))
@@ -162,9 +163,10 @@ class Copies:
         """
         every = np.empty((3, points.shape[1], self.count))
         every[..., 0] = points
-        for j in range(1, self.count):
-            every[..., j] = self.skin.at(j - 1, points / self.rest, follows)
-            every[0, :, j] += self.shift[j - 1]
+        if self.skin:
+            for j in range(1, self.count):
+                every[..., j] = self.skin.at(j - 1, points / self.rest, follows)
+                every[0, :, j] += self.shift[j - 1]
         return every.reshape(3, -1)
 
     def joined(self, weight: np.ndarray, ways: np.ndarray, follows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +177,8 @@ class Copies:
         """
         weight, ways = weight.reshape(-1, self.count), ways.reshape(3, -1, self.count)
         total, way = weight[:, 0].copy(), ways[..., 0].copy()
-        for j in range(1, self.count):
-            total += weight[:, j] * self.skin.stretch[j - 1].take(follows) / self.rest**2
-            way += self.skin.back(j - 1, ways[..., j], follows) / self.rest
+        if self.skin:
+            for j in range(1, self.count):
+                total += weight[:, j] * self.skin.stretch[j - 1].take(follows) / self.rest**2
+                way += self.skin.back(j - 1, ways[..., j], follows) / self.rest
         return total, way

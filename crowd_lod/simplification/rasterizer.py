@@ -1,5 +1,7 @@
 """A small rasterizer, for silhouettes and the pictures of LODs."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from .triangle_mesh import ranges
@@ -8,7 +10,7 @@ MOST_PAIRS = 50_000  # of triangle and pixel, at a time: what fits in the proces
 EDGE = 1e-9  # pixels by which a centre may miss an edge that it lies on, by rounding
 
 
-def cover(corners: np.ndarray, shape: tuple[int, int]):
+def cover(corners: np.ndarray, shape: tuple[int, int]) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
     """The pixels whose centres each triangle covers, some triangles at a time.
 
     corners: (m, 3, 2) float64, in pixels: x from the left edge, y from the edge of row 0. shape: rows and columns.

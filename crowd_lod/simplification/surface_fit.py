@@ -1,6 +1,7 @@
 """Moves a LOD's vertices, and flips its edges, until its worst distance is least."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -9,11 +10,10 @@ from .closest_point import beyond, distances, doubt, follow, walk
 from .edge_collapse import normals_of
 from .pose_deformation import Copies, Skin
 from .surface_sampling import between, lattice
-from .triangle_mesh import TriangleMesh, edge_keys, length, normals, ranges, sides_of_two
+from .triangle_mesh import Shape, TriangleMesh, edge_keys, length, normals, ranges, sides_of_two
 
 MIDDLES = lattice(2)  # of a face and its edges
-
-Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3), triangles (m, 3)
+UNMEASURED: Any = None  # what SurfaceFit.measure is to fill
 
 
 @dataclass(frozen=True)
@@ -37,10 +37,10 @@ class FitState:
     hit: np.ndarray
     hit_weights: np.ndarray
     own_pull: np.ndarray
-    off: np.ndarray | None = None
-    distance: np.ndarray | None = None
-    own_off: np.ndarray | None = None
-    own_distance: np.ndarray | None = None
+    off: np.ndarray = UNMEASURED
+    distance: np.ndarray = UNMEASURED
+    own_off: np.ndarray = UNMEASURED
+    own_distance: np.ndarray = UNMEASURED
     worst: float = np.inf
 
     def errors(self) -> np.ndarray:
@@ -59,7 +59,15 @@ class SurfaceFit:
     spread over the LOD to the source.
     """
 
-    def __init__(self, lod: Shape, source: Shape, collapse_map, seams, skin: Skin | None = None, follows=None):
+    def __init__(
+        self,
+        lod: Shape,
+        source: Shape,
+        collapse_map: np.ndarray,
+        seams: np.ndarray,
+        skin: Skin | None = None,
+        follows: np.ndarray | None = None,
+    ):
         """The fit of a LOD to its source.
 
         lod: points (n, 3), none of them loose, and triangles (m, 3).
@@ -69,36 +77,38 @@ class SurfaceFit:
         skin: how the source moves, if it does; follows: (n,) the source's point that each of the LOD's moves with. Both surfaces are
         then in Copies, at rest and in each pose, and so are vertices, faces and samples hereafter.
         """
-        (points, triangles), (source, source_triangles) = lod, source
+        (points, triangles), (source_points, source_triangles) = lod, source
         self.copies = copies = Copies(skin)
         self.follows = np.zeros(len(points), np.intp) if follows is None else follows
-        self.source = TriangleMesh(copies.at(copies.rest * source.T, np.arange(len(source))), copies.every(source_triangles.T))
-        lod = TriangleMesh(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
+        place = copies.at(copies.rest * source_points.T, np.arange(len(source_points)))
+        self.source = TriangleMesh(place, copies.every(source_triangles.T))
+        mesh = TriangleMesh(copies.at(copies.rest * points.T, self.follows), copies.every(triangles.T))
         ends, collapse_map = collapse_map[seams].T, copies.every(collapse_map)
         self.seams = copies.every(ends[:, (ends >= 0).all(axis=0) & (ends[0] != ends[1])])
-        self.outward = normals_of(source, source_triangles).T
-        self.least, self.best, self.rough = np.inf, None, False
+        self.outward = normals_of(source_points, source_triangles).T
+        self.least, self.rough = np.inf, False
+        self.best: FitState | None = None
         # the source's points
         point, copy = np.divmod(np.arange(len(collapse_map)), copies.count)
-        some = (copy == 0) | (point % -(-len(source) // settings.CURRENT.samples_posed) == 0)
+        some = (copy == 0) | (point % -(-len(source_points) // settings.CURRENT.samples_posed) == 0)
         self.collapse_map, self.mine = collapse_map, np.flatnonzero(some & (collapse_map >= 0))
         there = self.source.points.take(self.mine, 1)
-        face, weights = walk(lod, collapse_map[self.mine], there)
+        face, weights = walk(mesh, collapse_map[self.mine], there)
         # a grid on each of the LOD's triangles, then the LOD's points
-        n, m = lod.points.shape[1], lod.corners.shape[1]
+        n, m = mesh.points.shape[1], mesh.corners.shape[1]
         self.fine = int(np.clip(np.round(np.sqrt(2 * settings.CURRENT.samples / m)), 1, settings.CURRENT.samples_finest))
         self.grid = lattice(self.fine)
-        on = self._spread(lod)
+        on = self._spread(mesh)
         near = np.empty(n, np.intp)
         near[collapse_map[collapse_map >= 0]] = np.flatnonzero(collapse_map >= 0)
         # from a source's point on the same triangle, where there is one
-        start = near[lod.corners[self.grid.argmax(axis=0)]]
+        start = near[mesh.corners[self.grid.argmax(axis=0)]]
         cell = np.stack([((weights - at[:, None]) ** 2).sum(axis=0) for at in self.grid.T]).argmin(axis=0)
         start[cell, face] = self.mine
-        here = lod.at(*on)
+        here = mesh.at(*on)
         hit = doubt(self.source, *walk(self.source, np.append(start, near), here), here)
-        face, weights = doubt(lod, face, weights, there)
-        self.state = FitState(lod, there, face, weights, np.zeros(len(face)), *on, *hit, np.zeros(len(hit[0])))
+        face, weights = doubt(mesh, face, weights, there)
+        self.state = FitState(mesh, there, face, weights, np.zeros(len(face)), *on, *hit, np.zeros(len(hit[0])))
         self.measure()
 
     @property
@@ -112,7 +122,7 @@ class SurfaceFit:
 
     def restore(self) -> None:
         """Go back to where the worst distance was least."""
-        self.state = self.best
+        self.state = self.best or self.state
 
     @property
     def samples(self) -> int:
@@ -129,7 +139,7 @@ class SurfaceFit:
         face = np.concatenate([np.tile(np.arange(m), self.grid.shape[1]), one])
         return face, np.concatenate([np.repeat(self.grid, m, axis=1), lod.corners[:, one] == np.arange(n)], axis=1)
 
-    def measure(self, walking=True) -> None:
+    def measure(self, walking: bool = True) -> None:
         """Bring the closest points, the distances and the best state up to date.
 
         A worst distance that is no less than before may be that of a walk which ended at a wrong place: then the points that are
@@ -146,9 +156,8 @@ class SurfaceFit:
                 break
             face, weights = doubt(lod, face, weights, state.there, 4)
             hit, hit_weights = doubt(self.source, hit, hit_weights, here, 4)
-        closest = {"face": face, "weights": weights, "hit": hit, "hit_weights": hit_weights}
-        found = {"off": off, "distance": distance, "own_off": -own_off, "own_distance": own_distance, "worst": worst}
-        self.state = replace(state, **closest, **found)
+        found = replace(state, face=face, weights=weights, hit=hit, hit_weights=hit_weights)
+        self.state = replace(found, off=off, distance=distance, own_off=-own_off, own_distance=own_distance, worst=worst)
         if worst < self.least:
             turned = len(self.turned())
             self.rough = turned > 0 if self.best is None else self.rough
@@ -181,8 +190,8 @@ class SurfaceFit:
         away = every[self.lean(every) < 0]
         if len(away):
             hit, weights = self.state.hit.copy(), self.state.hit_weights.copy()
-            start = self.source.corner(hit[away], weights.take(away, 1))
-            hit[away], weights[:, away] = walk(self.source, start, sum(self.lod.vertices(away)) / 3)
+            start, (a, b, c) = self.source.corner(hit[away], weights.take(away, 1)), self.lod.vertices(away)
+            hit[away], weights[:, away] = walk(self.source, start, (a + b + c) / 3)
             self.state = replace(self.state, hit=hit, hit_weights=weights)
         return away[self.lean(away) < 0]
 
@@ -237,7 +246,7 @@ class SurfaceFit:
 
     def _add(self, **samples: np.ndarray) -> None:
         """Add samples, and measure: the best so far has those, too."""
-        both = {name: np.append(getattr(self.state, name), each, axis=-1) for name, each in samples.items()}
+        both: dict[str, Any] = {name: np.append(getattr(self.state, name), each, axis=-1) for name, each in samples.items()}
         if self.best and self.worst <= self.least:
             self.least = np.inf
         self.state = replace(self.state, **both)
@@ -335,7 +344,7 @@ class SurfaceFit:
             fine &= (along > 0.5 * length(now) * length(mean)) & (length(now) > 0.05 * length(mean))
         a, b, c, d, one, two, was = (each[fine] for each in (a, b, c, d, one, two, was))
         most = np.repeat(settings.CURRENT.flip_gain * was, copies.count)
-        now = copies.worst(self._flipped(*(copies.every(np.stack(each)) for each in ((a, b, c, d), (one, two))), most))
+        now = copies.worst(self._flipped(copies.every(np.stack((a, b, c, d))), copies.every(np.stack((one, two))), most))
         good = np.flatnonzero(now < settings.CURRENT.flip_gain * was)
         taken, made, chosen = np.zeros(m, bool), set(), []
         for g in good[np.argsort((now - was)[good], kind="stable")].tolist():
@@ -358,8 +367,8 @@ class SurfaceFit:
         start = self.source.corner(hit[new], hit_weights.take(new, 1))
         here = lod.at(own_face[new], own_weights.take(new, 1))
         hit[new], hit_weights[:, new] = walk(self.source, start, here)
-        closest = {"face": face, "weights": weights, "hit": hit, "hit_weights": hit_weights}
-        self.state = replace(before, lod=lod, own_face=own_face, own_weights=own_weights, **closest)
+        found = replace(before, lod=lod, own_face=own_face, own_weights=own_weights)
+        self.state = replace(found, face=face, weights=weights, hit=hit, hit_weights=hit_weights)
         self.measure()
         if self.worst > settings.CURRENT.flip_loss * before.worst:
             self.state = before
@@ -390,7 +399,7 @@ class SurfaceFit:
         return worst
 
 
-def _unfolded(old, new, corners, facing) -> np.ndarray:
+def _unfolded(old: np.ndarray, new: np.ndarray, corners: np.ndarray, facing: np.ndarray) -> np.ndarray:
     """The vertices `new`, moved back where a face would turn or become a sliver.
 
     old, new: (3, n); corners: (3, m); facing: (3, m), where faces that look that way must go on to. Vertices of such faces go half

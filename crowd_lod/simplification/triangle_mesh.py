@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3), triangles (m, 3)
+
 
 class TriangleMesh:
     """A triangle mesh, and which faces meet at its vertices and edges.
@@ -114,7 +116,7 @@ def edges_of(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.nd
     return keys, np.stack(np.divmod(keys, n)), faces
 
 
-def sides_of_two(corners, n) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def sides_of_two(corners: np.ndarray, n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The edges between two triangles, as seen from each.
 
     Side i m + t is that of triangle t opposite its corner i. corners: (3, m), of n vertices. Returns the sides (k,) of the one

@@ -15,6 +15,13 @@ ARROW_PIXELS, LINE_PIXELS = 5.0, 2.0
 ARROW_METRES = 0.7
 
 
+def drawing_in(stage: bpy.types.Scene) -> bpy.types.Object:
+    """Add an empty mesh object, for `draw_crowd`."""
+    item = bpy.data.objects.new("Crowd LOD above", bpy.data.meshes.new("Crowd LOD above"))
+    stage.collection.objects.link(item)
+    return item
+
+
 def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.types.Object:
     """Add an orthographic camera that looks straight down on `area` and `camera`."""
     x = np.array([area.x_min, area.x_max, camera.origin[0]])

@@ -18,14 +18,12 @@ from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.sorting.buckets import sort
 from ...crowd_lod.validation import image_difference
 from ..blender import cameras, cleanup, console, frame_stepping, image_data, mesh_data, scene_data
-from ..blender.ownership import OWNED
 from ..build import bake, render_setup
 from ..build.frame_update import Held, held_by, members
-from ..build.hidden_characters import hides_characters
 from ..crowd import lights
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
-from .preview import Preview, set_up
+from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, outline_of, put_cameras, set_up_cycles
 
 # The pictures of a frame. The third is the culled one without those whom the camera does not see
 # itself.
@@ -36,33 +34,10 @@ PICTURES = {
     "c": "culled, with LODs",
 }
 AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
-SILHOUETTE_SAMPLES = 16  # a pixel
-# Blender 4.5 does not read back the values that it writes of two eyes
-PAIRS = bpy.app.version >= (5, 2, 0)
-LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
 # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its
 # instances stands
 DISPLACED = 1e-3
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
-RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
-
-
-@dataclass(frozen=True)
-class Verify:
-    """What to verify.
-
-    frames: increasing.
-    width: of the pictures, pixels.
-    samples: per pixel.
-    bounces: above 0, each picture is rendered a second time, with the light of the sky and this
-        many bounces of light and reflections.
-    """
-
-    frames: list[int]
-    folder: Path
-    width: int = 320
-    samples: int = 4
-    bounces: int = 0
 
 
 def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Generator[float, None, dict[str, Any]]:
@@ -85,7 +60,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         # what is missing is named before anything is set
         cameras.active_camera(scene), characters_of(scene)
         left_out, not_proved = _never_shown(scene), _not_proved(scene, wanted)
-        _set_up(scene, wanted)
+        set_up_cycles(scene, wanted)
         layer.update()
         store_groups(own, measure_groups(scene))
         trajectory = trajectory_of(scene)
@@ -100,15 +75,16 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         bake.mark(scene, wanted.frames)  # with motion blur its points move by themselves
         render_setup.dress_all(scene)
         top, own.build = own.build, None  # it holds what is written here, not what the frame asks
-        outline = _outline(scene, top)
-        _twin(scene, top)
+        outline = outline_of(scene, top)
+        add_twins(scene, top)
         rows, sheet = [], []
         at, each = opened.enter_context(frame_stepping.stepped(scene)), 0.85 / len(wanted.frames)
+        run = _Run(scene, wanted, folder, at, top, outline)
         for number in wanted.frames:
             begun = 0.1 + each * len(rows)
             way = approach(trajectory, scene_data.remapped(scene.render, number))
             yield from share(way, begun, begun + each / (2 * len(PICTURES)))
-            row, pictures = yield from _frame(scene, at, top, outline, number, wanted, folder, len(rows))
+            row, pictures = yield from _frame(run, number, len(rows))
             rows.append(row)
             sheet.append(pictures)
         result = _result(rows, wanted, command, left_out + _left_out(scene, rows, wanted), not_proved)
@@ -120,127 +96,45 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         return result
 
 
-def _set_up(scene: bpy.types.Scene, wanted: Verify) -> None:
-    """Set up `scene` so that Cycles' pictures depend only on what its rays meet.
+@dataclass(frozen=True)
+class _Run:
+    """A proof while it is made.
 
-    That is: one seed, and no adaptive sampling, light tree, path guiding, fast GI, time limit or
-    denoiser. The scene's own pixel filter stays. The user's own build is hidden, and so are the
-    characters if renders hide them.
+    folder: where the files lie until all are made.
+    at: steps the scene.
+    top: the build.
+    outline: see outline_of.
     """
-    if hides_characters(scene):
-        scene.crowd_lod.characters.hide_render = True
-    if scene.crowd_lod.build is not None:
-        scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
-    render, cycles = scene.render, scene.cycles
-    filmed = render.use_motion_blur, render.use_multiview and PAIRS, render.use_border and scene.crowd_lod.cull_to_border
-    set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
-    render.use_motion_blur, render.use_multiview, render.use_border = filmed
-    render.motion_blur_shutter = min(render.motion_blur_shutter, LONGEST_SHUTTER)
-    render.image_settings.views_format = "INDIVIDUAL"
-    render.engine, cycles.device = "CYCLES", "CPU"
-    render.use_stamp = render.use_persistent_data = render.use_simplify = False
-    cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
-    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = cycles.use_guiding = False
-    cycles.use_fast_gi, cycles.time_limit = False, 0
-    render.image_settings.color_mode = "RGBA"
-    for layer in scene.view_layers:
-        layer.samples = 0
+
+    scene: bpy.types.Scene
+    wanted: Verify
+    folder: Path
+    at: frame_stepping.At
+    top: bpy.types.Collection
+    outline: bpy.types.Scene
 
 
-def _light(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
-    """Light `stage` by its lamps alone, or with sky and `bounces` of light, too.
-
-    worlds: (sky, dark sky); see _dark.
-    """
-    cycles = stage.cycles
-    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
-    cycles.transmission_bounces = cycles.volume_bounces = bounces
-    stage.world = worlds[0] if bounces else worlds[1]
-
-
-def _dark(world: bpy.types.World | None) -> bpy.types.World | None:
-    """Return a copy of the world that the camera sees but that lights nothing.
-
-    Agents outside the picture block some of the sky's light everywhere in it, and no bucket holds
-    all of them.
-    """
-    if world is None:
-        return None
-    dark = world.copy()
-    for ray in ("diffuse", "glossy", "transmission", "scatter"):
-        setattr(dark.cycles_visibility, ray, False)
-    return dark
-
-
-def _twin(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
-    """Add a second instance of each instance of the build, invisible to all rays.
-
-    Cycles rounds a mesh differently if it has one instance than if it has more. With the twins
-    every mesh has more, however many agents show it.
-    """
-    for points in render_setup.points_of(top).values():
-        tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
-        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-        shown, leave = tree.nodes.new("GeometryNodeObjectInfo"), tree.nodes.new("NodeGroupOutput")
-        shown.inputs["Object"].default_value = points
-        tree.links.new(shown.outputs["Geometry"], leave.inputs["Geometry"])
-        twin = bpy.data.objects.new(tree.name, bpy.data.meshes.new(tree.name))
-        twin[OWNED] = True
-        twin.modifiers.new(tree.name, "NODES").node_group = tree
-        for ray in RAYS:
-            setattr(twin, f"visible_{ray}", False)
-        stage.collection.objects.link(twin)
-
-
-def _outline(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
-    """Return a scene of the build alone: its alpha is the crowd's silhouette.
-
-    It has no motion blur and a box pixel filter: the deviation of LODs is of sharp silhouettes.
-    """
-    outline = stage.copy()
-    outline.timeline_markers.clear()
-    for child in outline.collection.children:
-        outline.collection.children.unlink(child)
-    for item in outline.collection.objects:
-        outline.collection.objects.unlink(item)
-    for item in render_setup.points_of(top).values():
-        outline.collection.objects.link(item)
-    outline.render.film_transparent, outline.render.use_motion_blur, outline.world = True, False, None
-    outline.cycles.samples, outline.cycles.max_bounces, outline.cycles.pixel_filter_type = SILHOUETTE_SAMPLES, 0, "BOX"
-    return outline
-
-
-def _film(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Put still copies of the cameras of `scene`, as in `depsgraph`, into `outline`."""
-    for item in [item for item in outline.collection.objects if item.type == "CAMERA"]:
-        outline.collection.objects.unlink(item)
-    for camera in [item for item in scene.objects if item.type == "CAMERA"]:
-        still = cameras.still(camera, depsgraph)
-        outline.collection.objects.link(still)
-        if camera == scene.camera:
-            outline.camera = still
-
-
-def _frame(  # noqa: PLR0913 - the run's scenes and where it stands
-    scene, at: frame_stepping.At, top, outline, number: int, wanted: Verify, folder: Path, done: int
-) -> Generator[float, None, tuple[dict[str, Any], list[np.ndarray]]]:
+def _frame(run: _Run, number: int, done: int) -> Generator[float, None, tuple[dict[str, Any], list[np.ndarray]]]:
     """Verify one frame: yield the run's progress, return (its row, its pictures).
 
     The pictures are those of the contact sheet.
+
+    done: how many frames are.
     """
+    scene, wanted, folder, outline = run.scene, run.wanted, run.folder, run.outline
     trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
-    film, around, shutter = lights.read_moment(scene, time, at)
-    depsgraph = at((), time)
+    film, around, shutter = lights.read_moment(scene, time, run.at)
+    depsgraph = run.at((), time)
     planned, full = (
         frame_of(scene, depsgraph, time, film, trajectory, each, shutter) for each in (around, replace(around, level=0, finest=()))
     )
     frames = _variants(planned, full)
-    _film(outline, scene, depsgraph)
+    put_cameras(outline, scene, depsgraph)
     outline.frame_set(number)
     total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
     so_far = done * total / len(wanted.frames)
     held = held_by(scene, trajectory, number, planned.crowd)
-    worlds = scene.world, _dark(scene.world)
+    worlds = scene.world, dark_world(scene.world)
     row = {
         "frame": number,
         "agents": len(planned.crowd),
@@ -250,11 +144,11 @@ def _frame(  # noqa: PLR0913 - the run's scenes and where it stands
     }
     sheet, masks = [], {}
     for bounces in (0, wanted.bounces)[: 1 + (wanted.bounces > 0)]:
-        _light(scene, bounces, worlds)
+        light_by(scene, bounces, worlds)
         ending = "_bounces" if bounces else ""
         shot = {}
         for name, frame in frames.items():
-            _write(scene, top, trajectory, frame, number, held)
+            _write(scene, run.top, trajectory, frame, number, held)
             shot[name] = _render(scene, folder / f"frame_{number:04d}_{name}{ending}.png")
             if not bounces and name in ("a", "c"):
                 masks[name] = _render(outline, folder / "outline.png")[..., 3]

@@ -60,6 +60,7 @@ class _Actors:
     g, name: its number and name.
     homes: its LODs' collections.
     stage, actors: see as_rendered.
+    model: the group's, if rigs can show it.
     """
 
     g: int
@@ -68,6 +69,7 @@ class _Actors:
     homes: list[bpy.types.Collection]
     stage: bpy.types.Scene
     actors: dict[bpy.types.Object, bpy.types.Object]
+    model: rigs.Model | None
 
 
 # Of each group, see Library, and its model, if rigs can show it; sentences on what does not show as
@@ -128,7 +130,7 @@ def make_cast(
         for g, (name, objects, _) in enumerate(characters):
             homes = [home_of(level, g, name) for level in levels[:count]]
             with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-                group = _Actors(g, name, objects, homes, stage, actors)
+                group = _Actors(g, name, objects, homes, stage, actors, models[g])
                 for number in range(first[g], first[g + 1]):
                     of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]
                     if wanted is None:  # without them the others would not be found by their number
@@ -139,7 +141,7 @@ def make_cast(
                         if models[g] is None:
                             _pose(cast, group, number, own / posed[g], of_levels)
                         else:
-                            _rig(cast, group, number, own, of_levels, models[g], trajectory)
+                            _rig(cast, group, number, own, of_levels, trajectory)
                     yield 0.5 + 0.5 * number / first[-1]
         if settings.scale_textures:
             *images, told = yield from scale_textures(scene, settings, cast.stands_for, cast.names)
@@ -157,15 +159,13 @@ def make_cast(
     return cast
 
 
-def _rig(  # noqa: PLR0913 - the character's place in the cast
-    cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], model: rigs.Model, trajectory: Trajectory
-) -> None:
+def _rig(cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int], trajectory: Trajectory) -> None:
     """Put a character moved by a rig into the collections of LODs of `cast`.
 
     number: its number among all characters.
     own: its number in the group.
     """
-    gaits = trajectory.gaits
+    gaits, model = trajectory.gaits, group.model
     pace, which = divmod(own, gaits.classes)
     rate = float(gaits.distinct[group.g][pace]) * trajectory.seconds_per_frame
     title = f"{group.name} {number:05d}"

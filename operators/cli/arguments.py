@@ -8,7 +8,7 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod import __version__
 from ...crowd_lod.crowd.agents import MOST_AGENTS
-from ..batch.preview import ENGINES
+from ..batch.preview_stage import ENGINES
 
 
 def parser(program: str) -> argparse.ArgumentParser:
@@ -24,7 +24,17 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
+    for add in (_preview, _build, _verify, _plan, _sample):
+        add(commands, program)
+    about = "tables of error, run time and extreme cases"
+    report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
+    reports = report.add_subparsers(required=True, metavar="REPORT")
+    for add in (_error, _extremes, _cull):
+        add(reports, program)
+    return made
 
+
+def _preview(commands, program: str) -> None:
     command = _command(
         commands,
         program,
@@ -47,6 +57,8 @@ def parser(program: str) -> argparse.ArgumentParser:
         help="colors of the characters; state, group and reason need --engine overlay (default: the scene's)",
     )
 
+
+def _build(commands, program: str) -> None:
     command = _command(
         commands,
         program,
@@ -69,6 +81,8 @@ def parser(program: str) -> argparse.ArgumentParser:
     _with_plan(command)
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
 
+
+def _verify(commands, program: str) -> None:
     command = _command(
         commands,
         program,
@@ -83,15 +97,35 @@ def parser(program: str) -> argparse.ArgumentParser:
     _with_plan(command)
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")
 
-    _plan(commands, program)
+
+def _plan(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "plan",
+        "decide on all LODs of a shot at once, with few switches in sight",
+        "plan plaza --frames 1:120 --out plaza_plan",
+    )
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for the plan and its report (default: SCENE_plan)")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
+    command.add_argument(
+        "--avoid-pops",
+        type=float,
+        metavar="PART",
+        help="part by which the cost may grow to avoid switches in sight (default: the scene's)",
+    )
+
+
+def _sample(commands, program: str) -> None:
     command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
 
-    about = "tables of error, run time and extreme cases"
-    reports = commands.add_parser("report", help=about, description=about.capitalize() + ".").add_subparsers(
-        required=True, metavar="REPORT"
-    )
+
+def _error(reports, program: str) -> None:
     command = _command(
         reports, program, "error", "plot error against run time of a scene, with tables", "report error plaza --out plaza_error"
     )
@@ -99,6 +133,9 @@ def parser(program: str) -> argparse.ArgumentParser:
     command.add_argument("--out", type=_path, metavar="DIR", help="the folder for plots and tables (default: SCENE_error)")
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.add_argument("--repeats", type=int, default=7, metavar="N", help="runs of which a time is the median (default: 7)")
+
+
+def _extremes(reports, program: str) -> None:
     command = _command(
         reports, program, "extremes", "judge the culling in extreme cases", "report extremes --most 100000 --out extremes.md"
     )
@@ -107,10 +144,12 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     command.add_argument("--seed", type=int, default=0, metavar="N", help="other agents of the same cases")
     command.add_argument("--out", type=_path, metavar="FILE", help="write the table to a Markdown file as well")
+
+
+def _cull(reports, program: str) -> None:
     command = _command(reports, program, "cull", "judge the culling of random cameras, by lens", "report cull --pairs 1000000")
     command.add_argument("--pairs", type=int, default=1_000_000, metavar="N", help="pairs of camera and agent (default: 1 million)")
     command.add_argument("--seed", type=int, default=0, metavar="N", help="other cameras and agents")
-    return made
 
 
 def _command(commands, program: str, name: str, about: str, example: str) -> argparse.ArgumentParser:
@@ -141,27 +180,6 @@ def _scene(command: argparse.ArgumentParser, program: str) -> None:
         nargs="?" if program.startswith("blender") else None,
         help=f"a .blend file, or the name of a sample, {names}"
         + ("; without it the file that is open" if program.startswith("blender") else ""),
-    )
-
-
-def _plan(commands, program: str) -> None:
-    command = _command(
-        commands,
-        program,
-        "plan",
-        "decide on all LODs of a shot at once, with few switches in sight",
-        "plan plaza --frames 1:120 --out plaza_plan",
-    )
-    _scene(command, program)
-    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
-    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for the plan and its report (default: SCENE_plan)")
-    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
-    command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
-    command.add_argument(
-        "--avoid-pops",
-        type=float,
-        metavar="PART",
-        help="part by which the cost may grow to avoid switches in sight (default: the scene's)",
     )
 
 

@@ -21,7 +21,8 @@ from ...crowd_lod.reporting import files, interrupt, plan_file, standard_streams
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
 from ..batch import error_report, shot_plan
-from ..batch.preview import COLOR_MODES, Preview, preview
+from ..batch.preview import preview
+from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping
 from ..build import bake, render_setup, view_layers

@@ -153,7 +153,7 @@ def _fast(source: Source, ratio: float, name: str, why: str) -> Generator[None, 
     """
     start = clock.perf_counter()
     about = charts_of(source).seams, source.telling, source.share
-    result = yield from decimating(*source.geometry[:2], ratio, source.item.name, *about)
+    result = yield from decimating(source.geometry[:2], ratio, source.item.name, *about)
     spent = clock.perf_counter() - start
     yield
     start = clock.perf_counter()

@@ -20,12 +20,13 @@ import numpy as np
 
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.crowd.agents import Crowd
-from ...crowd_lod.culling.camera import Camera, planes
+from ...crowd_lod.culling.camera import planes
 from ...crowd_lod.culling.radar import RadarOptions, radar
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.levels.assignment import LevelPolicy, assign
+from ...crowd_lod.levels.assignment import assign
 from ...crowd_lod.planning.frame import Frame, plan_of
 from ...crowd_lod.planning.request import Request
+from ...crowd_lod.planning.stages import Unsorted
 from .shader_programs import TEXELS, source
 
 if TYPE_CHECKING:
@@ -94,31 +95,29 @@ class Planner:
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
 
-    def __call__(
-        self, crowd: Crowd, order: np.ndarray | None, camera: Camera, policy: LevelPolicy, begin: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
+    def __call__(self, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
         """Return (places, offsets) of the visible agents' buckets.
 
-        The arguments and results are those of planning/stages.py, Sorter: places (m,) int32, offsets (n + 1,).
+        They are those of planning/stages.py, Sorter: places (m,) int32, offsets (n + 1,).
         """
         from gpu.types import Buffer, GPUUniformBuf
 
-        count, levels = len(crowd), policy.count
-        self._upload(crowd, order)
-        view, spheres = _inputs(self.middle, *self.spheres, camera, policy, begin)
+        count, levels = len(asked.crowd), asked.policy.count
+        self._upload(asked.crowd, asked.order)
+        view, spheres = _inputs(self.middle, self.spheres, asked)
         runs = -(-count // RUN)
         total = (levels + 1) * runs + 1  # counts, and where all end
         sizes = {"kinds": count, "counts": total, "sums": -(-total // PART), "offsets": total, "places": count}
         textures = {name: _texture(size) for name, size in sizes.items()}
         textures |= self._places | {"agents": self._agents, "spheres": _texture(spheres.size // 4, "RGBA32F", spheres)}
         view = GPUUniformBuf(Buffer("FLOAT", view.size, view))
-        numbers, radial = {"runs": runs, "count": count, "total": total}, policy.metric == "RADIAL"
+        numbers, radial = {"runs": runs, "count": count, "total": total}, asked.policy.metric == "RADIAL"
         for name in PASSES:
             threads = runs if "runs" in PASSES[name][2] else sizes["sums"]
             _dispatch(program(name, levels, radial), name, threads, textures, view, numbers)
         ends = _read(textures["offsets"], total)[::runs].astype(np.intp)
         places = _read(textures["places"], count)[: ends[-1]]
-        return _settled(places, ends, *self.spheres, crowd, order, camera, policy, begin)
+        return _settled(places, ends, self.spheres, asked)
 
     def _upload(self, crowd: Crowd, order: np.ndarray | None) -> None:
         """Upload the columns that have changed since the last call."""
@@ -136,27 +135,28 @@ class Planner:
         self._columns = columns
 
 
-def _inputs(middle, centre, radius, camera: Camera, policy: LevelPolicy, begin) -> tuple[np.ndarray, np.ndarray]:
+def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
     """Return (the shader's CrowdPlan (36,), spheres (G * n, 4)), both float32.
 
     CrowdPlan: planes, view axis and origin relative to `middle` (3,), and the slack for rounding.
     spheres: n rows per group. The first row holds the height of the center, the reach, and |height|
         + reach. Row k holds where LOD k begins.
     """
+    (centre, radius), camera, policy = spheres, asked.camera, asked.policy
     frustum = planes(camera)
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
     normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
     offsets = np.append(frustum.limits(policy.margin), 0.0) + normals @ origin
-    begin = np.clip(begin, -HUGE, HUGE)
+    begin = np.clip(asked.begins, -HUGE, HUGE)
     largest = np.abs(offsets).max() + np.abs(origin).sum() + np.abs(begin[np.abs(begin) < HUGE]).max(initial=0.0)
     slack = SLACK * max(1.0, frustum.rounding) * (1 + np.abs(camera.Z).sum())
     most = slack * largest + camera.grain * (np.abs(middle).sum() + 2 * np.abs(camera.origin).sum())
     view = np.zeros((9, 4), np.float32)
     view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = normals, offsets, origin, (slack + camera.grain, most + TINY)
-    spheres = np.zeros((len(radius), policy.count, 4), np.float32)
-    spheres[:, 0, :3] = np.column_stack([centre, reach, np.abs(centre) + reach])
-    spheres[:, 1:, 0] = begin
-    return view.ravel(), spheres.reshape(-1, 4)
+    rows = np.zeros((len(radius), policy.count, 4), np.float32)
+    rows[:, 0, :3] = np.column_stack([centre, reach, np.abs(centre) + reach])
+    rows[:, 1:, 0] = begin
+    return view.ravel(), rows.reshape(-1, 4)
 
 
 def _texture(count: int, form: str = "R32UI", values: np.ndarray | None = None, middle: float = 0.0) -> "GPUTexture":
@@ -195,9 +195,7 @@ def _read(texture, count: int) -> np.ndarray:
     return np.asarray(memoryview(texture.read())).ravel()[:count].view(np.int32)
 
 
-def _settled(  # noqa: PLR0913 - to be cut with the overlay
-    places, ends, centre, radius, crowd, order, camera, policy, begin
-) -> tuple[np.ndarray, np.ndarray]:
+def _settled(places, ends, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.ndarray]:
     """Decide the agents of the open bucket and return (places, offsets) with them.
 
     ends: (n + 2,), starts with 0; bucket k is places[ends[k]:ends[k + 1]], and the last bucket is
@@ -206,9 +204,11 @@ def _settled(  # noqa: PLR0913 - to be cut with the overlay
     places, open_, offsets = places[: ends[-2]], places[ends[-2] :], ends[:-1]
     if not len(open_):
         return places, offsets
-    agents = open_ if order is None else order[open_]
-    visible, distance = radar(crowd, camera, centre, radius, RadarOptions(policy.margin, policy.metric == "RADIAL"), agents)
-    levels = assign(distance, begin, crowd.group[agents])
+    crowd, policy = asked.crowd, asked.policy
+    agents = open_ if asked.order is None else asked.order[open_]
+    options = RadarOptions(policy.margin, policy.metric == "RADIAL")
+    visible, distance = radar(crowd, asked.camera, *spheres, options, agents)
+    levels = assign(distance, asked.begins, crowd.group[agents])
     buckets = []
     for level, (first, last) in enumerate(zip(offsets[:-1], offsets[1:], strict=True)):
         more = open_[visible & (levels == level)]

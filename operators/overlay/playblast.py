@@ -47,8 +47,8 @@ class Canvas:
         self._solid.free()
         self._overlay = self._textures = None
 
-    def picture(  # noqa: PLR0913 - to be cut with the overlay
-        self, scene, layer, viewport: tuple, view: np.ndarray, projection: np.ndarray, batches: Batches | None, caption: str = ""
+    def picture(
+        self, scene, layer, viewport: tuple, matrices: tuple[np.ndarray, np.ndarray], batches: Batches | None, caption: str = ""
     ) -> np.ndarray:
         """Return the picture of the scene with the overlay and a caption.
 
@@ -57,14 +57,13 @@ class Canvas:
         Returns (height, width, 4) uint8, sRGB, bottom row first.
 
         viewport: (space, region).
-        view, projection: see gpu_draw.paint.
+        matrices: (view, projection), see gpu_draw.paint.
         """
         import gpu
         from mathutils import Matrix
 
         width, height = self.size
-        matrices = Matrix(view.tolist()), Matrix(projection.tolist())
-        self._solid.draw_view3d(scene, layer, *viewport, *matrices, do_color_management=True)
+        self._solid.draw_view3d(scene, layer, *viewport, *(Matrix(each.tolist()) for each in matrices), do_color_management=True)
         with self._solid.bind():
             buffer = gpu.state.active_framebuffer_get()
             picture, depth = self._read(buffer), buffer.read_depth(0, 0, width, height)
@@ -72,7 +71,7 @@ class Canvas:
             self._overlay.clear(color=(0, 0, 0, 0), depth=1.0)
             if batches is not None:
                 put_depth(depth, self.size)
-                paint(batches, view, projection, self.size, bpy.context.preferences.system.ui_scale)
+                paint(batches, *matrices, self.size, bpy.context.preferences.system.ui_scale)
             if caption:
                 self._write(caption)
             over = self._read(self._overlay)
@@ -198,7 +197,7 @@ class Playblast:
         matrices = camera_matrices(stage.camera, layer.depsgraph, stage.render, self.canvas.size)
         with solid_viewport(stage) as viewport:
             caption = f"Frame {stage.frame_current}  {caption}"
-            image_data.save_png(path, self.canvas.picture(stage, layer, viewport, *matrices, batches, caption))
+            image_data.save_png(path, self.canvas.picture(stage, layer, viewport, matrices, batches, caption))
 
 
 def camera_matrices(

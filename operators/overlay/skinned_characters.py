@@ -109,7 +109,8 @@ def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Gen
                     break
             if done == len(times):
                 levels = np.split(np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1])
-                return _character(name, stage, [[parts[i] for i in level] for level in levels], read, times, recorder, looks)
+                pieces = [[(parts[i], read[i]) for i in level] for level in levels]
+                return _character(name, stage, pieces, times, recorder, looks)
         yield done / len(times)
 
 
@@ -117,20 +118,21 @@ def _go_to(stage: bpy.types.Scene, time: float) -> None:
     stage.frame_set(int(time // 1), subframe=float(time % 1))
 
 
-def _character(  # noqa: PLR0913 - to be cut with the overlay
-    name: str, stage, levels: list[list["_Part"]], read: list[tuple], times, recorder, looks: Looks
-) -> Character:
-    """Return the Character of the recorded matrices and the parts read at rest."""
+def _character(name: str, stage, levels: list[list[tuple]], times, recorder, looks: Looks) -> Character:
+    """Return the Character of the recorded matrices.
+
+    levels: of each LOD, (part, what was read of it at rest).
+    """
     joints = _Joints(recorder)
     meshes, sources = [], []
     for level in levels:
-        pieces = [_piece(part, joints, read[part.number]) for part in level]
+        pieces = [_piece(part, joints, read) for part, read in level]
         sources.append([source for source, _ in pieces])
         meshes.append(merge([mesh for _, mesh in pieces]))
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
         raise CrowdError(f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at most {MOST_JOINTS:,}")
-    off = _compare(stage, levels[0], sources[0], frames, times, recorder.origin)
+    off = _compare(stage, [part for part, _ in levels[0]], sources[0], frames, times, recorder.origin)
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     colour = np.concatenate([mesh.colours for mesh in meshes]).mean(axis=0)

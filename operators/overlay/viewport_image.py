@@ -35,7 +35,7 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
         view, projection, size = _seen(context, space, region)
         canvas = Canvas(size)
         try:
-            pixels = canvas.picture(context.scene, context.view_layer, (space, region), view, projection, shown.batches)
+            pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), shown.batches)
         finally:
             canvas.free()
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])

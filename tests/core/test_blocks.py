@@ -10,20 +10,22 @@ from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate, spheres_of
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
 from crowd_lod_extension.crowd_lod.culling import blocks
-from crowd_lod_extension.crowd_lod.culling.camera import lens_blur, opened
+from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
 from crowd_lod_extension.crowd_lod.culling.radar import RadarOptions, radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, limits
 from crowd_lod_extension.crowd_lod.planning import index_cache
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.planning.volumes import Light, Mirror
 from crowd_lod_extension.crowd_lod.validation.culling_audit import LENSES, random_camera
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import scatter
+from hypothesis import given, settings
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at, walker
-from ..support.shots import AREA, IDLER, POLICY, ground, machine, random_table, raw, shot, walking
+from ..support.shots import AREA, IDLER, POLICY, ground, machine, raw, shot, walking
+from ..support.strategies import generators, shots
 
 pytestmark = pytest.mark.once
 
@@ -62,37 +64,15 @@ def compare(trajectory, camera, policy=POLICY, time=9, *more):
     return frame
 
 
-@pytest.mark.parametrize("lens", LENSES)
-def test_random_shots_are_those_of_testing_every_agent(lens):
-    random = np.random.default_rng(list(LENSES).index(lens))
-    for _ in range(6):
-        groups = tuple(random.choice([walker(), IDLER, replace(walker(), radius=6.0)]) for _ in range(random.integers(1, 4)))
-        walls = [(random.integers(7), random.integers(9))] if random.random() < 0.5 else ()
-        heights = HeightMap(random.random((4, 5)).astype(np.float32), AREA) if random.random() < 0.3 else None
-        count = int(random.choice([1, 15, 16, 17, 127, 128, 129, 700, 2000]))
-        trajectory = shot(random_table(random), ground(walls), groups, count, int(random.integers(99)), heights=heights)
-        camera = random_camera(random, lens)
-        camera = replace(camera, origin=np.array([0, 50, 1]) - camera.Z * 10.0 ** random.uniform(0, 3))
-        if random.random() < 0.2:
-            camera = lens_blur(camera, 0.05, 10.0)
-        if random.random() < 0.3:
-            camera = camera, replace(camera, origin=camera.origin + camera.X * 0.1)
-        eyes = camera if isinstance(camera, tuple) else (camera,)
-        steps = np.sort(random.uniform(0.01, 1, random.integers(4)))
-        own = [tuple(steps), *(tuple(steps**2) for _ in groups[1:])]
-        policy = LevelPolicy(
-            tuple(steps),
-            str(random.choice(["AXIS", "RADIAL"])),
-            random.choice([None, 0.5]),
-            group_thresholds=tuple(own) if random.random() < 0.3 else (),
-        )
-        shutter = ()
-        if random.random() < 0.3:
-            moving = [[replace(eye, origin=eye.origin + eye.X * part) for part in (0, 0.1)] for eye in eyes]
-            shutter = list(zip((8.5, 9.0), zip(*(opened(each) for each in moving), strict=True), strict=True))
-        bias = Bias(random.random((3, 3)), AREA) if random.random() < 0.2 else None
-        for time in (9,) if shutter else (-3, 9, 16.5, 5.25):
-            compare(trajectory, camera, policy, time, shutter, bias)
+COUNTS = [1, 15, 16, 17, 127, 128, 129, 700, 2000]
+
+
+@settings(max_examples=48)
+@given(shots((walker(), IDLER, replace(walker(), radius=6.0)), COUNTS))
+def test_any_shot_is_that_of_testing_every_agent(shot):
+    trajectory, camera, policy, shutter, bias = shot
+    for time in (9,) if shutter else (-3, 9, 16.5, 5.25):
+        compare(trajectory, camera, policy, time, shutter, bias)
 
 
 def random_surroundings(random, camera):
@@ -113,26 +93,22 @@ def random_surroundings(random, camera):
     return Surroundings(tuple(random.permutation(lights)), tuple(mirrors), box)
 
 
-@pytest.mark.parametrize("lens", LENSES)
-def test_shadows_and_reflections_of_random_shots_are_those_of_testing_every_agent(lens):
-    random = np.random.default_rng(list(LENSES).index(lens))
+def test_shadows_and_reflections_of_any_shot_are_those_of_testing_every_agent():
     found = np.zeros(2, int)
-    for _ in range(12):
-        groups = tuple(random.choice([walker(), replace(walker(), radius=6.0)]) for _ in range(random.integers(1, 4)))
-        heights = HeightMap(random.random((4, 5)).astype(np.float32), AREA) if random.random() < 0.3 else None
-        trajectory = shot(random_table(random), ground(), groups, int(random.choice([15, 700, 2000])), heights=heights)
-        camera = random_camera(random, lens)
-        camera = replace(camera, origin=np.array([0, 50, 1]) - camera.Z * 10.0 ** random.uniform(0, 3))
-        camera = lens_blur(camera, 0.05, 10.0) if random.random() < 0.3 else camera
-        moving = [replace(camera, origin=camera.origin + camera.X * part) for part in (0, 0.1)]
-        shutter = [(time, opened(moving)) for time in (8.5, 9.0)] if random.random() < 0.3 else ()
-        around = random_surroundings(random, camera)
+
+    @settings(max_examples=96)
+    @given(shots((walker(), replace(walker(), radius=6.0)), [15, 700, 2000]), generators)
+    def the_same(shot, random):
+        trajectory, camera, _, shutter, _ = shot
+        around = random_surroundings(random, camera[0] if isinstance(camera, tuple) else camera)
         for time in (9,) if shutter else (9, 16.5):
             made = [surround(plan(each, camera, POLICY, time, shutter), around) for each in (trajectory, trajectory.full)]
             for name in ("shadow", "mirrored"):
                 one, other = (getattr(frame, name) for frame in made)
                 assert one.order.tobytes() == other.order.tobytes() and (one.offsets == other.offsets).all()
-            found += len(one.order) > 0, len(made[0].shadow.order) > 0
+            found[:] += len(one.order) > 0, len(made[0].shadow.order) > 0
+
+    the_same()
     assert found.all()
 
 

@@ -39,7 +39,7 @@ def shown(points, triangles, samples):
 @pytest.mark.parametrize("ratio", [0.06, 0.03])
 def test_a_robot_of_many_parts_shows_as_much(ratio):
     points, triangles = robot()
-    lod = decimate(points, triangles, ratio, "robot")
+    lod = decimate((points, triangles), ratio, "robot")
     assert len(lod.triangles) <= round(ratio * len(triangles))
     samples = np.random.default_rng(0).uniform(-1, 1, (2_000, 2))
     assert shown(lod.points, lod.triangles, samples) == pytest.approx(shown(points, triangles, samples), rel=0.05)

@@ -45,12 +45,21 @@ def test_work_is_what_one_counts(known):
 
 
 def test_a_price_is_that_of_the_dearest_frame_and_of_the_mean_one():
-    work = Work(posed=100.0, unique=np.array([10.0, 1000.0]), instances=np.array([500.0, 1.0]), rigs=2.0, stored=50.0, points=9.0)
+    work = Work(
+        posed=100.0,
+        unique=np.array([10.0, 1000.0]),
+        instances=np.array([500.0, 1.0]),
+        rigs=2.0,
+        images=1e6,
+        stored=50.0,
+        points=9.0,
+    )
     own = price(work, "CYCLES")
     memory = [MEMORY["CYCLES"]["unique"] * u + MEMORY["CYCLES"]["instances"] * i for u, i in ((10, 500), (1000, 1))]
-    assert own.memory == pytest.approx(max(memory) + 100 * MEMORY["CYCLES"]["posed"] + 2 * MEMORY["CYCLES"]["rigs"])
+    always = {"posed": 100, "rigs": 2, "images": 1e6}
+    assert own.memory == pytest.approx(max(memory) + sum(MEMORY["CYCLES"][name] * count for name, count in always.items()))
     seconds = SECONDS["CYCLES"]
-    mean = {"posed": 100, "unique": 505, "instances": 250.5, "rigs": 2}
+    mean = {**always, "unique": 505, "instances": 250.5}
     assert own.seconds == pytest.approx(sum(seconds[name] * count for name, count in mean.items()))
     assert own.file == pytest.approx(50 * FILE["stored"] + 2 * FILE["rigs"] + 9 * FILE["points"])
     assert Price(2.0, 0.0, 3.0).share(Price(4.0, 0.0, 1.5)) == Price(0.5, 1.0, 2.0)

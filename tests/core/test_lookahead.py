@@ -14,9 +14,12 @@ from crowd_lod_extension.crowd_lod.behaviour.tabulated_step import Tables
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from ..support.shots import AREA, ground, random_table, shot, walking
+from ..support.shots import AREA, ground, shot, walking
 from ..support.steps import odd, same
+from ..support.strategies import grounds, seeds, tables
 
 pytestmark = pytest.mark.once
 
@@ -44,19 +47,27 @@ def check(crowd, machine, world, seconds, steps):
     return known
 
 
-@pytest.mark.parametrize("seed", range(24))
-def test_steps_are_the_long_way_to_the_bit(seed, monkeypatch):
-    monkeypatch.setattr(lookahead, "BLOCK", 64)
-    monkeypatch.setattr(lookahead, "FEW", seed % 3 / 2)
-    random = np.random.default_rng(seed)
-    machine, world = random_table(random), ground([(random.integers(7), random.integers(9))])
-    if seed % 4 > 1:  # along one side of the cells
-        machine = replace(machine, velocity=machine.velocity * np.eye(2)[seed % 3 % 2])
+@settings(max_examples=24)
+@given(
+    tables(),
+    grounds,
+    seeds,
+    st.sampled_from([None, 0, 1]),
+    st.booleans(),
+    st.sampled_from([1 / 24, 0.3, 1e-9, 2.0]),
+    st.sampled_from([0, 0.5, 1]),
+)
+def test_steps_are_the_long_way_to_the_bit(machine, world, seed, axis, strewn, seconds, few):
+    if axis is not None:  # along one side of the cells
+        machine = replace(machine, velocity=machine.velocity * np.eye(2)[axis])
     crowd = populate(400, seed, 3, machine, world)
-    if machine.edge == "reflect" or seed % 2:
-        crowd = odd(crowd, random, machine, world)
+    if machine.edge == "reflect" or strewn:
+        crowd = odd(crowd, np.random.default_rng(seed), machine, world)
         crowd.x[10:20], crowd.y[20:30], crowd.x[30] = -0.0, -0.0, np.nextafter(AREA.x_max, 0)
-    check(crowd, machine, world, float(random.choice([1 / 24, 0.3, 1e-9, 2.0])), 12)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(lookahead, "BLOCK", 64)
+        patch.setattr(lookahead, "FEW", few)
+        check(crowd, machine, world, seconds, 12)
 
 
 @pytest.mark.parametrize("name", preset_names())

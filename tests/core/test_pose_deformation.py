@@ -60,7 +60,7 @@ def distance(samples, points, triangles):
 def test_an_elbow_straight_at_rest_keeps_its_shape_when_it_bends(ratio):
     points, triangles = tube()
     skin = bent(points, [0.0, 0.7, 1.6])
-    heeding, blind = decimate(points, triangles, ratio, "arm", skin=skin), decimate(points, triangles, ratio, "arm")
+    heeding, blind = decimate((points, triangles), ratio, "arm", skin=skin), decimate((points, triangles), ratio, "arm")
     assert len(heeding.triangles) <= len(blind.triangles) * 1.01
     off = [distance(skin.place[2], skin.at(2, lod.points.T, lod.source).T, lod.triangles).max() for lod in (heeding, blind)]
     assert off[0] < off[1] / 3
@@ -90,7 +90,7 @@ def test_the_poses_that_tell_most_come_first_and_those_that_tell_nothing_not_at_
     whole = np.broadcast_to(turn(np.array(1.0)), (1, len(points), 3, 3))
     turned = Skin(points, np.einsum("knij,nj->kni", whole, points), whole)  # all of it turns: nothing bends
     assert turned.telling(triangles) is None
-    same, plain = decimate(points, triangles, 0.3, "arm", skin=turned), decimate(points, triangles, 0.3, "arm")
+    same, plain = decimate((points, triangles), 0.3, "arm", skin=turned), decimate((points, triangles), 0.3, "arm")
     np.testing.assert_array_equal(same.points, plain.points)
 
 
@@ -164,7 +164,7 @@ def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, 
     lods = []
     for way in (counted, nothing):
         monkeypatch.setattr(edge_collapse, "_taken_over", way)
-        lods.append(decimate(points, triangles, 0.1, "tube", skin=skin, effort=0.05))
+        lods.append(decimate((points, triangles), 0.1, "tube", skin=skin, effort=0.05))
     assert (~np.isnan(took[-1][3])).mean() > 0.5  # most is taken over, and with poses errors, too
     assert not posed or any((~np.isnan(each[4])).any() for each in took)
     for one, other in zip(*(vars(lod).values() for lod in lods), strict=True):

@@ -1,45 +1,24 @@
 """The overlay follows everything that the plan follows: eyes, shutter, height and detail maps, hysteresis."""
 
-from types import SimpleNamespace
-
 import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
 from crowd_lod_extension.operators.overlay import viewport_overlay
 
+from ..support.overlays import populated, shown
+
 
 @pytest.fixture
 def scene():
     """Tetrahedra that walk, before a camera that pans fast."""
-    scene = bpy.data.scenes.new("follow all")
-    scene.crowd_lod.choice = "BY_RATIO"
-    characters = bpy.data.collections.new("characters")
-    scene.collection.children.link(characters)
-    mesh = bpy.data.meshes.new("one")
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 2)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
-    characters.objects.link(bpy.data.objects.new("one", mesh))
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.location, camera.data.clip_end = (0, -40, 2), 80
-    for frame, turn in ((1, -0.8), (21, 0.8)):
-        camera.rotation_euler = (1.5708, 0, turn)
-        camera.keyframe_insert("rotation_euler", frame=frame)
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    scene.crowd_lod.characters, scene.crowd_lod.count = characters, 2000
-    scene.crowd_lod.overlay = True
-    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
-        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    scene.frame_set(11)
-    yield scene
-    bpy.data.scenes.remove(scene)
-    bpy.data.batch_remove([*characters.objects, characters, camera])
-
-
-def shown(scene):
-    layer = scene.view_layers[0]
-    layer.update()
-    return viewport_overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
+    with populated(2000, one=2.0) as scene:
+        scene.camera.data.clip_end = 80
+        for frame, turn in ((1, -0.8), (21, 0.8)):
+            scene.camera.rotation_euler.z = turn
+            scene.camera.keyframe_insert("rotation_euler", frame=frame)
+        scene.frame_set(11)
+        yield scene
 
 
 def image(name, value):

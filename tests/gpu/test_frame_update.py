@@ -1,43 +1,18 @@
 """What the overlay computes anew, what it keeps, and how it bears what a user does to the scene."""
 
-from types import SimpleNamespace
-
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.crowd import scene_crowd
 from crowd_lod_extension.operators.overlay import character_cache, viewport_overlay
 
+from ..support.overlays import populated, shown
+
 
 @pytest.fixture
 def scene():
-    """A scene with a cube and a cone as characters, populated."""
-    scene = bpy.data.scenes.new("follow")
-    scene.crowd_lod.choice = "BY_RATIO"
-    characters = bpy.data.collections.new("characters")
-    scene.collection.children.link(characters)
-    for name, height in (("cone", 1.0), ("cube", 2.0)):
-        mesh = bpy.data.meshes.new(name)
-        mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
-        characters.objects.link(bpy.data.objects.new(name, mesh))
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    camera.location, camera.rotation_euler = (0, -40, 2), (1.5708, 0, 0)
-    scene.collection.objects.link(camera)
-    scene.camera = camera
-    scene.crowd_lod.characters, scene.crowd_lod.count = characters, 200
-    scene.crowd_lod.overlay = True
-    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
-        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
-    yield scene
-    bpy.data.scenes.remove(scene)
-    bpy.data.batch_remove([*characters.objects, characters, camera])
-
-
-def shown(scene):
-    """What a redraw of a viewport on `scene` shows."""
-    layer = scene.view_layers[0]
-    layer.update()
-    return viewport_overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))
+    with populated(200, cone=1.0, cube=2.0) as scene:
+        yield scene
 
 
 def test_nothing_is_computed_while_nothing_changes(scene, monkeypatch):

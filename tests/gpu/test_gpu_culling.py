@@ -39,10 +39,10 @@ class Tally:
 def tally(monkeypatch):
     settled, found = gpu_culling._settled, Tally()
 
-    def counting(places, ends, centre, radius, crowd, *more):
-        found.asked += len(crowd)
+    def counting(places, ends, spheres, asked):
+        found.asked += len(asked.crowd)
         found.open += ends[-1] - ends[-2]
-        return settled(places, ends, centre, radius, crowd, *more)
+        return settled(places, ends, spheres, asked)
 
     monkeypatch.setattr(gpu_culling, "_settled", counting)
     return found

@@ -54,7 +54,7 @@ def pictured(canvas, scene, *more):
     """The picture of the scene's camera, with these batches and this caption."""
     seen = matrices(scene)
     with playblast.solid_viewport(scene) as viewport:
-        return canvas.picture(scene, scene.view_layers[0], viewport, *seen, *(more or [None]))
+        return canvas.picture(scene, scene.view_layers[0], viewport, seen, *(more or [None]))
 
 
 def test_agents_and_scenery_hide_each_other(scene, canvas):

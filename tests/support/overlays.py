@@ -1,5 +1,9 @@
-"""A few agents, and how the overlay draws them."""
+"""A few agents, and how the overlay draws them; a scene, and what the overlay shows of it."""
 
+from contextlib import contextmanager
+from types import SimpleNamespace
+
+import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
@@ -8,6 +12,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.operators.overlay import viewport_overlay
 from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 
 GROUPS = (Group("adult", 0.9, 1.0, 0.0, 1.0), Group("child", 0.6, 0.7, 0.0, 1.0))
@@ -50,3 +55,34 @@ def planned(shift=(0.0, 0.0, 0.0)):
     found = [int(level) if seen else None for level, seen in zip(frame.levels, frame.visible, strict=True)]
     assert found == [level for _, _, level in AGENTS]
     return frame, what
+
+
+@contextmanager
+def populated(count, **heights):
+    """A scene of `count` agents before a camera; the characters are tetrahedra, heights by name."""
+    scene = bpy.data.scenes.new("overlay")
+    scene.crowd_lod.choice = "BY_RATIO"
+    characters = bpy.data.collections.new("characters")
+    scene.collection.children.link(characters)
+    for name, height in heights.items():
+        mesh = bpy.data.meshes.new(name)
+        mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, height)], [], [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)])
+        characters.objects.link(bpy.data.objects.new(name, mesh))
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    camera.location, camera.rotation_euler = (0, -40, 2), (1.5708, 0, 0)
+    scene.collection.objects.link(camera)
+    scene.camera = camera
+    scene.crowd_lod.characters, scene.crowd_lod.count = characters, count
+    scene.crowd_lod.overlay = True
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    yield scene
+    bpy.data.scenes.remove(scene)
+    bpy.data.batch_remove([*characters.objects, characters, camera])
+
+
+def shown(scene):
+    """What a redraw of a viewport on `scene` shows."""
+    layer = scene.view_layers[0]
+    layer.update()
+    return viewport_overlay._follow(SimpleNamespace(scene=scene, view_layer=layer))

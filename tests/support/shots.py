@@ -56,20 +56,3 @@ def raw(frame):
     seen = [a.tobytes() for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
     kinds = [str(a.dtype) for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
     return crowd, seen, kinds, frame.vertices, frame.triangles, frame.full_vertices, frame.full_triangles, frame.dropped
-
-
-def random_table(random):
-    """A table of two or three states over two labels: who stands, walks, changes, draws or is timed."""
-    names = ["a", "b", "c"][: random.integers(1, 4)]
-    still, constant = random.random(2) < 0.4
-    states = {}
-    for k, name in enumerate(names):
-        states[name] = {"color": f"#ff{k:02x}00", "start": float(random.integers(1, 3)), "on": {}}
-        for label in ("ground", "wall"):
-            move = [0, 0] if still else random.uniform(-30, 30, 2).round(2).tolist()
-            after = name if constant else str(random.choice(names))
-            weights = {str(each): 1 for each in names} if random.random() < 0.2 and not constant else after
-            states[name]["on"][label] = {"move": move, "next": weights}
-        if random.random() < 0.2:
-            states[name] |= {"after": [0.1, 0.3], "then": str(random.choice(names))}
-    return machine(states, str(random.choice(["clamp", "wrap", "reflect", "stop"])))

@@ -1,0 +1,224 @@
+"""The shot plan beside thresholds and hysteresis, on five cameras; and its time and memory.
+
+./crowd-lod bench --shots [--quick] [--out DIR]
+
+10,000 people of the plaza at 1,920 x 1,080 pixels, by one pixel, with six LODs each. Each camera
+is run through once; thresholds, causal hysteresis of several widths and plans of several values of
+Avoid Pops decide on the same survey. Switches are counted where an agent is in sight before and
+after, and weighed by the same bound for all. Then the growth with agents and frames.
+"""
+
+import resource
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, hold, limits
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.shot import Bill, Shot, bill, decide, meshes_of
+from crowd_lod_extension.crowd_lod.planning.survey import SEEN, Recorder, Survey, empty
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.reporting import tables
+from crowd_lod_extension.sample_scenes import plaza, plaza_map
+
+PIXELS = 1920, 1080
+FRAMES = 120
+TOLERANCE = 1.0
+WIDTHS = 0.05, 0.1, 0.2, 0.4  # of hysteresis
+AVOID = 0.0, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0
+RAYS = 64 * 0.2 * PIXELS[0] * PIXELS[1]  # samples of the pixels that agents cover
+# What Make LOD Meshes measured of the plaza's characters, all candidates: triangles, bounds in metres.
+ADULT = (11456, 4582, 1832, 686, 286, 114), (0.0, 0.00359, 0.00811, 0.02018, 0.05482, 0.15541)
+CHILD = (11584, 4634, 1852, 694, 290, 116), (0.0, 0.00294, 0.00573, 0.01492, 0.02338, 0.05555)
+HEAVY = (11712, 4684, 1874, 702, 292, 116), (0.0, 0.00536, 0.01112, 0.0259, 0.04344, 0.16079)
+GROUPS = tuple(
+    Group(name, centre, radius, stride, 1.0, tuple(n // 2 for n in triangles), triangles, bounds)
+    for name, centre, radius, stride, (triangles, bounds) in (
+        ("adult", 0.85, 0.978, 1.3, ADULT),
+        ("child", 0.6, 0.684, 0.9, CHILD),
+        ("heavy", 0.9, 1.024, 1.4, HEAVY),
+    )
+)
+POLICY = LevelPolicy((0.0,) * 5, "PIXELS", tolerance=TOLERANCE)
+
+
+def aimed(origin: Sequence[float], target: Sequence[float], lens: float, roll: float = 0.0) -> Camera:
+    """Return a camera at `origin` that looks at `target`, both in metres; lens in millimetres, roll in radians."""
+    origin, ahead = np.array(origin, float), np.subtract(target, origin)
+    Z = ahead / np.linalg.norm(ahead)
+    right = np.cross(Z, (0, 0, 1))
+    right /= np.linalg.norm(right)
+    up = np.cross(right, Z)
+    X, Y = np.cos(roll) * right + np.sin(roll) * up, np.cos(roll) * up - np.sin(roll) * right
+    return Camera("PERSP", origin, X, Y, Z, window(36 / lens, "AUTO", PIXELS), 0.2, plaza.FAR, PIXELS)
+
+
+def descent(t: float) -> Camera:
+    """The plaza's own flight: down into the crowd, and through it."""
+    frames, places, targets, lenses = zip(*plaza.FLIGHT, strict=True)
+    at = 1 + t * (frames[-1] - 1)
+    place, target = ([np.interp(at, frames, axis) for axis in np.transpose(each)] for each in (places, targets))
+    return aimed(place, target, float(np.interp(at, frames, lenses)))
+
+
+def dolly_zoom(t: float) -> Camera:
+    """Back from the fountain while the lens grows longer: its size stays, all else's changes."""
+    away = 12 + 40 * t
+    return aimed((-away, -3, 3), (0, 0, 2), 18 * away / 12)
+
+
+def pan(t: float) -> Camera:
+    """From a corner, over the square."""
+    angle = np.radians(10 + 70 * t)
+    return aimed((-50, -50, 8), (-50 + 60 * np.cos(angle), -50 + 60 * np.sin(angle), 0), 32)
+
+
+def orbit(t: float) -> Camera:
+    """A third of a circle about the fountain."""
+    angle = np.radians(200 + 120 * t)
+    return aimed((45 * np.cos(angle), 45 * np.sin(angle), 12), (0, 0, 1), 30)
+
+
+def hand_held(t: float) -> Camera:
+    """From a place in the crowd, never quite still."""
+    sway = [np.sin(2 * np.pi * (rate * 5 * t + shift)) for rate, shift in ((0.9, 0.1), (1.7, 0.6), (0.6, 0.3), (2.3, 0.8))]
+    place = (-30 + 0.12 * sway[0], -34 + 0.1 * sway[1], 1.7 + 0.04 * sway[2])
+    return aimed(place, (5 + 1.5 * sway[2], 2 + 1.5 * sway[0], 1 + 0.8 * sway[3]), 35, 0.015 * sway[1])
+
+
+CAMERAS: dict[str, Callable[[float], Camera]] = {
+    "descent": descent,
+    "dolly zoom": dolly_zoom,
+    "pan": pan,
+    "orbit": orbit,
+    "hand-held": hand_held,
+}
+
+
+def crowd_of(agents: int) -> Trajectory:
+    """The plaza's people, so many of them."""
+    machine = load_preset("plaza")
+    world = plaza_map.plan(machine)
+    return Trajectory(populate(agents, 7, len(GROUPS), machine, world), machine, world, GROUPS, 1 / 24)
+
+
+def surveyed(trajectory: Trajectory, camera: Callable[[float], Camera], frames: int) -> tuple[Survey, list[Camera]]:
+    """Run through the shot: (its survey, its cameras)."""
+    library = Library(np.zeros(len(GROUPS), np.intp))
+    survey = empty(range(1, frames + 1), range(1, frames + 1), trajectory.start.group, library.first(trajectory.gaits))
+    films, before = [camera(f / max(frames - 1, 1)) for f in range(frames)], None
+    with Recorder() as recorder:
+        for f, film in enumerate(films):
+            frame = plan(trajectory, film, POLICY, f + 1)
+            recorder.add(survey, f, frame, library, before, RAYS)
+            before = frame
+        recorder.finish()
+    return survey, films
+
+
+def held_levels(survey: Survey, films: Sequence[Camera], width: float, keeps: bool = False) -> np.ndarray:
+    """LODs (F, n) by thresholds, held by causal hysteresis of this width while an agent is in sight.
+
+    keeps: let LODs begin so much farther off that none deviates by more than the tolerance; else LODs are held on both sides of
+    where they begin, as engines do, and deviate by more.
+    """
+    radius = np.array([group.radius for group in GROUPS])
+    table, levels = deviations(GROUPS, POLICY), survey.coarsest.copy()
+    for f, film in enumerate(films):
+        begins = limits(POLICY, film, radius, table) * (1 + width if keeps else 1)
+        scale = survey.scale[f].astype(np.float64)
+        distance = film.pixels_per_unit / np.where(scale > 0, scale, np.inf) + radius[survey.group]
+        levels[f] = assign(distance, begins, survey.group)
+        if f:
+            own = hold(levels[f - 1], distance, begins, survey.group, None, width / (1 + width) if keeps else width)
+            levels[f] = np.where(survey.joined(f), own, levels[f])
+    return levels
+
+
+def row(camera: str, engine: str, way: str, found: Bill, thresholds: Bill, full: Bill, bound: float | None = None) -> dict:
+    """One row of the table."""
+    return {
+        "camera": camera,
+        "engine": engine,
+        "way": way,
+        "switches": int(found.switches.sum()),
+        "switch_pixels": round(float(found.pixels.sum())),
+        "largest_switch": round(found.most, 2),
+        "triangles_millions": round(found.triangles.sum() / 1e6, 1),
+        "of_full": round(float(found.triangles.sum() / full.triangles.sum()), 4),
+        "time": round(found.price.seconds / thresholds.price.seconds, 3),
+        "memory": round(found.price.memory / thresholds.price.memory, 3),
+        "deviation_pixels": round(found.error, 2),
+        "above_optimum": None if bound is None else round(bound, 4),
+    }
+
+
+def compared(name: str, engine: str, survey: Survey, films: Sequence[Camera], avoid: Sequence[float]) -> list[dict]:
+    """The rows of one camera and engine."""
+    shot = Shot(survey, meshes_of(GROUPS, POLICY.count), engine)
+    thresholds, full = bill(shot, survey.coarsest), bill(shot, np.zeros_like(survey.coarsest))
+    rows = [row(name, engine, way, found, thresholds, full) for way, found in (("full detail", full), ("thresholds", thresholds))]
+    for width in WIDTHS:
+        for keeps, what in ((False, ""), (True, " within tolerance")):
+            found = bill(shot, held_levels(survey, films, width, keeps))
+            rows.append(row(name, engine, f"hysteresis {width:g}{what}", found, thresholds, full))
+    for part in avoid:
+        made = finished(decide(shot, part))
+        rows.append(row(name, engine, f"plan {part:g}", made.bill, thresholds, full, made.bound))
+    return rows
+
+
+def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
+    """Seconds and memory of a plan without budget, by agents and frames."""
+    rows = []
+    for agents, frames in sizes:
+        started = time.perf_counter()
+        trajectory = crowd_of(agents)
+        survey, _ = surveyed(trajectory, descent, frames)
+        run_through = time.perf_counter()
+        made = finished(decide(Shot(survey, meshes_of(GROUPS, POLICY.count), "EEVEE"), 0.05))
+        ended = time.perf_counter()
+        rows.append(
+            {
+                "agents": agents,
+                "frames": frames,
+                "survey_s": round(run_through - started, 2),
+                "decide_s": round(ended - run_through, 2),
+                "ns_per_agent_frame": round(1e9 * (ended - started) / agents / frames, 1),
+                "seen": round(float((survey.kind == SEEN).mean()), 3),
+                "peak_mb": round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024),
+                "switches": int(made.bill.switches.sum()),
+                "of_thresholds": round(float(made.bill.switches.sum() / max(made.thresholds.switches.sum(), 1)), 3),
+            }
+        )
+        print(rows[-1], flush=True)
+    return rows
+
+
+def main(out: Path, quick: bool) -> None:
+    """Write the tables shots.csv and growth.csv into `out`."""
+    rows, trajectory = [], crowd_of(10_000)
+    for name, camera in CAMERAS.items():
+        survey, films = surveyed(trajectory, camera, FRAMES)
+        for engine in ("EEVEE", "CYCLES"):
+            found = compared(name, engine, survey, films, AVOID[:3] if quick else AVOID)
+            rows += found
+            for each in found:
+                print(*each.values(), sep="\t", flush=True)
+    (out / "shots.csv").write_text(tables.to_csv(rows), encoding="utf-8")
+    sizes = [(10_000, 120), (100_000, 250)] + ([] if quick else [(1_000_000, 240)])
+    (out / "growth.csv").write_text(tables.to_csv(growth(sizes)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    import sys
+
+    folder = Path(sys.argv[1])
+    folder.mkdir(parents=True, exist_ok=True)
+    main(folder, "--quick" in sys.argv)

@@ -1,0 +1,143 @@
+"""plan.json of a preview: all that is needed to repeat the run, and its results."""
+
+import hashlib
+import json
+import platform
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...crowd_lod import __version__
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.format import printable
+from ...crowd_lod.progress import aside
+from ...crowd_lod.reporting import tables
+from ...crowd_lod.validation.leave_out_timing import savings
+from ..blender import cameras, scene_data
+from ..crowd import lights
+from ..crowd.scene_crowd import policy_of, trajectory_of
+from ..crowd.scene_world import bias_of, machine_of
+from ..crowd.stuck_agents import find
+from ..lod_meshes.make_lods import TINTS
+from .preview_stage import ENGINES, Staged
+
+
+def plan_json(
+    staged: Staged, command: list[str], rows: list[dict], characters: list[dict], notes: Sequence[str]
+) -> Generator[float, None, dict[str, Any]]:
+    """Make plan.json's dict: all that is needed to repeat the run, and its results.
+
+    Yields between the steps and returns the dict.
+
+    command: the command line of the run.
+    rows: of frames.csv.
+    characters: of lod_table.tables.
+    notes: sentences on what the pictures show.
+    """
+    scene, stage, wanted, settings = staged.scene, staged.stage, staged.wanted, staged.stage.crowd_lod
+    trajectory, last = trajectory_of(stage), scene_data.remapped(scene.render, wanted.frames[-1])
+    labels = trajectory.world.labels
+    troubles = yield from aside(lambda: find(trajectory))
+    return {
+        "version": tables.PLAN_VERSION,
+        "command": command,
+        "made_with": {
+            "crowd_lod": __version__,
+            "blender": bpy.app.version_string,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+        },
+        "scene": _scene_of(scene),
+        "crowd": _crowd_of(settings, trajectory),
+        "map": {
+            "image": settings.map_image.name if settings.map_image else None,
+            "cells": list(labels.shape[::-1]),
+            "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
+        },
+        "height": {
+            "image": settings.height_image.name if settings.height_image else None,
+            "scale": settings.height_scale,
+            "tilt": settings.tilt,
+        },
+        "machine": json.loads(machine_of(settings).text),
+        "trouble": troubles.rows,
+        "trouble_says": troubles.sentence,
+        "camera": cameras.bound_camera(scene, last).name,
+        "levels": _levels_of(stage, characters),
+        "preview": {
+            "frames": wanted.frames,
+            "width": wanted.width,
+            "height": staged.size[1],
+            "engine": wanted.engine,
+            "colour": wanted.colour,
+            "notes": list(notes),
+        },
+        "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
+        "frames": rows,
+    }
+
+
+def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
+    file = Path(bpy.data.filepath) if bpy.data.filepath else None
+    return {
+        "name": scene.name,
+        "file": printable(file) if file else None,
+        "sha256": hashlib.sha256(file.read_bytes()).hexdigest() if file and file.is_file() else None,
+    }
+
+
+def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
+    area = trajectory.world.area
+    return {
+        "count": settings.count,
+        "seed": settings.seed,
+        "area": {"x": [area.x_min, area.x_max], "y": [area.y_min, area.y_max], "z": area.z},
+        "forward": settings.forward,
+        "first_frame": settings.first_frame,
+        "frames_per_second": 1 / trajectory.seconds_per_frame,
+        "groups": [vars(group) for group in trajectory.groups],
+    }
+
+
+def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:
+    settings, policy = stage.crowd_lod, policy_of(stage.crowd_lod)
+    return {
+        "metric": policy.metric,
+        "margin": policy.margin,
+        "tolerance": policy.tolerance,
+        "shading_counts": policy.shading,
+        "pixels": cameras.image_size(stage.render),
+        "ratios": [round(r, 6) for r in settings.ratios[: policy.count]] if policy.tolerance is None else None,
+        "thresholds": list(policy.thresholds) if policy.tolerance is None else None,
+        "group_thresholds": [list(own) for own in policy.group_thresholds],
+        "drop_lost": policy.drop_lost,
+        "tints": TINTS[: policy.count],
+        "characters": characters,
+        "dropped": settings.dropped.splitlines(),
+    }
+
+
+def _left_out(stage: bpy.types.Scene, number: int, engine: str) -> Generator[float, None, list[dict[str, Any]]]:
+    """List what the scene did not need: yield between the steps, return dicts.
+
+    Each has the reason and, where measured, the milliseconds saved in the frame `number`.
+
+    engine: what renders the pictures.
+    """
+    stage.render.engine = engine
+    trajectory, settings = trajectory_of(stage), stage.crowd_lod
+    stage.frame_set(number)
+    eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
+    bias = bias_of(settings, trajectory.world.area)
+    time = max(number, trajectory.first_frame + 2)
+    policy = policy_of(settings)
+    found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))
+    measured = [
+        {"stage": item.stage, "reason": item.reason, "ms_saved": round(ms, 3), "ms_spread": round(found.spread[item], 3)}
+        for item, ms in found.items.items()
+    ]
+    unseen = lights.read_surroundings(stage, stage.view_layers[0].depsgraph, number).left_out
+    return measured + [{"stage": item.stage, "reason": item.reason, "ms_saved": None, "ms_spread": None} for item in unseen]

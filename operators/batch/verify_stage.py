@@ -1,0 +1,137 @@
+"""The stages of a proof: the scene itself, set up for Cycles, and the outline of its crowd."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+
+from ..blender import cameras
+from ..blender.ownership import OWNED
+from ..build import bake, render_setup
+from ..build.hidden_characters import hides_characters
+from .preview_stage import Preview, set_up
+
+SILHOUETTE_SAMPLES = 16  # a pixel
+# Blender 4.5 does not read back the values that it writes of two eyes
+PAIRS = bpy.app.version >= (5, 2, 0)
+LONGEST_SHUTTER = 0.99 * bake.LONGEST  # frames
+RAYS = ("camera", "diffuse", "glossy", "transmission", "shadow")
+
+
+@dataclass(frozen=True)
+class Verify:
+    """What to verify.
+
+    frames: increasing.
+    width: of the pictures, pixels.
+    samples: per pixel.
+    bounces: above 0, each picture is rendered a second time, with the light of the sky and this
+        many bounces of light and reflections.
+    """
+
+    frames: list[int]
+    folder: Path
+    width: int = 320
+    samples: int = 4
+    bounces: int = 0
+
+
+def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> None:
+    """Set up `scene` so that Cycles' pictures depend only on what its rays meet.
+
+    That is: one seed, and no adaptive sampling, light tree, path guiding, fast GI, time limit or
+    denoiser. The scene's own pixel filter stays. The user's own build is hidden, and so are the
+    characters if renders hide them.
+    """
+    if hides_characters(scene):
+        scene.crowd_lod.characters.hide_render = True
+    if scene.crowd_lod.build is not None:
+        scene.crowd_lod.build.hide_render, scene.crowd_lod.build = True, None
+    render, cycles = scene.render, scene.cycles
+    filmed = render.use_motion_blur, render.use_multiview and PAIRS, render.use_border and scene.crowd_lod.cull_to_border
+    set_up(scene, Preview(wanted.frames, wanted.folder, wanted.width, "CYCLES", "MATERIAL"))
+    render.use_motion_blur, render.use_multiview, render.use_border = filmed
+    render.motion_blur_shutter = min(render.motion_blur_shutter, LONGEST_SHUTTER)
+    render.image_settings.views_format = "INDIVIDUAL"
+    render.engine, cycles.device = "CYCLES", "CPU"
+    render.use_stamp = render.use_persistent_data = render.use_simplify = False
+    cycles.samples, cycles.seed, cycles.use_animated_seed = wanted.samples, 0, False
+    cycles.use_adaptive_sampling = cycles.use_denoising = cycles.use_light_tree = cycles.use_guiding = False
+    cycles.use_fast_gi, cycles.time_limit = False, 0
+    render.image_settings.color_mode = "RGBA"
+    for layer in scene.view_layers:
+        layer.samples = 0
+
+
+def light_by(stage: bpy.types.Scene, bounces: int, worlds: tuple) -> None:
+    """Light `stage` by its lamps alone, or with sky and `bounces` of light, too.
+
+    worlds: (sky, dark sky); see dark_world.
+    """
+    cycles = stage.cycles
+    cycles.max_bounces = cycles.diffuse_bounces = cycles.glossy_bounces = bounces
+    cycles.transmission_bounces = cycles.volume_bounces = bounces
+    stage.world = worlds[0] if bounces else worlds[1]
+
+
+def dark_world(world: bpy.types.World | None) -> bpy.types.World | None:
+    """Return a copy of the world that the camera sees but that lights nothing.
+
+    Agents outside the picture block some of the sky's light everywhere in it, and no bucket holds
+    all of them.
+    """
+    if world is None:
+        return None
+    dark = world.copy()
+    for ray in ("diffuse", "glossy", "transmission", "scatter"):
+        setattr(dark.cycles_visibility, ray, False)
+    return dark
+
+
+def add_twins(stage: bpy.types.Scene, top: bpy.types.Collection) -> None:
+    """Add a second instance of each instance of the build, invisible to all rays.
+
+    Cycles rounds a mesh differently if it has one instance than if it has more. With the twins
+    every mesh has more, however many agents show it.
+    """
+    for points in render_setup.points_of(top).values():
+        tree = bpy.data.node_groups.new("Crowd LOD twin", "GeometryNodeTree")
+        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+        shown, leave = tree.nodes.new("GeometryNodeObjectInfo"), tree.nodes.new("NodeGroupOutput")
+        shown.inputs["Object"].default_value = points
+        tree.links.new(shown.outputs["Geometry"], leave.inputs["Geometry"])
+        twin = bpy.data.objects.new(tree.name, bpy.data.meshes.new(tree.name))
+        twin[OWNED] = True
+        twin.modifiers.new(tree.name, "NODES").node_group = tree
+        for ray in RAYS:
+            setattr(twin, f"visible_{ray}", False)
+        stage.collection.objects.link(twin)
+
+
+def outline_of(stage: bpy.types.Scene, top: bpy.types.Collection) -> bpy.types.Scene:
+    """Return a scene of the build alone: its alpha is the crowd's silhouette.
+
+    It has no motion blur and a box pixel filter: the deviation of LODs is of sharp silhouettes.
+    """
+    outline = stage.copy()
+    outline.timeline_markers.clear()
+    for child in outline.collection.children:
+        outline.collection.children.unlink(child)
+    for item in outline.collection.objects:
+        outline.collection.objects.unlink(item)
+    for item in render_setup.points_of(top).values():
+        outline.collection.objects.link(item)
+    outline.render.film_transparent, outline.render.use_motion_blur, outline.world = True, False, None
+    outline.cycles.samples, outline.cycles.max_bounces, outline.cycles.pixel_filter_type = SILHOUETTE_SAMPLES, 0, "BOX"
+    return outline
+
+
+def put_cameras(outline: bpy.types.Scene, scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Put still copies of the cameras of `scene`, as in `depsgraph`, into `outline`."""
+    for item in [item for item in outline.collection.objects if item.type == "CAMERA"]:
+        outline.collection.objects.unlink(item)
+    for camera in [item for item in scene.objects if item.type == "CAMERA"]:
+        still = cameras.still(camera, depsgraph)
+        outline.collection.objects.link(still)
+        if camera == scene.camera:
+            outline.camera = still
