@@ -1,7 +1,7 @@
 """The shot plan: runs through the shot, decides on all its LODs, and stores them."""
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.planning.curve import curve_of
 from ...crowd_lod.planning.frame import plan
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.planning.index_cache import approach
@@ -18,8 +19,10 @@ from ...crowd_lod.planning.planned import numbers_of
 from ...crowd_lod.planning.shadows import surround
 from ...crowd_lod.planning.shot import Bill, Shot, ShotPlan, decide, meshes_of
 from ...crowd_lod.planning.survey import Survey, empty, record
+from ...crowd_lod.planning.switches import noticed
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, plan_file, tables
+from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ..blender import cameras, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..build.cost_estimate import covered, samples_of
