@@ -9,9 +9,10 @@ from .cli import commands
 from .crowd import sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import panels, properties
+from .ui import exception_list, panels, properties
 
 MODULES = (
+    exception_list,
     properties,
     sample_menu,
     state_machine_menu,

@@ -40,7 +40,9 @@ class Survey:
     owner: (L,) uint8, the group of each character.
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
-        culled in the frame before: they appear at once.
+        culled in the frame before, or an exception hid: they appear at once.
+    finest, limit: (F, n) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
+        whatever the policy does; None without exceptions (planning/exceptions.py).
     """
 
     numbers: np.ndarray
@@ -54,6 +56,8 @@ class Survey:
     owner: np.ndarray
     rays: np.ndarray
     entered: list[np.ndarray]
+    finest: np.ndarray | None = None
+    limit: np.ndarray | None = None
 
     @property
     def seen(self) -> np.ndarray:
@@ -62,7 +66,8 @@ class Survey:
 
     def of(self, agents: slice) -> "Survey":
         """Return the survey of these agents alone; nobody counts as entered."""
-        columns = {name: getattr(self, name)[:, agents] for name in ("kind", "coarsest", "scale", "character")}
+        names = ("kind", "coarsest", "scale", "character", *(("finest", "limit") if self.finest is not None else ()))
+        columns = {name: getattr(self, name)[:, agents] for name in names}
         part = len(self.group[agents]) / len(self.group)
         return replace(
             self, **columns, group=self.group[agents], rays=self.rays * part, entered=[np.empty(0, np.intp)] * len(self.times)
@@ -198,7 +203,7 @@ def _rounded_up(values: np.ndarray) -> np.ndarray:
 
 
 def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
-    """Return the survey with the coarsest LODs that show at most `tolerance` pixels.
+    """Return the survey with the coarsest LODs that show at most `tolerance` pixels, or that exceptions allow.
 
     bounds: (G, K) metres, of each group's LODs, never decreasing along a row.
     """
@@ -209,5 +214,7 @@ def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey
         found = np.zeros(len(agents), np.uint8)
         for k in range(1, bounds.shape[1]):
             found[scale * bounds[group, k] <= tolerance] = k
+        if survey.finest is not None and survey.limit is not None:
+            found = np.clip(found, survey.finest[f, agents], survey.limit[f, agents])
         coarsest[f, agents] = found
     return replace(survey, coarsest=coarsest)

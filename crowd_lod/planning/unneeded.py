@@ -3,7 +3,7 @@
 import numpy as np
 
 from ..levels.cost_model import NAMES, Work, price
-from .shot import Shot
+from .shot_cost import Shot
 from .survey import CULLED, MIRRORED, SHADOW
 
 

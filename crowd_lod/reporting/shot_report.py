@@ -11,7 +11,8 @@ from ..format import number
 from ..levels.cost_model import NAMES
 from ..planning.curve import WIDTH as HELD
 from ..planning.curve import Curve, of_full_detail
-from ..planning.shot import Shot, ShotPlan
+from ..planning.shot import ShotPlan
+from ..planning.shot_cost import Shot
 from ..planning.survey import CULLED, MIRRORED, SEEN, SHADOW
 from ..planning.switches import NOTHING
 from ..planning.unneeded import unneeded

@@ -1,5 +1,6 @@
 """The shot plan: runs through the shot, decides on all its LODs, and stores them."""
 
+from collections import Counter
 from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -12,12 +13,14 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.curve import curve_of
+from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
 from ...crowd_lod.planning.frame import plan
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import numbers_of
 from ...crowd_lod.planning.shadows import surround
-from ...crowd_lod.planning.shot import Bill, Shot, ShotPlan, decide, meshes_of
+from ...crowd_lod.planning.shot import ShotPlan, decide
+from ...crowd_lod.planning.shot_cost import Bill, Shot, meshes_of
 from ...crowd_lod.planning.survey import Survey, empty, record
 from ...crowd_lod.planning.switches import noticed
 from ...crowd_lod.progress import share
@@ -29,6 +32,8 @@ from ..build.cost_estimate import covered, samples_of
 from ..crowd import lights, shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
+from ..crowd.shot_exceptions import exemptions_of
+from ..lod_meshes.candidates import TINTS
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
 from ..lod_meshes.selection import cast_of
@@ -52,11 +57,13 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Planned:
-    """A planned shot, and what it was planned for."""
+    """A planned shot, what it was planned for, and what its report tells."""
 
     shot: Shot
     plan: ShotPlan
     stored: plan_file.StoredPlan
+    told: Told
+    exemptions: tuple[Exemption, ...] = ()
 
 
 def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, Planned]:
@@ -67,21 +74,31 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
     yield from share(_ready(scene), 0.0, READY)
-    survey, seen = yield from share(survey_of(scene, wanted.frames), READY, SURVEYED)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
-    shot = Shot(survey, meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
+    exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
+    survey, seen, milliseconds = yield from share(survey_of(scene, wanted.frames), READY, SURVEYED)
+    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
     found = yield from share(decide(shot, wanted.avoid), SURVEYED, DECIDED)
+    told = Told(
+        title=Path(bpy.data.filepath).stem or scene.name,
+        shot=shot,
+        plan=found,
+        noticed=noticed(shot, found.levels, trajectory.spheres.radius),
+        curve=(yield from share(curve_of(shot, found, policy.tolerance or 1.0), DECIDED, 1.0)),
+        names=[group.name for group in trajectory.groups],
+        tints=TINTS,
+        milliseconds=milliseconds,
+    )
     bias = bias_of(scene.crowd_lod, trajectory.world.area)
     stored = plan_file.StoredPlan(
         path=wanted.folder / plan_file.NAME,
         numbers=survey.numbers,
         times=survey.times,
         cameras=seen,
-        made_for=shot_reference.made_for(trajectory, policy, bias),
+        made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
         tolerance=None,
     )
-    yield 1.0
-    return Planned(shot, found, stored)
+    return Planned(shot, found, stored, told, exemptions)
 
 
 def _ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -96,9 +113,10 @@ def _ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(measure_levels(scene), 0.1, 1.0)
 
 
-def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, tuple[Survey, Any]]:
-    """Run through the shot: yield the progress, return (Survey, its cameras (F, E, 21) float64).
+def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, tuple[Survey, Any, dict[str, float]]]:
+    """Run through the shot: yield the progress, return (Survey, its cameras (F, E, 21) float64, milliseconds).
 
+    The milliseconds are those of each stage, the mean of a frame.
     CrowdError if the crowd or its choice of LODs changes on the way.
     """
     settings, trajectory = scene.crowd_lod, trajectory_of(scene)
@@ -109,7 +127,7 @@ def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float,
         trajectory.start.group,
         library.first(trajectory.gaits),
     )
-    seen, before, filmed = [], None, None
+    seen, before, filmed, milliseconds = [], None, None, Counter()
     with frame_stepping.stepped(scene) as at:
         for f, time in enumerate(survey.times.tolist()):
             yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
@@ -123,18 +141,23 @@ def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float,
             film = cameras.bound_camera(scene, time)
             record(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), filmed not in (None, film))
             seen.append(numbers_of(eyes))
+            milliseconds.update(frame.milliseconds)
             before, filmed = frame, film
             yield (f + 1) / len(frames)
     if len({each.shape for each in seen}) > 1:
         raise CrowdError("The number of the camera's eyes changes during the shot: plan the frames of each apart.")
-    return survey, np.array(seen)
+    return survey, np.array(seen), {name: ms / len(frames) for name, ms in milliseconds.items()}
 
 
 def write_plan(folder: Path, planned: Planned) -> dict[str, Any]:
     """Write the plan's files into `folder`; return the content of plan.json."""
-    plan_file.write(folder / plan_file.NAME, planned.stored, planned.plan.levels)
+    numbers = planned.stored.numbers.tolist()
+    rows = [marked(row, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
+    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
     told = facts(planned)
     (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
+    (folder / "switches.csv").write_text(tables.switches_csv(planned.told.noticed), encoding="utf-8")
+    (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
     return told
 
 
@@ -150,6 +173,8 @@ def facts(planned: Planned) -> dict[str, Any]:
             "most_above_optimum": planned.plan.bound,
             "plan": _told(found),
             "thresholds": _told(thresholds),
+            "curve": asdict(planned.told.curve),
+            "exceptions": [each.as_json for each in planned.exemptions],
         },
     }
 

@@ -16,6 +16,7 @@ from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.planned import Row, numbers_of, policy_for, same_cameras, with_row
 from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
 from ..blender import scene_cache
+from .shot_exceptions import digest_of
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.kept({})
@@ -86,7 +87,7 @@ def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | N
             return Use(
                 policy, None, f"The shot plan covers frames {stored.numbers[0]} to {stored.numbers[-1]}: here thresholds hold."
             )
-        changed = changes(stored.made_for, made_for(trajectory, policy, bias))
+        changed = changes(stored.made_for, made_for(settings, trajectory, policy, bias))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
             changed = [CAMERA]
@@ -102,14 +103,18 @@ def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     return [name for name, digest in now.items() if before.get(name) != digest]
 
 
-def made_for(trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> dict[str, str]:
-    """Return digests of all that a plan depends on besides cameras, by their names."""
+def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> dict[str, str]:
+    """Return digests of all that a plan depends on besides cameras, by their names.
+
+    settings: of the crowd, for their exceptions.
+    """
     known = _crowds.get(trajectory)
     if known is None:
         known = _crowds[trajectory] = _of_crowd(trajectory)
     return known | {
         "the choice of LODs": _digest(repr(policy)),
         "the detail map": _digest("" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()),
+        "the exceptions": _digest(digest_of(settings)),
     }
 
 

@@ -21,6 +21,7 @@ from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
+from ..crowd.shot_exceptions import drawn_inputs
 from ..crowd.shot_reference import Use, reference, use_of
 from . import agent_colors, character_cache, gpu_culling, hud, inset, shader_programs
 from .appearance import cast_of, colours_of, drawing_of, style_of
@@ -219,6 +220,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
         frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6), reference(settings)
+        frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
         if known is not None and looked < before.looked + LOOK_AGAIN:
             trajectory, bias, looked = known.trajectory, known.bias, before.looked

@@ -17,6 +17,7 @@ from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..crowd.renamed_settings import renamed
 from ..crowd.scene_crowd import set_down
+from .exception_list import CrowdLodException
 
 OLD = {"options": {"HIDDEN"}, "description": "Old name of this setting, for older files and scripts"}
 METHODS = (
@@ -366,6 +367,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
     use_shot_plan: BoolProperty(
         name="Use Shot Plan", default=True, description="Overlay, Preview, Build and Bake show the LODs of the shot plan"
     )
+    exceptions: CollectionProperty(
+        type=CrowdLodException, name="Exceptions", description="From the shot plan; of two for the same agent, the lower one holds"
+    )
+    exception_index: IntProperty(name="Exception", min=0, description="The exception that is selected in the list")
     overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
     overlay_mode: EnumProperty(
         name="Display As",

@@ -3,7 +3,7 @@
 from itertools import product
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.planning.shot import Meshes, Shot
+from crowd_lod_extension.crowd_lod.planning.shot_cost import Meshes, Shot
 from crowd_lod_extension.crowd_lod.planning.survey import CULLED, MIRRORED, SEEN, SHADOW, at_tolerance, empty
 
 TRIANGLES = np.array([[9000, 4000, 1500, 400], [12000, 5000, 2500, 300]], float)
@@ -44,7 +44,9 @@ def pixels_of(shot, f, agent, before, after):
 
 def sequences(shot, agent):
     """All (F,) LODs of the agent that are allowed; in frames that do not show it 0."""
+    finest = np.zeros_like(shot.allowed) if shot.survey.finest is None else shot.survey.finest
     allowed = [
-        range(shot.allowed[f, agent] + 1) if shot.survey.kind[f, agent] == SEEN else (0,) for f in range(len(shot.survey.times))
+        range(finest[f, agent], shot.allowed[f, agent] + 1) if shot.survey.kind[f, agent] == SEEN else (0,)
+        for f in range(len(shot.survey.times))
     ]
     return list(product(*allowed))

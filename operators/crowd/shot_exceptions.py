@@ -1,0 +1,168 @@
+"""The exceptions of a scene's settings: whom each means, and whether they have changed.
+
+A region or a painted map chooses agents once, at the first of the plan's frames for which the
+exception holds; the choice then stays the same.
+"""
+
+import hashlib
+from collections.abc import Callable, Sequence
+from functools import partial
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd.agents import Crowd
+from ...crowd_lod.crowd.maps import LabelMap
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.levels.assignment import LevelPolicy
+from ...crowd_lod.planning.exceptions import Exemption, check_level, parse_agents
+from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
+
+REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
+FLAT = 1e-6  # of its largest size, below which a box has no thickness
+# Of painted maps: the values, and their digest.
+_painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
+
+
+def exemptions_of(
+    scene: bpy.types.Scene, trajectory: Trajectory, policy: LevelPolicy, frames: Sequence[int]
+) -> tuple[Exemption, ...]:
+    """Return the exceptions that are switched on, in their order.
+
+    frames: of the plan, increasing. An exception outside of them has no agents.
+    CrowdError names the exception that is wrong.
+    """
+    asked = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in scene.crowd_lod.exceptions if entry.use]
+    if not asked:
+        return ()
+    names, found = [group.name for group in trajectory.groups], {}
+    with frame_stepping.stepped(scene) as at:
+        # in the order of time, in which the crowd is known soonest
+        for index in sorted(range(len(asked)), key=lambda index: asked[index][2] or 0):
+            entry, choose, begin = asked[index]
+            agents = np.empty(0, np.intp) if begin is None else choose(scene_data.remapped(scene.render, begin), at)
+            if begin is not None and not len(agents):
+                raise CrowdError(
+                    f"The exception {entry.name} chooses nobody: no agent stands in its {_place(entry)} at frame {begin}; move or "
+                    "paint it elsewhere, or switch the exception off."
+                )
+            span = (None, None) if entry.all_frames else (entry.first_frame, entry.last_frame)
+            found[index] = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *span)
+            check_level(found[index], policy.count, policy.finest, trajectory.start.group, names)
+    return tuple(found[index] for index in range(len(asked)))
+
+
+def digest_of(settings) -> str:
+    """Return what changes when an exception that is switched on would choose or ask for anything else.
+
+    "" without any. An object that is animated counts as unchanged while it is the same object.
+    """
+    return "".join(repr(_marks(entry, _map_digest)) for entry in settings.exceptions if entry.use)
+
+
+def drawn_inputs(settings) -> tuple:
+    """Return the same as `digest_of` for the overlay, which must not read images at each drawing."""
+    return tuple(_marks(entry, lambda image: str(image.session_uid)) for entry in settings.exceptions if entry.use)
+
+
+def _marks(entry, painted: Callable[[bpy.types.Image], str]) -> tuple:
+    span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
+    chosen: tuple = (entry.agents.strip(),)
+    if entry.chosen_by == "REGION":
+        chosen = () if entry.region is None else _region_marks(entry.region)
+    elif entry.chosen_by == "MAP":
+        chosen = () if entry.map_image is None else (painted(entry.map_image),)
+    return entry.kind, 0 if entry.kind == "HIDE" else entry.level, entry.chosen_by, span, chosen
+
+
+def _region_marks(region: bpy.types.Object) -> tuple:
+    chain, above = [], region
+    while above is not None:
+        chain.append(above)
+        above = above.parent
+    if any(each.animation_data or len(each.constraints) for each in chain):
+        return (region.name_full,)
+    return tuple(np.round(np.array(region.matrix_world), 5).ravel().tolist()), _box(region).round(5).ravel().tolist()
+
+
+def _map_digest(image: bpy.types.Image) -> str:
+    values = image_data.read_values(image)
+    known = _painted.get(image.session_uid)
+    if known is None or known[0] is not values:
+        known = _painted[image.session_uid] = values, hashlib.sha256(values.tobytes()).hexdigest()[:16]
+    return known[1]
+
+
+def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At], np.ndarray]:
+    """Return a function (time, at) -> agents (m,) intp that the exception means; check what can be checked before."""
+    stored_values.check(entry)
+    if not entry.all_frames and entry.first_frame > entry.last_frame:
+        raise CrowdError(
+            f"The exception {entry.name} runs backwards, from frame {entry.first_frame} to {entry.last_frame}: give the first "
+            "frame first."
+        )
+    if entry.chosen_by == "NUMBERS":
+        agents = parse_agents(entry.agents, len(trajectory.start), entry.name)
+        return lambda time, at: agents
+    if entry.chosen_by == "REGION":
+        if entry.region is None or entry.region.type not in REGIONS:
+            raise CrowdError(f"The exception {entry.name} has no region: choose a mesh or an empty about the agents it means.")
+        return partial(_inside, entry.region, entry.name, trajectory)
+    if entry.map_image is None:
+        raise CrowdError(f"The exception {entry.name} has no map: choose an image that is white where the agents stand it means.")
+    light = LabelMap(_light(entry.map_image), trajectory.world.area)
+    return lambda time, at: _painted_on(light, trajectory.at(time))
+
+
+def _painted_on(light: LabelMap, crowd: Crowd) -> np.ndarray:
+    return np.flatnonzero(light.at(crowd.x, crowd.y))
+
+
+def _light(image: bpy.types.Image) -> np.ndarray:
+    """Return where the image is lighter than a half, (rows, columns) uint8."""
+    grey = image_data.read_pixels(image)[..., :3].mean(axis=2)
+    return (grey > 127.5).astype(np.uint8)
+
+
+def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At) -> np.ndarray:
+    """Return the agents whose feet stand in the box about `region` in its own space.
+
+    A flat box, such as a plane's, reaches up and down without end.
+    """
+    item = region.evaluated_get(at([region], time))
+    low, high = _box(item)
+    size, matrix = high - low, np.array(item.matrix_world, np.float64)
+    flat = size <= FLAT * size.max()
+    if flat.sum() > 1 or not np.linalg.cond(matrix) < 1e9:
+        raise CrowdError(
+            f"The region {region.name} of the exception {name} has no area: give it vertices that span one, or a scale above 0."
+        )
+    crowd = trajectory.at(time)
+    with np.errstate(invalid="ignore"):  # agents at NaN are in no region
+        own = np.linalg.solve(matrix[:3, :3], np.stack([crowd.x, crowd.y, crowd.z]) - matrix[:3, 3:])
+        inside = (flat[:, None] | ((own >= low[:, None]) & (own <= high[:, None]))).all(axis=0)
+    return np.flatnonzero(inside)
+
+
+def _box(item: bpy.types.Object) -> np.ndarray:
+    """Return the lowest and the highest corner of the object's box in its own space, (2, 3) float64."""
+    if item.type == "EMPTY":
+        return np.array([[-1.0], [1.0]]) * np.full((2, 3), item.empty_display_size)
+    corners = np.array(item.bound_box, np.float64)
+    return np.array([corners.min(axis=0), corners.max(axis=0)])
+
+
+def _begins(entry, frames: Sequence[int]) -> int | None:
+    """Return the first of the plan's frames for which the exception holds, or None."""
+    if entry.all_frames:
+        return frames[0]
+    return next((number for number in frames if entry.first_frame <= number <= entry.last_frame), None)
+
+
+def _place(entry) -> str:
+    return f"region {entry.region.name}" if entry.chosen_by == "REGION" else f"map {entry.map_image.name}"
+
+
+def _told(entry) -> str:
+    return f"agents {entry.agents.strip()}" if entry.chosen_by == "NUMBERS" else _place(entry)

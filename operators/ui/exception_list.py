@@ -1,0 +1,149 @@
+"""The exceptions from the shot plan: their settings, their list in the sidebar, and its buttons."""
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
+
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender.operator import Reporting
+from ..crowd.shot_exceptions import REGIONS
+
+
+class CrowdLodException(bpy.types.PropertyGroup):
+    """An exception from the shot plan, called `name`: for some agents, in some frames."""
+
+    use: BoolProperty(name="Use", default=True, description="Plan Shot heeds this exception")
+    kind: EnumProperty(
+        name="Asks For",
+        description="What Plan Shot must do with these agents",
+        items=[
+            ("NEVER_COARSER", "Never Coarser Than", "They never have a LOD with fewer triangles than this one"),
+            ("ALWAYS", "Always", "They always have this LOD"),
+            ("HIDE", "Hide", "They are not there, nor are their shadows and reflections"),
+        ],
+    )
+    level: IntProperty(name="LOD", min=0, max=MOST_LEVELS - 1, description="The LOD that the exception speaks of")
+    chosen_by: EnumProperty(
+        name="Agents By",
+        description="Which agents the exception is for",
+        items=[
+            ("NUMBERS", "Numbers", "Agents with these numbers; the eyedropper tells an agent's"),
+            ("REGION", "Region", "Agents whose feet stand in the box about an object, when the exception begins"),
+            ("MAP", "Painted Map", "Agents that stand on pixels lighter than a half, when the exception begins"),
+        ],
+    )
+    agents: StringProperty(name="Agents", description="Numbers and ranges of agents, such as 12, 40-50")
+    region: PointerProperty(
+        type=bpy.types.Object,
+        name="Region",
+        poll=lambda _, candidate: candidate.type in REGIONS,
+        description="A mesh or an empty. Its box in its own space chooses agents; a flat one at every height",
+    )
+    map_image: PointerProperty(
+        type=bpy.types.Image, name="Map", description="Painted over the ground: white chooses, black does not"
+    )
+    all_frames: BoolProperty(name="All Frames", default=True, description="The exception holds in the whole shot")
+    first_frame: IntProperty(name="First Frame", default=1, subtype="TIME", description="From which on the exception holds")
+    last_frame: IntProperty(name="Last Frame", default=120, subtype="TIME", description="Up to which the exception holds")
+
+
+class CROWDLOD_UL_exceptions(bpy.types.UIList):
+    """One exception a row: its switch, its name and what it asks for."""
+
+    def draw_item(  # noqa: PLR0913 - Blender's own signature
+        self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
+    ) -> None:
+        row = layout.row(align=True)
+        row.prop(item, "use", text="")
+        part = row.row(align=True)
+        part.active = item.use
+        part.prop(item, "name", text="", emboss=False)
+        part.label(text=asks(item))
+
+
+def asks(item) -> str:
+    """Return what an exception asks for, in words."""
+    kind = item.bl_rna.properties["kind"].enum_items[item.kind].name
+    return kind if item.kind == "HIDE" else f"{kind} {item.level}" if item.kind == "NEVER_COARSER" else f"{kind} LOD {item.level}"
+
+
+class _Editing(Reporting):
+    @classmethod
+    def poll(cls, context) -> bool:
+        cls.poll_message_set("There are no exceptions.")
+        return len(context.scene.crowd_lod.exceptions) > 0
+
+
+class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
+    """Add an exception from the shot plan, for agents that it names"""
+
+    bl_idname = "crowd_lod.add_exception"
+    bl_label = "Add Exception"
+
+    def run(self, context) -> str:
+        return _added(context.scene.crowd_lod, "Exception", "")
+
+
+class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
+    """Add an exception from the shot plan, for the agent that the eyedropper picked"""
+
+    bl_idname = "crowd_lod.except_agent"
+    bl_label = "Add Exception for Picked Agent"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        cls.poll_message_set("Pick an agent in the viewport first, with the eyedropper beside Agent.")
+        return context.scene.crowd_lod.agent >= 0
+
+    def run(self, context) -> str:
+        agent = context.scene.crowd_lod.agent
+        return _added(context.scene.crowd_lod, f"Agent {agent}", str(agent))
+
+
+def _added(settings, name: str, agents: str) -> str:
+    entry = settings.exceptions.add()
+    entry.name, entry.agents = name, agents
+    settings.exception_index = len(settings.exceptions) - 1
+    return f"{name} is added: press Plan Shot to use it."
+
+
+class CROWDLOD_OT_remove_exception(_Editing, bpy.types.Operator):
+    """Remove the selected exception"""
+
+    bl_idname = "crowd_lod.remove_exception"
+    bl_label = "Remove Exception"
+
+    def run(self, context) -> str:
+        settings = context.scene.crowd_lod
+        index = min(settings.exception_index, len(settings.exceptions) - 1)
+        name = settings.exceptions[index].name
+        settings.exceptions.remove(index)
+        settings.exception_index = max(index - 1, 0)
+        return f"{name} is removed: press Plan Shot to plan without it."
+
+
+class CROWDLOD_OT_move_exception(_Editing, bpy.types.Operator):
+    """Move the selected exception: of two for the same agent, the lower one holds"""
+
+    bl_idname = "crowd_lod.move_exception"
+    bl_label = "Move Exception"
+
+    by: IntProperty(name="By", description="Rows down; up below 0", default=1)
+
+    def run(self, context) -> str:
+        settings = context.scene.crowd_lod
+        last = len(settings.exceptions) - 1
+        index = min(settings.exception_index, last)
+        to = min(max(index + self.by, 0), last)
+        settings.exceptions.move(index, to)
+        settings.exception_index = to
+        return f"{settings.exceptions[to].name} is at place {to + 1}."
+
+
+CLASSES = (
+    CrowdLodException,
+    CROWDLOD_UL_exceptions,
+    CROWDLOD_OT_add_exception,
+    CROWDLOD_OT_except_agent,
+    CROWDLOD_OT_remove_exception,
+    CROWDLOD_OT_move_exception,
+)

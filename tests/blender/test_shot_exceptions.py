@@ -1,0 +1,258 @@
+"""Exceptions from the shot plan: whom they mean, what the plan does with them, and what is said of wrong ones."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.planning.planned import HIDDEN, LEVEL, PINNED
+from crowd_lod_extension.crowd_lod.reporting import plan_file
+from crowd_lod_extension.operators.blender.image_data import write_image
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, policy_of, trajectory_of
+from crowd_lod_extension.operators.crowd.shot_exceptions import exemptions_of
+
+FRAMES = range(1, 13)
+
+
+def add(scene, name="Hero", **settings):
+    entry = scene.crowd_lod.exceptions.add()
+    entry.name = name
+    for key, value in settings.items():
+        setattr(entry, key, value)
+    return entry
+
+
+def chosen(scene, frames=FRAMES):
+    return [each.agents.tolist() for each in exemptions_of(scene, trajectory_of(scene), policy_of(scene.crowd_lod), frames)]
+
+
+def planned(scene, folder):
+    """Press Plan Shot; return (the levels by frame, plan.json)."""
+    settings = scene.crowd_lod
+    settings.frames, settings.plan_folder = "1:12", str(folder)
+    assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
+    stored = plan_file.read(folder / "plan.npz")
+    rows = [stored.row(f, settings.count).levels for f in range(12)]
+    return np.array(rows), json.loads((folder / "plan.json").read_text())
+
+
+def frame_at(scene, number):
+    scene.frame_set(number)
+    return frame_of(scene, bpy.context.evaluated_depsgraph_get())
+
+
+def seen_at(scene, level):
+    """The agents that are seen with this LOD in all frames."""
+    frames = [frame_at(scene, number) for number in FRAMES]
+    return np.flatnonzero(np.logical_and.reduce([frame.visible & (frame.levels == level) for frame in frames])).tolist()
+
+
+def test_the_plan_keeps_to_exceptions_and_its_users_show_them(levelled, tmp_path):
+    settings = levelled.crowd_lod
+    (finer, hidden, *_), (pinned, *_) = seen_at(levelled, 2), seen_at(levelled, 0)
+    add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
+    add(levelled, "Pin", agents=f"{pinned}", kind="ALWAYS", level=2, all_frames=False, first_frame=4, last_frame=6)
+    add(levelled, "Gone", agents=f"{hidden}", kind="HIDE", all_frames=False, first_frame=6, last_frame=9)
+    levels, told = planned(levelled, tmp_path / "plan")
+    assert (levels[:, finer] & LEVEL <= 1).all() and not (levels[:, finer] & PINNED).any()
+    assert [f + 1 for f in range(12) if levels[f, pinned] & PINNED] == [4, 5, 6]
+    assert [f + 1 for f in range(12) if levels[f, hidden] & HIDDEN] == [6, 7, 8, 9]
+    assert not (np.delete(levels, [pinned, hidden], axis=1) & (PINNED | HIDDEN)).any()
+    assert told["shot"]["exceptions"] == [
+        {
+            "name": "Detail",
+            "kind": "NEVER_COARSER",
+            "lod": 1,
+            "chosen": f"agents {finer}",
+            "agents": 1,
+            "first": None,
+            "last": None,
+        },
+        {"name": "Pin", "kind": "ALWAYS", "lod": 2, "chosen": f"agents {pinned}", "agents": 1, "first": 4, "last": 6},
+        {"name": "Gone", "kind": "HIDE", "lod": None, "chosen": f"agents {hidden}", "agents": 1, "first": 6, "last": 9},
+    ]
+    for number in FRAMES:
+        frame = frame_at(levelled, number)
+        assert frame.planned and frame.levels[finer] <= 1
+        assert frame.levels[pinned] == (2 if 4 <= number <= 6 else 0)
+        assert frame.visible[hidden] == (not 6 <= number <= 9)
+    # they can be switched off, and planning again keeps the others
+    settings.exceptions["Pin"].use = False
+    frame = frame_at(levelled, 5)
+    assert not frame.planned and "for the exceptions changed since it was made" in frame.unplanned
+    levels, told = planned(levelled, tmp_path / "plan")
+    assert not (levels & PINNED).any() and [each["name"] for each in told["shot"]["exceptions"]] == ["Detail", "Gone"]
+    assert frame_at(levelled, 5).planned
+
+
+def test_who_is_hidden_casts_no_shadow(levelled, tmp_path):
+    from crowd_lod_extension.crowd_lod.planning.frame import plan
+    from crowd_lod_extension.operators.blender import frame_stepping
+    from crowd_lod_extension.operators.crowd import lights
+
+    sun = bpy.data.objects.new("Sun", bpy.data.lights.new("Sun", "SUN"))
+    sun.rotation_euler = (1.2, 0, 0.4)
+    levelled.collection.objects.link(sun)
+    with frame_stepping.stepped(levelled) as at:
+        eyes, around, shutter = lights.read_moment(levelled, 3, at)
+    trajectory = trajectory_of(levelled)
+    plain = plan(trajectory, eyes, policy_of(levelled.crowd_lod), 3, shutter)
+    add(levelled, agents=f"0-{levelled.crowd_lod.count - 1}", kind="HIDE")
+    planned(levelled, tmp_path / "plan")
+    levelled.frame_set(3)
+    frame = frame_of(levelled, bpy.context.evaluated_depsgraph_get(), around=around)
+    assert len(plain.buckets.order) > 0 == len(frame.buckets.order)
+    assert len(frame.shadow.order) == len(frame.mirrored.order) == 0
+
+
+def cube(scene, low, high, name="Region"):
+    """A mesh whose box, turned and scaled, is the world's from `low` to `high`."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], [], [])
+    item = bpy.data.objects.new(name, mesh)
+    item.location, item.scale = (np.array(low) + high) / 2, (np.array(high) - low) / 2
+    scene.collection.objects.link(item)
+    bpy.context.view_layer.update()
+    return item
+
+
+def test_a_region_means_those_inside_its_box_when_it_begins(levelled):
+    region = cube(levelled, (-5, -8, -1), (9, 0, 1))
+    add(levelled, chosen_by="REGION", region=region)
+    add(levelled, chosen_by="REGION", region=region, all_frames=False, first_frame=8, last_frame=90)
+
+    def inside(number):
+        crowd = trajectory_of(levelled).at(number)
+        return np.flatnonzero((crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= -8) & (crowd.y <= 0)).tolist()
+
+    assert chosen(levelled) == [inside(1), inside(8)] and inside(1) != inside(8)
+    assert chosen(levelled, range(2, 7)) == [inside(2), []]
+    # turned by a quarter about its middle, its box is the other way round; flat, it counts at every height
+    region.rotation_euler.z, region.scale.z, region.location.z = np.pi / 2, 1, 40
+    for vertex in region.data.vertices:
+        vertex.co.z = 0
+    bpy.context.view_layer.update()
+    crowd = trajectory_of(levelled).at(1)
+    turned = np.flatnonzero((abs(crowd.x - 2) <= 4) & (abs(crowd.y + 4) <= 7)).tolist()
+    assert chosen(levelled)[0] == turned
+    # an empty's box is as wide as it is drawn
+    empty = bpy.data.objects.new("Empty", None)
+    empty.empty_display_size, empty.location = 6, (1, 2, 0)
+    levelled.collection.objects.link(empty)
+    bpy.context.view_layer.update()
+    levelled.crowd_lod.exceptions[0].region = empty
+    about = np.flatnonzero((abs(crowd.x - 1) <= 6) & (abs(crowd.y - 2) <= 6)).tolist()
+    assert chosen(levelled)[0] == about
+
+
+def test_a_region_that_moves_is_taken_where_it_is_when_the_exception_begins(levelled):
+    region = cube(levelled, (-5, -8, -1), (9, 0, 1))
+    for number, y in ((1, -4), (11, 6)):
+        region.location.y = y
+        region.keyframe_insert("location", index=1, frame=number)
+    levelled.frame_set(1)
+    add(levelled, chosen_by="REGION", region=region, all_frames=False, first_frame=11, last_frame=12)
+    crowd = trajectory_of(levelled).at(11)
+    there = np.flatnonzero((crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= 2) & (crowd.y <= 10)).tolist()
+    assert chosen(levelled) == [there] and levelled.frame_current == 1
+
+
+def test_a_painted_map_means_those_on_light_pixels(levelled):
+    pixels = np.zeros((2, 4, 3), np.uint8)
+    pixels[0, 1], pixels[1, 2], pixels[1, 3] = 255, 128, 127
+    add(levelled, chosen_by="MAP", map_image=write_image("front", pixels))
+    crowd = trajectory_of(levelled).at(1)
+    lower = (crowd.x >= -10) & (crowd.x < 0) & (crowd.y < 0)
+    upper = (crowd.x >= 0) & (crowd.x < 10) & (crowd.y >= 0)
+    assert chosen(levelled) == [np.flatnonzero(lower | upper).tolist()] and lower.any() and upper.any()
+
+
+@pytest.mark.parametrize("change", ["moved", "painted", "renumbered", "frames", "order"])
+def test_the_plan_says_when_an_exception_has_changed(levelled, tmp_path, change):
+    region, image = cube(levelled, (-20, -20, -1), (20, 20, 1)), write_image("all", np.full((2, 2, 3), 255, np.uint8))
+    add(levelled, "A", agents="1", kind="ALWAYS", level=1, all_frames=False)
+    add(levelled, "B", chosen_by="REGION", region=region)
+    add(levelled, "C", chosen_by="MAP", map_image=image)
+    planned(levelled, tmp_path / "plan")
+    assert frame_at(levelled, 2).planned
+    settings = levelled.crowd_lod
+    settings.exceptions["A"].name = "another name"
+    assert frame_at(levelled, 2).planned
+    if change == "moved":
+        region.location.x += 1
+    elif change == "painted":
+        image.pixels[0] = 0.0
+    elif change == "renumbered":
+        settings.exceptions[0].agents = "2"
+    elif change == "frames":
+        settings.exceptions[0].last_frame = 11
+    else:
+        settings.exceptions.move(0, 1)
+    bpy.context.view_layer.update()
+    assert "for the exceptions changed since" in frame_at(levelled, 2).unplanned
+
+
+WRONG = [
+    (dict(agents=""), "names no agents"),
+    (dict(agents="300"), "names agent 300: the crowd has 300"),
+    (dict(agents="9-3"), "write 3-9"),
+    (dict(agents="1", level=3), "asks for LOD 3: the crowd has LODs 0 to 2"),
+    (dict(agents="1", all_frames=False, first_frame=9, last_frame=3), "runs backwards, from frame 9 to 3"),
+    (dict(chosen_by="REGION"), "has no region"),
+    (dict(chosen_by="REGION", region="far"), "no agent stands in its region far at frame 1"),
+    (dict(chosen_by="REGION", region="bare"), "The region bare of the exception Hero has no area"),
+    (dict(chosen_by="REGION", region="shrunk"), "The region shrunk of the exception Hero has no area"),
+    (dict(chosen_by="MAP"), "has no map"),
+    (dict(chosen_by="MAP", map_image="black"), "no agent stands in its map black at frame 1"),
+]
+
+
+@pytest.mark.parametrize(("settings", "says"), WRONG, ids=[says for _, says in WRONG])
+def test_wrong_exceptions_are_named_in_one_sentence_and_change_nothing(levelled, tmp_path, settings, says):
+    cube(levelled, (500, 500, -1), (501, 501, 1), "far")
+    cube(levelled, (-20, -20, -1), (20, 20, 1), "shrunk").scale = (0, 0, 0)
+    levelled.collection.objects.link(bpy.data.objects.new("bare", bpy.data.meshes.new("bare")))
+    write_image("black", np.zeros((2, 2, 3), np.uint8))
+    bpy.context.view_layer.update()
+    blocks = {"region": bpy.data.objects, "map_image": bpy.data.images}
+    add(levelled, **{key: blocks[key][value] if key in blocks else value for key, value in settings.items()})
+    levelled.crowd_lod.frames, levelled.crowd_lod.plan_folder = "1:3", str(tmp_path / "plan")
+    with pytest.raises(RuntimeError) as told:
+        bpy.ops.crowd_lod.plan_shot()
+    assert says in str(told.value) and "Hero" in str(told.value)
+    assert not (tmp_path / "plan").exists() and not levelled.crowd_lod.shot_plan
+    levelled.crowd_lod.exceptions[0].use = False
+    assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
+
+
+def test_an_exception_outside_of_the_plan_has_nobody(levelled):
+    add(
+        levelled,
+        chosen_by="REGION",
+        region=cube(levelled, (500, 500, -1), (501, 501, 1)),
+        all_frames=False,
+        first_frame=90,
+        last_frame=99,
+    )
+    assert chosen(levelled) == [[]]
+
+
+def test_the_list_is_edited_by_its_buttons(scene):
+    settings = scene.crowd_lod
+    for operator in (bpy.ops.crowd_lod.remove_exception, bpy.ops.crowd_lod.move_exception, bpy.ops.crowd_lod.except_agent):
+        assert not operator.poll()
+    bpy.ops.crowd_lod.add_exception()
+    settings.agent = 17
+    bpy.ops.crowd_lod.except_agent()
+    bpy.ops.crowd_lod.add_exception()
+    names = lambda: [each.name for each in settings.exceptions]  # noqa: E731
+    assert names() == ["Exception", "Agent 17", "Exception"] and settings.exception_index == 2
+    assert settings.exceptions[1].agents == "17" and settings.exceptions[1].use
+    settings.exception_index = 1
+    bpy.ops.crowd_lod.move_exception(by=-1)
+    assert names()[0] == "Agent 17" and settings.exception_index == 0
+    bpy.ops.crowd_lod.move_exception(by=-1)
+    assert names()[0] == "Agent 17"
+    bpy.ops.crowd_lod.move_exception(by=1)
+    bpy.ops.crowd_lod.remove_exception()
+    assert names() == ["Exception", "Exception"] and settings.exception_index == 0

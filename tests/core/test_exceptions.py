@@ -1,0 +1,132 @@
+"""Exceptions from the shot plan, on small shots that can be tried out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.planning.exceptions import Exemption, check_level, excepted, marked, parse_agents
+from crowd_lod_extension.crowd_lod.planning.planned import HIDDEN, LEVEL, PINNED
+from crowd_lod_extension.crowd_lod.planning.shot import decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.planning.survey import CULLED, SEEN, SHADOW, at_tolerance
+from crowd_lod_extension.crowd_lod.progress import finished
+
+from ..support.surveys import BOUNDS, sequences, some_shot
+
+
+def rule(kind, level=0, agents=(0,), first=None, last=None):
+    return Exemption("Hero", kind, level, np.array(agents, np.intp), "", first, last)
+
+
+def with_rules(shot, *rules):
+    """The shot with these exceptions."""
+    return replace(shot, survey=excepted(shot.survey, rules))
+
+
+@pytest.mark.parametrize(
+    ("text", "agents"), [("12", [12]), (" 3,1 , 2-4", [1, 2, 3, 4]), ("0 - 2,99", [0, 1, 2, 99]), ("7,7", [7])]
+)
+def test_agents_are_read_from_numbers_and_ranges(text, agents):
+    assert parse_agents(text, 100, "Hero").tolist() == agents
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("", "names no agents"),
+        ("  ", "names no agents"),
+        ("100", "names agent 100: the crowd has 100"),
+        ("4-1000000", "names agent 1000000"),
+        ("50-40", "write 40-50"),
+        ("hero", "'hero'"),
+        ("1,,2", "''"),
+        ("-3", "'-3'"),
+        ("1.5", "'1.5'"),
+    ],
+)
+def test_agents_that_cannot_be_read_are_named_with_their_exception(text, says):
+    with pytest.raises(CrowdError, match="^The exception Hero ") as told:
+        parse_agents(text, 100, "Hero")
+    assert says in str(told.value)
+
+
+def test_lods_that_an_agent_does_not_have_are_refused():
+    group, names = np.array([0, 1], np.uint8), ("adult", "child")
+    check_level(rule("ALWAYS", 2, [0, 1]), 3, (), group, names)
+    check_level(rule("HIDE", 7, [0, 1]), 3, (2, 2), group, names)
+    check_level(rule("NEVER_COARSER", 0, [0]), 3, (0, 1), group, names)
+    with pytest.raises(CrowdError, match="The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"):
+        check_level(rule("ALWAYS", 3, [0]), 3, (), group, names)
+    with pytest.raises(CrowdError, match="LOD 0 of child, which Memory for Characters leaves out: ask for LOD 1"):
+        check_level(rule("NEVER_COARSER", 0, [0, 1]), 3, (0, 1), group, names)
+
+
+@pytest.mark.parametrize("engine", ["EEVEE", "CYCLES"])
+@pytest.mark.parametrize("seed", range(4))
+def test_plans_keep_to_the_exceptions_in_their_frames_and_lie_above_their_bound(seed, engine):
+    shot = some_shot(seed, agents=6, frames=8, lods=4, engine=engine, tolerance=20)
+    shot.survey.kind[shot.survey.kind == CULLED] = SEEN
+    free = finished(decide(shot)).levels
+    shot = with_rules(shot, rule("NEVER_COARSER", 1, [0, 1]), rule("ALWAYS", 3, [2], 3, 6), rule("ALWAYS", 0, [3], 5))
+    plan, seen = finished(decide(shot)), shot.survey.seen
+    assert (plan.levels[:, :2] <= 1)[seen[:, :2]].all() and (free[:, :2] > 1)[seen[:, :2]].any()
+    assert (plan.levels[2:6, 2] == 3)[seen[2:6, 2]].all()
+    assert (plan.levels[4:, 3] == 0)[seen[4:, 3]].all()
+    assert (plan.levels <= shot.survey.coarsest)[seen].all()
+    assert finished(lower_bound(shot, plan.weight)) <= plan.bill.price.seconds * 8 + plan.weight * (
+        plan.bill.pixels.sum() + 0.25 * plan.bill.switches.sum()
+    ) * (1 + 1e-6)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_programme_finds_the_least_of_all_that_exceptions_leave(seed):
+    shot = with_rules(some_shot(seed, agents=2, seen=1.0), rule("ALWAYS", 2, [0], 2, 3), rule("NEVER_COARSER", 0, [1], 4))
+    table = np.random.default_rng(seed).integers(1000, size=(5, 3, 2)).astype(np.float32)
+    levels, cost = finished(decided(shot, table, 0.0))
+    least = 0.0
+    for agent in range(2):
+        own = shot.survey.character[:, agent]
+        least += min(sum(table[f, k, own[f]] for f, k in enumerate(one)) for one in sequences(shot, agent))
+    assert cost == least
+    assert (levels[1:3, 0] == 2).all() and (levels[3:, 1] == 0).all()
+
+
+def test_hidden_agents_count_as_culled_and_enter_when_they_appear_in_sight():
+    survey = some_shot(0, agents=4, seen=1.0).survey
+    survey.cuts[:] = False
+    survey.kind[:, 1] = SHADOW
+    survey.entered[1] = np.array([0, 3])
+    survey = excepted(survey, [rule("HIDE", 0, [0, 1], 2, 3)])
+    assert (
+        survey.kind == [[SEEN, SHADOW, SEEN, SEEN]] + 2 * [[CULLED, CULLED, SEEN, SEEN]] + 2 * [[SEEN, SHADOW, SEEN, SEEN]]
+    ).all()
+    assert not survey.scale[1:3, :2].any()
+    assert [each.tolist() for each in survey.entered] == [[], [3], [], [0], []]
+
+
+def test_of_two_exceptions_the_later_one_holds():
+    shot = some_shot(0, agents=3, seen=1.0)
+    pin, hide = rule("ALWAYS", 2, [0, 1]), rule("HIDE", 0, [1, 2])
+    assert excepted(shot.survey, [hide, pin]).kind[0].tolist() == [SEEN, SEEN, CULLED]
+    assert excepted(some_shot(0, agents=3, seen=1.0).survey, [pin, hide]).kind[0].tolist() == [SEEN, CULLED, CULLED]
+
+
+def test_exceptions_hold_at_every_tolerance_and_for_a_part_of_the_agents():
+    survey = excepted(some_shot(1, agents=6, seen=1.0).survey, [rule("ALWAYS", 1, [1]), rule("NEVER_COARSER", 1, [2])])
+    for tolerance in (0.0, 1.0, 1e9):
+        found = at_tolerance(survey, BOUNDS[:, :3], tolerance).coarsest
+        assert (found[:, 1] == 1).all() and (found[:, 2] <= 1).all()
+        assert (found[:, 0] == (2 if tolerance == 1e9 else found[:, 0])).all()
+    half = survey.of(slice(1, None, 2))
+    assert (half.finest == survey.finest[:, 1::2]).all() and (half.limit == survey.limit[:, 1::2]).all()
+
+
+def test_stored_levels_are_marked_in_all_frames_of_the_exceptions():
+    rules = [rule("ALWAYS", 2, [1], 3, 4), rule("HIDE", 0, [2], 4)]
+    levels = np.array([0, 1, 1], np.uint8)
+    assert marked(levels, 2, rules) is levels
+    assert marked(levels, 3, rules).tolist() == [0, 2 | PINNED, 1]
+    row = marked(levels, 4, rules)
+    assert row.tolist() == [0, 2 | PINNED, 1 | HIDDEN] and row.dtype == np.uint8
+    assert (row & LEVEL).tolist() == [0, 2, 1]
+    assert marked(levels, 5, rules).tolist() == [0, 1, 1 | HIDDEN]
