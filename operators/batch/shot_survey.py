@@ -3,6 +3,7 @@
 import hashlib
 import os
 import time as clock
+from collections import Counter
 from collections.abc import Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -36,12 +37,12 @@ class Surveyed:
     """A shot that was run through.
 
     cameras: (F, E, 21) float64, of planning.planned.numbers_of.
-    milliseconds: of each frame that this run planned, by stage.
+    milliseconds: of each stage, the mean of the frames that this run planned.
     """
 
     survey: Survey
     cameras: np.ndarray
-    milliseconds: list[dict[str, float]] = field(default_factory=list)
+    milliseconds: dict[str, float] = field(default_factory=dict)
 
 
 def survey_of(scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None = None) -> Generator[float, None, Surveyed]:
@@ -55,7 +56,7 @@ def survey_of(scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None
     times = [scene_data.remapped(scene.render, number) for number in frames]
     survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
     parts = Parts(survey, folder, _key(scene, frames))
-    begin, before, took, saved = parts.taken_up(), None, [], clock.monotonic()
+    begin, before, took, saved = parts.taken_up(), None, Counter(), clock.monotonic()
     with frame_stepping.stepped(scene) as at, Recorder() as recorder:
         for f in range(max(begin - 1, 0), len(frames)):
             time = times[f]
@@ -71,7 +72,7 @@ def survey_of(scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None
                 cut = f > 0 and cameras.bound_camera(scene, time) != cameras.bound_camera(scene, times[f - 1])
                 recorder.add(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), cut)
                 parts.cameras.append(numbers_of(eyes))
-                took.append(frame.milliseconds)
+                took.update(frame.milliseconds)
             before: Frame | None = frame
             if clock.monotonic() > saved + EVERY:
                 recorder.finish()
@@ -81,7 +82,8 @@ def survey_of(scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None
         recorder.finish()
     if len({each.shape for each in parts.cameras}) > 1:
         raise CrowdError("The number of the camera's eyes changes during the shot: plan the frames of each apart.")
-    return Surveyed(survey, np.array(parts.cameras), took)
+    planned = max(len(frames) - begin, 1)
+    return Surveyed(survey, np.array(parts.cameras), {name: ms / planned for name, ms in took.items()})
 
 
 def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:

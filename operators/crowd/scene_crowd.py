@@ -364,7 +364,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings, trajectory.world.area)
     use = use_of(settings, trajectory, policy_of(settings), bias, time, (eyes,) if isinstance(eyes, Camera) else eyes)
-    frame = plan(trajectory, eyes, use.policy, time, shutter, bias)
+    frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
     return use.applied(frame if around is None else surround(frame, around))  # who is hidden casts no shadow
 
 

@@ -235,8 +235,8 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
-        use = Use(policy) if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
-        asked = Request(time=time, eyes=tuple(eyes), policy=use.policy, shutter=tuple(shutter), bias=bias)
+        use = Use() if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
+        asked = Request(time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias)
         frame = use.applied(_faster.plan_of(trajectory, asked))
         same_view = before is not None and before.frame_inputs[:1] == (own,)
         if policy.hysteresis and same_view and same_crowd and not frame.planned:
