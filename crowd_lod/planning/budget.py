@@ -14,20 +14,8 @@ import numpy as np
 from ..errors import CrowdError
 from ..levels.cost_model import price
 from ..progress import share
-from .shot import (
-    NOTICED,
-    Bill,
-    Shot,
-    ShotPlan,
-    bill,
-    decide,
-    decided,
-    floor,
-    objective,
-    shared_table,
-    shown_by,
-    work_in,
-)
+from .shot import ShotPlan, decide, decided, floor, objective, shared_table
+from .shot_cost import NOTICED, Bill, Shot, bill, shown_by, work_in
 from .survey import SEEN, at_tolerance
 
 PRECISE = 1.002  # factor within which the least tolerance is found

@@ -7,10 +7,11 @@ import numpy as np
 
 from ..levels.cost_model import price
 from ..progress import share
-from .shot import Bill, Shot, ShotPlan, bill, sampled, solved, work_in
+from .shot import ShotPlan, sampled, solved
+from .shot_cost import Bill, Shot, bill, work_in
 from .survey import Survey, at_tolerance
 
-ENOUGH = 500_000  # agents times frames from which the curve is found
+MOST_LOOKED_AT = 500_000  # agents times frames from which the curve is found
 TOLERANCES = (0.25, 0.5, 0.7, 1, 1.4, 2, 4, 8, 16)  # times the shot's own
 WEIGHTS = (1 / 16, 1 / 4, 2, 4, 8, 16, 64)  # times the plan's own weight of switches
 WIDTH = 0.2  # of hysteresis, as a part of the distance
@@ -52,7 +53,7 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float) -> Generator[float, N
 
     tolerance: pixels, in the middle of the sweep. Hysteresis has it, too.
     """
-    some, agents = sampled(shot, max(ENOUGH // len(shot.survey.times), 1))
+    some, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
     survey, bounds = some.survey, some.meshes.bounds
     thresholds = bill(some, survey.coarsest)
 

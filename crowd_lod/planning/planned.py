@@ -47,7 +47,7 @@ def with_row(frame: Frame, row: Row) -> Frame:
     known[order] = level
     hidden = row.levels & HIDDEN != 0
     shown = relevelled(frame, _without(hidden, order, level, len(frame.buckets.counts)), known)
-    shown = replace(shown, planned=True)
+    shown = replace(shown, plan_row=row.levels)
     if not hidden.any():
         return shown
     shadow, mirrored = (

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .shot import Shot, switched
+from .shot_cost import Shot, switched
 
 NOTHING = -1  # the LOD before an entry: none
 ROW = np.dtype(

@@ -6,31 +6,24 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
-from ...crowd_lod.planning.frame import plan
 from ...crowd_lod.planning.frame_range import parse_frames
-from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import numbers_of
-from ...crowd_lod.planning.shadows import surround
-from ...crowd_lod.planning.shot import Bill, Shot, ShotPlan, decide, meshes_of
-from ...crowd_lod.planning.survey import Survey, empty, record
+from ...crowd_lod.planning.shot import ShotPlan, decide
+from ...crowd_lod.planning.shot_cost import Bill, Shot, meshes_of
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, plan_file, tables
-from ..blender import cameras, frame_stepping, scene_data
+from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..build.cost_estimate import covered, samples_of
-from ..crowd import lights, shot_reference
+from ..crowd import shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import exemptions_of
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
-from ..lod_meshes.selection import cast_of
 
 READY, SURVEYED, DECIDED = 0.2, 0.6, 0.95  # of the progress
 
@@ -95,40 +88,6 @@ def _ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(make_levels(scene), 0.1, 1.0)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
         yield from share(measure_levels(scene), 0.1, 1.0)
-
-
-def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, tuple[Survey, Any]]:
-    """Run through the shot: yield the progress, return (Survey, its cameras (F, E, 21) float64).
-
-    CrowdError if the crowd or its choice of LODs changes on the way.
-    """
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
-    policy, library = policy_of(settings), cast_of(characters_of(scene))
-    survey = empty(
-        frames,
-        [scene_data.remapped(scene.render, number) for number in frames],
-        trajectory.start.group,
-        library.first(trajectory.gaits),
-    )
-    seen, before, filmed = [], None, None
-    with frame_stepping.stepped(scene) as at:
-        for f, time in enumerate(survey.times.tolist()):
-            yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
-            eyes, around, shutter = lights.read_moment(scene, time, at)
-            if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
-                raise CrowdError(
-                    f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd and one choice of LODs, so remove "
-                    "their animation and drivers, or plan the frames before and after apart."
-                )
-            frame = surround(plan(trajectory, eyes, policy, time, shutter, bias_of(settings, trajectory.world.area)), around)
-            film = cameras.bound_camera(scene, time)
-            record(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), filmed not in (None, film))
-            seen.append(numbers_of(eyes))
-            before, filmed = frame, film
-            yield (f + 1) / len(frames)
-    if len({each.shape for each in seen}) > 1:
-        raise CrowdError("The number of the camera's eyes changes during the shot: plan the frames of each apart.")
-    return survey, np.array(seen)
 
 
 def write_plan(folder: Path, planned: Planned) -> dict[str, Any]:

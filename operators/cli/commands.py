@@ -136,17 +136,17 @@ def _preview(args, command: list[str]) -> dict:
     stem = _stem(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
-    colour = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
-    if engine != "OVERLAY" and colour not in COLOR_MODES:
+    color = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
+    if engine != "OVERLAY" and color not in COLOR_MODES:
         raise CrowdError(
-            f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."
+            f"The engine {engine.lower()} has no color {color.lower()}: take --engine overlay, or --color lod or material."
         )
     wanted = Preview(
         frames=_frames(args, settings),
         folder=folder,
         width=args.width or settings.width,
         engine=engine,
-        colour=colour,
+        color=color,
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]

@@ -121,7 +121,7 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
     groups, world, heights = trajectory.groups, trajectory.world, trajectory.heights
     start = b"".join(column.tobytes() for column in vars(trajectory.start).values())
-    bodies = [(g.name, g.centre, g.radius, g.stride, g.period) for g in groups]
+    bodies = [(g.name, g.center, g.radius, g.stride, g.period) for g in groups]
     return {
         "the crowd": _digest(repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame)), start),
         "the state machine": _digest(trajectory.machine.text),

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.planning.curve import ENOUGH, TOLERANCES, WIDTH, curve_of, hysteresis, of_full_detail
-from crowd_lod_extension.crowd_lod.planning.shot import bill, decide
+from crowd_lod_extension.crowd_lod.planning.shot import decide
+from crowd_lod_extension.crowd_lod.planning.shot_cost import bill
 from crowd_lod_extension.crowd_lod.planning.survey import SEEN
 from crowd_lod_extension.crowd_lod.progress import finished
 
