@@ -121,16 +121,26 @@ def write_plan(
 
     command: the command line of the run.
     """
-    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance else 0
-    rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
-    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
-    told = yield from standing(scene_json(scene, scene, command, numbers[-1], []), 1.0)
-    told |= shot_facts(planned.told, planned.stored, [each.as_json for each in planned.exemptions])
+    write_levels(folder, planned)
+    told = yield from standing(scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0)
+    told |= shot_json(planned)
     (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
     (folder / "frames.csv").write_text(tables.to_csv(told["frames"]), encoding="utf-8")
     (folder / "switches.csv").write_text(tables.switches_csv(planned.told.noticed), encoding="utf-8")
     (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
     return told
+
+
+def write_levels(folder: Path, planned: Planned) -> None:
+    """Write plan.npz into `folder`."""
+    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance else 0
+    rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
+    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
+
+
+def shot_json(planned: Planned) -> dict[str, Any]:
+    """Return what plan.json tells of the shot."""
+    return shot_facts(planned.told, planned.stored, [each.as_json for each in planned.exemptions])
 
 
 def sentence(planned: Planned) -> str:
