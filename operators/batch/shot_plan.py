@@ -73,7 +73,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     """
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
-    yield from share(_ready(scene), 0.0, READY)
+    yield from share(ready(scene), 0.0, READY)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
     through = yield from share(survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None), READY, SURVEYED)
@@ -102,7 +102,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     return Planned(shot, found, stored, told, exemptions)
 
 
-def _ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
+def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
     """Make or measure the LOD meshes of `scene` where they are missing."""
     cameras.active_camera(scene), characters_of(scene)
     settings = scene.crowd_lod
