@@ -33,8 +33,8 @@ svg { width: 100%; height: auto; display: block; overflow: visible } svg text { 
 .mark { stroke: var(--card); stroke-width: 1 } .legend { font-size: .85rem; margin: .3rem 0 0 } .legend span { margin-right: 1.1em; white-space: nowrap }
 .legend i { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .4em; print-color-adjust: exact }
 .tick:hover path, .tick:focus path { stroke: var(--ink) } .tick path { stroke-width: var(--wide) }
-tr:has(:target) td { background: var(--grid); font-weight: 600 } details { margin: .8rem 0 } summary { cursor: pointer; font-weight: 600 }
-@media print { body { padding: 0; max-width: none } section, .figures div { break-inside: avoid } .plots { grid-template-columns: 1fr 1fr } }
+td span { scroll-margin-top: 5rem } tr:has(:target) td { background: var(--grid); font-weight: 600 } details { margin: .8rem 0 } summary { cursor: pointer; font-weight: 600 }
+@page { margin: 12mm } @media print { body { padding: 0; max-width: none; font-size: 13px } svg text { font-size: 14px } h2 { break-after: avoid } section, .figures div { break-inside: avoid } .plots { grid-template-columns: 1fr 1fr } }
 """
 
 
