@@ -10,6 +10,7 @@ from ..errors import CrowdError
 from ..levels.assignment import shown
 from ..sorting.buckets import sort
 from .frame import Frame
+from .planned import HIDDEN, LEVEL, PINNED
 from .reasons import REASONS, reasons
 
 
@@ -22,6 +23,7 @@ class Account:
     pixels: its sphere's diameter in the picture; None behind the camera.
     error: pixels that its LOD deviates at most (levels.shown); None if not measured, or behind the
         camera.
+    planned: what the shot plan has of it; "" if the frame does not follow a plan.
     """
 
     agent: int
@@ -33,6 +35,7 @@ class Account:
     depth: float
     pixels: float | None
     error: float | None
+    planned: str = ""
 
 
 def nearest(
@@ -84,7 +87,8 @@ def account(frame: Frame, agent: int) -> Account:
     this = slice(agent, agent + 1)
     crowd, levels = frame.crowd.of(this), frame.levels[this]
     seen = sort(frame.visible[this], levels, len(frame.buckets.counts))
-    alone = replace(frame, crowd=crowd, buckets=seen, known_levels=levels)
+    row = None if frame.plan_row is None else frame.plan_row[this]
+    alone = replace(frame, crowd=crowd, buckets=seen, known_levels=levels, plan_row=row)
     group, level, camera, depth = frame.trajectory.groups[crowd.group[0]], int(levels[0]), frame.camera, float(alone.depths[0])
     pixels = error = None
     if depth > 0 or camera.kind == "ORTHO":
@@ -101,4 +105,12 @@ def account(frame: Frame, agent: int) -> Account:
         depth=depth,
         pixels=pixels,
         error=error,
+        planned="" if row is None else told_row(int(row[0])),
     )
+
+
+def told_row(entry: int) -> str:
+    """Return in words what a shot plan has of an agent: an entry of planned.Row.levels."""
+    if entry & HIDDEN:
+        return "hidden by an exception"
+    return f"LOD {entry & LEVEL}" + ", by an exception" * bool(entry & PINNED)

@@ -70,7 +70,7 @@ class _Limits:
 
     def loads(self, shown: np.ndarray) -> np.ndarray:
         """Return (F, Q) the load of each frame that shows `shown` (F, K, L) agents."""
-        return np.stack([(shown * each).sum(axis=(1, 2)) for each in self.each], axis=1)
+        return (shown[:, None] * self.each).sum(axis=(2, 3))
 
     def kept(self, shot: Shot, shown: np.ndarray) -> bool:
         """Return whether a shot that shows `shown` (F, K, L) agents is within all limits."""
@@ -118,10 +118,10 @@ def decide_within(shot: Shot, budget: Budget, avoid: float = 0.05) -> Generator[
 
 
 def _check(shot: Shot, limits: _Limits) -> None:
-    """Raise CrowdError if even the coarsest LODs that there are break a limit."""
-    last = shot.meshes.count - 1
-    shown = shown_by(shot, np.full(shot.survey.kind.shape, last, np.uint8))
-    everyone = f"with everyone at LOD {last}, the coarsest that there is: allow that much, or make coarser LODs."
+    """Raise CrowdError if even the coarsest LODs break a limit, whatever the tolerance."""
+    wide = relaxed(shot, inf)
+    shown = shown_by(wide, wide.allowed)
+    everyone = "with the coarsest LODs that are made and allowed: ask for no less, or make coarser LODs."
     for name, most, loads in zip(limits.names, limits.most, limits.loads(shown).T, strict=True):
         worst = int(loads.argmax())
         if not loads[worst] <= most:

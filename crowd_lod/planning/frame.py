@@ -53,7 +53,8 @@ class Frame(Request, Outcome):
     milliseconds: of each stage, in the order of the pipeline.
     shadow, mirrored: agents that are not visible but cast shadows into the picture, or are seen in
         mirrors; None if not looked for (planning/shadows.py).
-    planned: whether the LODs are those of the shot plan (planning/planned.py).
+    plan_row: (n,) uint8, what the shot plan has of the agents (planning/planned.py), if the LODs are
+        its; else None.
     unplanned: a sentence why a stored shot plan does not give them, or "".
 
     What is known of every agent, also of those culled, is found when it is first asked for, and
@@ -65,8 +66,13 @@ class Frame(Request, Outcome):
     milliseconds: dict[str, float]
     shadow: Buckets | None = None
     mirrored: Buckets | None = None
-    planned: bool = False
+    plan_row: np.ndarray | None = None
     unplanned: str = ""
+
+    @property
+    def planned(self) -> bool:
+        """Whether the LODs are those of the shot plan."""
+        return self.plan_row is not None
 
     @property
     def camera(self) -> Camera:
@@ -109,7 +115,7 @@ class Frame(Request, Outcome):
 
     def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
         spheres, leave = self.trajectory.spheres, self.trajectory.left_out
-        return radar(self.crowd, eyes, spheres.centre, spheres.reach, RadarOptions(None, radial, leave, every=True))[1]
+        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, leave, every=True))[1]
 
 
 def plan(

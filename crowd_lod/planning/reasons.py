@@ -7,6 +7,7 @@ import numpy as np
 from ..culling.camera import planes
 from ..levels.assignment import assign, deviations, limits
 from .frame import Frame
+from .planned import HIDDEN, PINNED
 
 REASONS = (
     "near enough",
@@ -18,8 +19,9 @@ REASONS = (
     "outside the frustum",
     "finer LODs left out for memory",
     "shot plan",
+    "exception",
 )
-NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT, SHOT_PLAN = range(len(REASONS))
+NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT, SHOT_PLAN, EXCEPTION = range(len(REASONS))
 
 
 def reasons(frame: Frame) -> np.ndarray:
@@ -27,7 +29,8 @@ def reasons(frame: Frame) -> np.ndarray:
 
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
     the distance alone does not give comes from the detail map, stands in for a finer one that builds leave out
-    (LevelPolicy.finest), or comes from the shot plan or from hysteresis.
+    (LevelPolicy.finest), or comes from the shot plan or from hysteresis. An exception from the shot plan is the reason
+    wherever it pins the LOD of a visible agent, or hides the agent.
     """
     crowd, policy, camera = frame.crowd, frame.policy, frame.camera
     groups, spheres = frame.trajectory.groups, frame.trajectory.spheres
@@ -51,4 +54,6 @@ def reasons(frame: Frame) -> np.ndarray:
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
     found[culled[along < near - reach]] = NEAR
     found[culled[along > far + reach]] = FAR
+    if frame.plan_row is not None:
+        found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & PINNED != 0))] = EXCEPTION
     return found

@@ -9,7 +9,7 @@ import numpy as np
 from ..planning.frame import Frame
 from ..planning.switches import NOTHING
 
-PLAN_VERSION = 1
+PLAN_VERSION = 2  # of plan.json: 2 has all fields of 1, and `shot`
 
 
 def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | float]:

@@ -127,7 +127,7 @@ class _Run:
         ticks = [clock.perf_counter()]
         self.shots.place(frame)
         ticks.append(clock.perf_counter())
-        shade(stage, "TEXTURE" if self.on.wanted.colour == "MATERIAL" else "OBJECT", "STUDIO")
+        shade(stage, "TEXTURE" if self.on.wanted.color == "MATERIAL" else "OBJECT", "STUDIO")
         caption = stage.render.stamp_note_text = _caption(frame)
         with sized(stage.render, self.on.size):
             self.shots.main(main, caption)
@@ -196,7 +196,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             folder=files.absolute(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,
-            colour=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
+            color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
         said = f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."

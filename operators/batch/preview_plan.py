@@ -37,8 +37,33 @@ def plan_json(
     characters: of lod_table.tables.
     notes: sentences on what the pictures show.
     """
-    scene, stage, wanted, settings = staged.scene, staged.stage, staged.wanted, staged.stage.crowd_lod
-    trajectory, last = trajectory_of(stage), scene_data.remapped(scene.render, wanted.frames[-1])
+    stage, wanted = staged.stage, staged.wanted
+    told = yield from scene_json(staged.scene, stage, command, wanted.frames[-1], characters)
+    return told | {
+        "preview": {
+            "frames": wanted.frames,
+            "width": wanted.width,
+            "height": staged.size[1],
+            "engine": wanted.engine,
+            "colour": wanted.color,
+            "notes": list(notes),
+        },
+        "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
+        "frames": rows,
+    }
+
+
+def scene_json(
+    scene: bpy.types.Scene, stage: bpy.types.Scene, command: list[str], last: int, characters: list[dict]
+) -> Generator[float, None, dict[str, Any]]:
+    """Make what plan.json tells of a scene and its crowd: yield between the steps, return the dict.
+
+    stage: the scene with the settings that count; `scene` itself, or a copy of it.
+    command: the command line of the run.
+    last: frame of the timeline.
+    characters: of lod_table.tables.
+    """
+    settings, trajectory = stage.crowd_lod, trajectory_of(stage)
     labels = trajectory.world.labels
     troubles = yield from aside(lambda: find(trajectory))
     return {
@@ -65,18 +90,8 @@ def plan_json(
         "machine": json.loads(machine_of(settings).text),
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
-        "camera": cameras.bound_camera(scene, last).name,
+        "camera": cameras.bound_camera(scene, scene_data.remapped(scene.render, last)).name,
         "levels": _levels_of(stage, characters),
-        "preview": {
-            "frames": wanted.frames,
-            "width": wanted.width,
-            "height": staged.size[1],
-            "engine": wanted.engine,
-            "colour": wanted.colour,
-            "notes": list(notes),
-        },
-        "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
-        "frames": rows,
     }
 
 

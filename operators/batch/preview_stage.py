@@ -95,14 +95,14 @@ def set_up(stage: bpy.types.Scene, wanted: Preview) -> None:
     # one pass; Workbench draws the whole scene anew for every other sample
     stage.display.render_aa = "FXAA"
     if wanted.engine == "OVERLAY":
-        stage.crowd_lod.overlay_color = wanted.colour
-    if wanted.colour != "MATERIAL":
+        stage.crowd_lod.overlay_color = wanted.color
+    if wanted.color != "MATERIAL":
         stage.view_settings.view_transform, stage.view_settings.look = "Standard", "None"
         stage.view_settings.exposure, stage.view_settings.gamma = 0, 1
         stage.world = _world()
     if wanted.engine == "CYCLES":
         stage.cycles.samples = min(stage.cycles.samples, 16)
-        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.colour == "LOD" else 4)
+        stage.cycles.max_bounces = min(stage.cycles.max_bounces, 1 if wanted.color == "LOD" else 4)
 
 
 def leaves_out(scene: bpy.types.Scene) -> bool:
@@ -137,7 +137,7 @@ class Rendered:
 
     def __init__(self, stage: bpy.types.Scene, wanted: Preview):
         self.stage, self.layer, self.wanted, self.built = stage, stage.view_layers[0], wanted, None
-        self.tint = _tint_material() if wanted.colour == "LOD" and wanted.engine != "WORKBENCH" else None
+        self.tint = _tint_material() if wanted.color == "LOD" and wanted.engine != "WORKBENCH" else None
 
     def prepare(self) -> Iterator[float]:
         yield from render_setup.build(self.stage)

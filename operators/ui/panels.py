@@ -15,8 +15,8 @@ from ..crowd.scene_crowd import count_of
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share, told
 
-# Name and icon of each LOD's colour in lod_meshes.candidates.TINTS.
-COLOURS = (
+# Name and icon of each LOD's color in lod_meshes.candidates.TINTS.
+LOD_COLORS = (
     ("red", "STRIP_COLOR_01"),
     ("green", "STRIP_COLOR_04"),
     ("blue", "STRIP_COLOR_05"),
@@ -26,6 +26,7 @@ COLOURS = (
     ("pink", "STRIP_COLOR_07"),
     ("white", "STRIP_COLOR_09"),
     ("purple", "STRIP_COLOR_06"),
+    ("brown", "STRIP_COLOR_08"),
 )
 MOST_ROWS = 12  # of a table of groups
 
@@ -75,7 +76,7 @@ def _figures(layout, frame) -> None:
         ("Culled", f"{agents - visible:,}  ({(agents - visible) / agents:.1%})", "HIDE_ON"),
     ]
     for level, count in enumerate(frame.buckets.counts):
-        name, icon = COLOURS[level]
+        name, icon = LOD_COLORS[level]
         rows.append((f"LOD {level}, {name}", f"{count:,}", icon))
     if frame.full_triangles:
         rows += [("Vertices", share(frame.vertices, frame.full_vertices), "VERTEXSEL")]
@@ -208,7 +209,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
         grid = layout.column(align=True)
         _cells(grid, ("LOD", "Ratio", "From", "Distance"))
         for level in range(settings.level_count):
-            cells = _cells(grid, (str(level),), icon=COLOURS[level][1], columns=4)
+            cells = _cells(grid, (str(level),), icon=LOD_COLORS[level][1], columns=4)
             cells.prop(settings, "ratios", index=level, text="")
             if level == 0:
                 cells.label(text="near")
@@ -226,6 +227,62 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 row = layout.row(align=True)
                 for level in range(settings.level_count - 1):
                     row.prop(group, "sizes" if settings.metric == "PIXELS" else "thresholds", index=level, text="")
+
+
+class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
+    bl_label = "Plan Shot"
+
+    def body(self, context, layout, settings) -> None:
+        for name in ("frames", "avoid_pops", "plan_folder"):
+            layout.prop(settings, name)
+        self.exceptions(layout, settings)
+        layout.operator("crowd_lod.plan_shot", icon="TIME")
+        if not settings.shot_plan:
+            return
+        row = layout.row(align=True)
+        row.prop(settings, "use_shot_plan", toggle=True)
+        row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
+        if settings.use_shot_plan:
+            _say(context, layout, *self.holds(context, settings))
+
+    def exceptions(self, layout, settings) -> None:
+        """Draw the list of exceptions, and the settings of the selected one."""
+        layout.label(text="Exceptions")
+        row = layout.row()
+        row.template_list("CROWDLOD_UL_exceptions", "", settings, "exceptions", settings, "exception_index", rows=3)
+        column = row.column(align=True)
+        column.operator("crowd_lod.add_exception", text="", icon="ADD")
+        column.operator("crowd_lod.remove_exception", text="", icon="REMOVE")
+        for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
+            column.operator("crowd_lod.move_exception", text="", icon=icon).by = by
+        if settings.exception_index < len(settings.exceptions):
+            entry = settings.exceptions[settings.exception_index]
+            column = layout.column()
+            column.active = entry.use
+            column.prop(entry, "kind")
+            if entry.kind != "HIDE":
+                column.prop(entry, "level")
+            column.prop(entry, "chosen_by")
+            if entry.chosen_by == "MAP":
+                column.template_ID(entry, "map_image", open="image.open")
+            else:
+                column.prop(entry, "agents" if entry.chosen_by == "NUMBERS" else "region")
+            column.prop(entry, "all_frames")
+            if not entry.all_frames:
+                column.prop(entry, "first_frame")
+                column.prop(entry, "last_frame")
+        layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
+
+    def holds(self, context, settings) -> tuple[str, str]:
+        """Return (a sentence on whether the stored plan holds, its icon), as the overlay found."""
+        frame = viewport_overlay.latest(context.scene)
+        if frame is None:
+            return "Switch the overlay on to see whether the plan still holds.", "INFO"
+        if frame.planned:
+            return f"Frame {frame.time:g} is as planned.", "CHECKMARK"
+        if frame.unplanned:
+            return frame.unplanned, "ERROR"
+        return "The overlay shows the viewport's own view, which is not planned.", "INFO"
 
 
 class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
@@ -246,10 +303,10 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
         if account is not None:
             _table(column, ("Agent", f"{account.agent:,}"), told(account)[1:])
         if settings.overlay_color == "REASON":
-            for reason, (_, icon) in zip(REASONS, COLOURS, strict=False):
+            for reason, (_, icon) in zip(REASONS, LOD_COLORS, strict=False):
                 column.label(text=reason.capitalize(), icon=icon)
         elif settings.overlay_color == "GROUP":
-            for group, (_, icon) in zip(settings.groups, COLOURS, strict=False):
+            for group, (_, icon) in zip(settings.groups, LOD_COLORS, strict=False):
                 column.label(text=group.name, icon=icon)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
         for name in ("frames", "step", "width", "engine"):
@@ -329,6 +386,7 @@ CLASSES = (
     CROWDLOD_PT_behaviour,
     CROWDLOD_PT_camera,
     CROWDLOD_PT_levels,
+    CROWDLOD_PT_plan,
     CROWDLOD_PT_preview,
     CROWDLOD_PT_build,
 )

@@ -12,6 +12,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account, nearest
 from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.planned import HIDDEN, PINNED, Row, with_row
 
 SIZE = 640, 480
 # 90 degrees wide, clipped at 1 and 100 m, from the origin along -z
@@ -59,7 +60,7 @@ GROUPS = (
 AGENTS = ((0, 5, 0), (1, 20, 0), (0, 30, 1), (0, 39.9, 0), (-30, 10, 0), (0, -10, 1), (0, 50, 0))
 
 
-def accounts(kind="PERSP", groups=GROUPS):
+def accounts(kind="PERSP", groups=GROUPS, row=None):
     x, y, group = np.array(AGENTS, np.float64).T
     n = len(x)
     crowd = Crowd(
@@ -72,6 +73,7 @@ def accounts(kind="PERSP", groups=GROUPS):
     policy = LevelPolicy((0.25, 0.6))
     world = edge_map(Area(-60, -60, 60, 60), machine.labels)
     frame = plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
+    frame = frame if row is None else with_row(frame, Row(np.array(row, np.uint8)))
     return [account(frame, agent) for agent in range(n)], machine, frame
 
 
@@ -97,6 +99,18 @@ def test_sizes_and_errors_are_in_pixels_of_the_picture():
     flat, _, _ = accounts("ORTHO")
     assert {each.pixels for each in flat if each.group == "adult"} == {2 * 1000 / 40}
     assert flat[1].error == pytest.approx(0.02 * 1000 / 40)
+
+
+def test_an_account_tells_what_the_shot_plan_has_of_the_agent():
+    found, _, frame = accounts(row=[1 | PINNED, 0, 2 | HIDDEN, 1, 2 | PINNED, 0 | HIDDEN, 1])
+    assert frame.planned and {each.planned for each in accounts()[0]} == {""}
+    assert [each.planned for each in found] == [
+        "LOD 1, by an exception", "LOD 0", "hidden by an exception", "LOD 1", "LOD 2, by an exception", "hidden by an exception", "LOD 1"
+    ]  # fmt: skip
+    assert [each.level for each in found[:2]] == [1, 0] and [each.visible for each in found[:4]] == [True, True, False, True]
+    assert [each.reason for each in found] == [
+        "exception", "near enough", "exception", "shot plan", "outside the frustum", "exception", "clipped beyond the far plane"
+    ]  # fmt: skip
 
 
 def test_without_measured_lods_there_is_no_error():
