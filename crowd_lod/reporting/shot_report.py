@@ -9,6 +9,7 @@ import numpy as np
 
 from ..format import number
 from ..levels.cost_model import NAMES
+from ..planning.budget import BudgetPlan
 from ..planning.curve import WIDTH as HELD
 from ..planning.curve import Curve, of_full_detail
 from ..planning.shot import ShotPlan
@@ -62,6 +63,11 @@ class Told:
     def numbers(self) -> np.ndarray:
         """(F,) int64, the frames."""
         return self.shot.survey.numbers
+
+    @property
+    def raised(self) -> float:
+        """Pixels to which a budget raised the tolerance; 0 if none did."""
+        return self.plan.tolerance if isinstance(self.plan, BudgetPlan) else 0.0
 
     @property
     def entries(self) -> np.ndarray:
@@ -133,6 +139,8 @@ def _figures(told: Told) -> list[tuple[str, str]]:
 def _warnings(told: Told) -> list[str]:
     """Return what the user should know before using the plan."""
     survey, plan, found = told.shot.survey, told.plan, []
+    if told.raised:
+        found.append(f"LODs deviate by up to {number(told.raised)} pixels, for the budget allows no finer ones.")
     if survey.cuts.any():
         found.append(f"Another camera films from {_frames(survey.numbers[survey.cuts])} on: switches there do not count.")
     if entries := int(told.entries.sum()):
@@ -216,7 +224,7 @@ def _plots(told: Told) -> list[str]:
         _areas(at, "Seen and culled", "% of agents", shown, 100.0),
         _lines(at, "Switches in sight per frame", "Agents", switches),
         _error_plot(told.curve, len(survey.group)),
-        _avoid_plot(told.curve),
+        "" if told.raised else _avoid_plot(told.curve),  # its plans would be over the budget
         _stage_plot(told.milliseconds),
     ]
 
