@@ -10,6 +10,7 @@ import numpy as np
 
 from ..format import number
 from ..levels.cost_model import NAMES
+from ..planning.budget import BudgetPlan
 from ..planning.curve import WIDTH as HELD
 from ..planning.curve import Curve, of_full_detail
 from ..planning.shot import ShotPlan
@@ -34,8 +35,8 @@ svg { width: 100%; height: auto; display: block; overflow: visible } svg text { 
 .mark { stroke: var(--card); stroke-width: 1 } .legend { font-size: .85rem; margin: .3rem 0 0 } .legend span { margin-right: 1.1em; white-space: nowrap }
 .legend i { display: inline-block; width: .7em; height: .7em; border-radius: 50%; margin-right: .4em; print-color-adjust: exact }
 .tick:hover path, .tick:focus path { stroke: var(--ink) } .tick path { stroke-width: var(--wide) }
-tr:has(:target) td { background: var(--grid); font-weight: 600 } details { margin: .8rem 0 } summary { cursor: pointer; font-weight: 600 }
-@media print { body { padding: 0; max-width: none } section, .figures div { break-inside: avoid } .plots { grid-template-columns: 1fr 1fr } }
+td span { scroll-margin-top: 5rem } tr:has(:target) td { background: var(--grid); font-weight: 600 } details { margin: .8rem 0 } summary { cursor: pointer; font-weight: 600 }
+@page { margin: 12mm } @media print { body { padding: 0; max-width: none; font-size: 13px } svg text { font-size: 14px } h2 { break-after: avoid } section, .figures div { break-inside: avoid } .plots { grid-template-columns: 1fr 1fr } }
 """
 
 
@@ -63,6 +64,11 @@ class Told:
     def numbers(self) -> np.ndarray:
         """(F,) int64, the frames."""
         return self.shot.survey.numbers
+
+    @property
+    def raised(self) -> float:
+        """Pixels to which a budget raised the tolerance; 0 if none did."""
+        return self.plan.tolerance if isinstance(self.plan, BudgetPlan) else 0.0
 
     @property
     def entries(self) -> np.ndarray:
@@ -146,6 +152,8 @@ def _figures(told: Told) -> list[tuple[str, str]]:
 def _warnings(told: Told) -> list[str]:
     """Return what the user should know before using the plan."""
     survey, plan, found = told.shot.survey, told.plan, []
+    if told.raised:
+        found.append(f"LODs deviate by up to {number(told.raised)} pixels, for the budget allows no finer ones.")
     if survey.cuts.any():
         found.append(f"Another camera films from {_frames(survey.numbers[survey.cuts])} on: switches there do not count.")
     if entries := int(told.entries.sum()):
@@ -229,7 +237,7 @@ def _plots(told: Told) -> list[str]:
         _areas(at, "Seen and culled", "% of agents", shown, 100.0),
         _lines(at, "Switches in sight per frame", "Agents", switches),
         _error_plot(told.curve, len(survey.group)),
-        _avoid_plot(told.curve),
+        "" if told.raised else _avoid_plot(told.curve),  # its plans would be over the budget
         _stage_plot(told.milliseconds),
     ]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.planning.curve import ENOUGH, TOLERANCES, WIDTH, curve_of, hysteresis, of_full_detail
+from crowd_lod_extension.crowd_lod.planning.curve import MOST_LOOKED_AT, TOLERANCES, WIDTH, curve_of, hysteresis, of_full_detail
 from crowd_lod_extension.crowd_lod.planning.shot import decide
 from crowd_lod_extension.crowd_lod.planning.shot_cost import bill
 from crowd_lod_extension.crowd_lod.planning.survey import SEEN
@@ -90,9 +90,9 @@ def test_hysteresis_is_that_of_one_agent_after_another(seed):
 
 
 def test_many_agents_are_sampled():
-    shot, plan = planned(agents=ENOUGH // 2 + 1000, frames=4, lods=2)
+    shot, plan = planned(agents=MOST_LOOKED_AT // 2 + 1000, frames=4, lods=2)
     curve = finished(curve_of(shot, plan, TOLERANCE))
-    assert ENOUGH / 3 / 4 < curve.agents <= ENOUGH / 4
+    assert MOST_LOOKED_AT / 3 / 4 < curve.agents <= MOST_LOOKED_AT / 4
     (point,), whole = of_kind(curve, "plan"), of_full_detail(shot, plan.bill)
     assert point.triangles == pytest.approx(whole[1], rel=0.02)
 
