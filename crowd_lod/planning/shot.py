@@ -15,11 +15,10 @@ import numpy as np
 
 from ..levels.cost_model import SECONDS, Work, price
 from ..progress import share
-from .shot_cost import NOTICED, UNSEEN, Bill, Shot, bill, work_in
-from .survey import SEEN
+from .shot_cost import NOTICED, UNSEEN, Bill, Shot, bill, shown_by, work_in
 
 TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
-SAMPLE = 10_000  # agents from which the weight of switches is found
+SAMPLE = 2000  # agents from which the weight of switches is found, or a hundredth of many
 STEPS = 6  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
 NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anyway
@@ -58,11 +57,12 @@ def programme(shot: Shot, table: np.ndarray, weight: float, agents: slice) -> tu
         np.copyto(came[f], np.where(switch, via, numbers))
         allowed = shot.allowed[f, agents]
         seen = allowed != UNSEEN
-        own = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1) * seen
-        own[numbers > allowed] = np.inf
-        if survey.finest is not None:
-            own[(numbers < survey.finest[f, agents]) & seen] = np.inf
+        own = table[min(f, len(table) - 1)].take(survey.character[f, agents], axis=1)
+        own *= seen
         cost += own
+        np.copyto(cost, np.float32(np.inf), where=numbers > allowed)
+        if survey.finest is not None:
+            np.copyto(cost, np.float32(np.inf), where=(numbers < survey.finest[f, agents]) & seen)
     return _traced(came, cost), float(cost.min(axis=0).sum(dtype=np.float64))
 
 
@@ -145,7 +145,7 @@ def _limit(shot: Shot, avoid: float) -> tuple[Bill, float]:
     may switch by more than twice the tolerance.
     """
     thresholds = bill(shot, shot.survey.coarsest)
-    if np.array_equal(shot.coarsest, shot.survey.coarsest):
+    if not ((shot.allowed != shot.survey.coarsest) & shot.survey.seen).any():
         return thresholds, avoid
     return thresholds, max(avoid, bill(shot, shot.coarsest).above(thresholds))
 
@@ -157,7 +157,7 @@ def objective(found: Bill, weight: float) -> float:
 
 def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
     """Find the largest weight of switches that costs no more than `avoid`, from a sample."""
-    some, _ = sampled(shot, SAMPLE)
+    some, _ = sampled(shot, max(SAMPLE, len(shot.survey.group) // 100))
     thresholds, avoid = _limit(some, avoid)
     unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS
@@ -253,21 +253,15 @@ def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
     """
     survey, characters = shot.survey, len(shot.survey.owner)
     frames, each = len(survey.times), shot.meshes.triangles.T[:, survey.owner]
-    finest, seen = np.full((frames, characters), shot.meshes.count, np.intp), np.zeros((frames, characters))
-    instanced = np.zeros(frames)
-    for f in range(frames):
-        agents = np.flatnonzero(survey.kind[f] == SEEN)
-        own, needed = survey.character[f, agents], shot.allowed[f, agents]
-        np.minimum.at(finest[f], own, needed)
-        seen[f] = np.bincount(own, minlength=characters)
-        instanced[f] = each[needed, own].sum()
-    least = np.where(seen > 0, np.append(each, np.zeros((1, characters)), axis=0)[finest, np.arange(characters)], 0.0)
+    shown = shown_by(shot, shot.allowed)
+    seen, finest = shown.sum(axis=1), (shown > 0).argmax(axis=1)
+    least = np.where(seen > 0, each[finest, np.arange(characters)], 0.0)
     unique = SECONDS[shot.engine]["unique"] * each / np.maximum(seen, 1)[:, None, :]
     work = Work(
         posed=float(least.max(axis=0).sum()),
         unique=least.sum(axis=1),
-        instances=seen.sum(axis=1),
-        instanced=instanced,
+        instances=seen.sum(axis=1).astype(np.float64),
+        instanced=(shown * each).sum(axis=(1, 2)),
         rigs=float((seen > 0).any(axis=0).sum()),
         rays=survey.rays,
     )
