@@ -57,7 +57,7 @@ def spread(scene: bpy.types.Scene, agents: int) -> None:
     """
     side = sqrt(ROOM * agents)
     settings = scene.crowd_lod
-    settings.count, settings.size, settings.centre = agents, (side, side), (side / 2, 0, 0)
+    settings.count, settings.size, settings.center = agents, (side, side), (side / 2, 0, 0)
 
 
 def _paint(group: bpy.types.Collection, pixels: int, seed: int) -> None:

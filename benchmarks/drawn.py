@@ -29,7 +29,7 @@ def figure(vertices: int, group: Group) -> SkinnedMesh:
     k = np.arange(vertices) + 0.5
     turn, high = k * np.pi * (3 - 5**0.5), 1 - 2 * k / vertices
     unit = np.column_stack([np.cos(turn) * np.sqrt(1 - high**2), np.sin(turn) * np.sqrt(1 - high**2), high])
-    points = (unit * (0.25, 0.25, group.centre) + (0, 0, group.centre)).astype(np.float32)
+    points = (unit * (0.25, 0.25, group.center) + (0, 0, group.center)).astype(np.float32)
     hull = bmesh.new()
     for point in points:
         hull.verts.new(point)
@@ -65,7 +65,7 @@ class Screen:
         import gpu
 
         what = drawing(frame, Style("MESHES", culled=False))
-        batches = Batches(replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0]), self.cast)
+        batches = Batches(replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), self.cast)
         with self.canvas.bind():
             buffer = gpu.state.active_framebuffer_get()
             buffer.clear(color=(0, 0, 0, 1), depth=1.0)

@@ -53,7 +53,7 @@ class Cull:
         depth = np.append(camera.Z, camera.Z @ camera.origin)
         counts = np.zeros(len(self.buckets), np.int64)
         library().cull(
-            ctypes.c_int64(len(crowd)), _at(crowd.x), _at(crowd.y), _at(crowd.z), one(self.group.centre),
+            ctypes.c_int64(len(crowd)), _at(crowd.x), _at(crowd.y), _at(crowd.z), one(self.group.center),
             one(self.group.radius), _at(sides), _at(depth), len(self.limits), _at(self.limits), _at(self.buckets), _at(counts),
         )  # fmt: skip
         return counts

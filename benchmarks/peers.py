@@ -17,7 +17,7 @@ def naive(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -> lis
     Camera coordinates of all, the radar test with the derived widening, a sum of unit steps, and
     one pass a LOD.
     """
-    v = np.stack([crowd.x, crowd.y, crowd.z + group.centre], axis=1) - camera.origin
+    v = np.stack([crowd.x, crowd.y, crowd.z + group.center], axis=1) - camera.origin
     along = v @ camera.Z
     visible = (along >= camera.near - group.radius) & (along <= camera.far + group.radius)
     for axis, low, high in (
@@ -35,7 +35,7 @@ def six_planes(crowd: Crowd, group: Group, camera: Camera, limits: np.ndarray) -
     """Six planes as one matrix product over all agents, then a stable sort."""
     frustum = planes(camera)
     rows = np.vstack([frustum.normals, camera.Z])
-    spheres = np.array([crowd.x, crowd.y, crowd.z + group.centre])
+    spheres = np.array([crowd.x, crowd.y, crowd.z + group.center])
     signed = rows @ spheres - (rows @ camera.origin)[:, None]
     seen = np.flatnonzero((signed[:6] <= (frustum.offsets + group.radius)[:, None]).all(axis=0))
     level = np.searchsorted(limits, signed[6, seen], side="right").astype(np.uint8)
@@ -143,7 +143,7 @@ class Nodes:
     def __init__(self, crowd: Crowd, group: Group, limits: np.ndarray):
         self.radius = group.radius
         self.scene = bpy.data.scenes.new("cull")
-        self.object = points_of("agents", crowd, group.centre)
+        self.object = points_of("agents", crowd, group.center)
         self.scene.collection.objects.link(self.object)
         self.tree = Tree("cull")
         self.prepare(self.tree)

@@ -21,7 +21,8 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy, assign, deviations, hold, limits
 from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.shot import Bill, Shot, bill, decide, meshes_of
+from crowd_lod_extension.crowd_lod.planning.shot import decide
+from crowd_lod_extension.crowd_lod.planning.shot_cost import Bill, Shot, bill, meshes_of
 from crowd_lod_extension.crowd_lod.planning.survey import SEEN, Recorder, Survey, empty
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.crowd_lod.reporting import tables

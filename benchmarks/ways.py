@@ -232,10 +232,10 @@ def _cull(points: bpy.types.Object, groups: tuple[Group, ...], frame) -> None:
     These are the points which the camera sees at this LOD. It has one sphere for all groups, and
     the LODs' distances are the same for them.
     """
-    centre = np.mean([group.centre for group in groups])
-    sphere = Group("all", 0.0, max(group.radius + abs(group.centre - centre) for group in groups), 0.0, 1.0)
+    center = np.mean([group.center for group in groups])
+    sphere = Group("all", 0.0, max(group.radius + abs(group.center - center) for group in groups), 0.0, 1.0)
     nodes = peers.Nodes(frame.crowd, sphere, frame.begins[0])
-    nodes.aim(replace(frame.camera, origin=frame.camera.origin - (0, 0, centre)))
+    nodes.aim(replace(frame.camera, origin=frame.camera.origin - (0, 0, center)))
     own = bpy.data.node_groups.new("one LOD", "GeometryNodeTree")
     for in_out in ("INPUT", "OUTPUT"):
         own.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")

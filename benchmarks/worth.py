@@ -213,11 +213,11 @@ def draw(path: Path, rows: list[dict], machine: str) -> None:
     figure.suptitle(f"What the crowd takes, as a part of everyone at full detail. {machine}", fontsize=8, color="#444444")
     panels = figure.subplots(1, len(PARTS), sharey=True)
     for axes, part in zip(panels, PARTS.values(), strict=True):
-        for way, colour, marker in zip(ways, PLOT_COLORS, MARKERS, strict=False):
+        for way, color, marker in zip(ways, PLOT_COLORS, MARKERS, strict=False):
             found = {(row["engine"], row["crowd"], row["agents"]): row[part] for row in rows if row["way"] == way}
             known = [(place, found[crowd]) for place, crowd in enumerate(crowds) if found.get(crowd) is not None]
             axes.scatter(
-                [x for _, x in known], [y for y, _ in known], 90 if way == BAKED else 40, colour, marker, label=way, zorder=3
+                [x for _, x in known], [y for y, _ in known], 90 if way == BAKED else 40, color, marker, label=way, zorder=3
             )
         axes.axvline(1, color="#444444", lw=1)
         axes.set(title=part, xlim=(0, None), xlabel="part of everyone's")

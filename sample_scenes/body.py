@@ -345,7 +345,7 @@ def subdivide(points, corners, uvs, materials, sizes):
 
     first_edge, first_face = len(points), len(points) + len(edges)
     quads = np.stack([corners, first_edge + edge, first_face + face, first_edge + edge[before]], 1)
-    uv_centre = np.repeat(np.add.reduceat(uvs, starts) / sizes[:, None], sizes, axis=0)
-    quad_uvs = np.stack([uvs, (uvs + uvs[after]) / 2, uv_centre, (uvs + uvs[before]) / 2], 1)
+    uv_center = np.repeat(np.add.reduceat(uvs, starts) / sizes[:, None], sizes, axis=0)
+    quad_uvs = np.stack([uvs, (uvs + uvs[after]) / 2, uv_center, (uvs + uvs[before]) / 2], 1)
     new = np.concatenate([old, edge_points, face_points])
     return new, quads.ravel(), quad_uvs.reshape(-1, 2), np.repeat(materials, sizes), np.full(len(corners), 4)

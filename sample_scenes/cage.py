@@ -48,8 +48,8 @@ class Cage:
         Rings run counter-clockwise seen against the tube's direction, unless `flip`.
         """
         n = len(rings[0])
-        centre = [np.array([self.points[i] for i in ring]) for ring in rings]
-        steps = [np.linalg.norm(b - a, axis=1).mean() for a, b in zip(centre, centre[1:], strict=False)]
+        center = [np.array([self.points[i] for i in ring]) for ring in rings]
+        steps = [np.linalg.norm(b - a, axis=1).mean() for a, b in zip(center, center[1:], strict=False)]
         v = np.concatenate([[0], np.cumsum(steps)]) / np.sum(steps) * 0.88 + 0.01
         left, right = column[0] + 0.005, column[1] - 0.005
         u = np.linspace(left, right, n + 1)
@@ -105,11 +105,11 @@ class Cage:
             self.face([a, b, copy[b], copy[a]], np.concatenate([uvs, inset(uvs)[::-1]]), material)
 
 
-def ring(n: int, centre, u, v) -> np.ndarray:
-    """Return (n, 3) points of the ellipse centre + u cos t + v sin t, enlarged.
+def ring(n: int, center, u, v) -> np.ndarray:
+    """Return (n, 3) points of the ellipse center + u cos t + v sin t, enlarged.
 
     They are moved out so that the SMOOTHED ring has that size.
     """
     t = np.arange(n)[:, None] * 2 * np.pi / n
     grow = 6 / (4 + 2 * np.cos(2 * np.pi / n))
-    return np.asarray(centre) + grow * (np.asarray(u) * np.cos(t) + np.asarray(v) * np.sin(t))
+    return np.asarray(center) + grow * (np.asarray(u) * np.cos(t) + np.asarray(v) * np.sin(t))

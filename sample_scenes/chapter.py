@@ -37,7 +37,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.seed = 4096, 1
     settings.center, settings.size = (0, 0, 0), (SIZE, SIZE)
-    settings.map_image = image_data.write_image("Chapter map", table.label_colours[labels])
+    settings.map_image = image_data.write_image("Chapter map", table.label_colors[labels])
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
     settings.choice, settings.level_count = "BY_RATIO", 3

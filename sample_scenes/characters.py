@@ -112,14 +112,14 @@ def make_mesh(build: Build, body: Body) -> bpy.types.Object:
     return item
 
 
-def make_material(name: str, colour: tuple, roughness: float) -> bpy.types.Material:
+def make_material(name: str, color: tuple, roughness: float) -> bpy.types.Material:
     material = bpy.data.materials.new(name)
     if material.node_tree is None:  # before Blender 5.0
         material.use_nodes = True
     shader = next(node for node in material.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
-    shader.inputs["Base Color"].default_value = (*colour, 1)
+    shader.inputs["Base Color"].default_value = (*color, 1)
     shader.inputs["Roughness"].default_value = material.roughness = roughness
-    material.diffuse_color = (*colour, 1)
+    material.diffuse_color = (*color, 1)
     return material
 
 

@@ -47,7 +47,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.characters, settings.forward = characters, "X"
     settings.count, settings.seed = 10_000, 7
     settings.center, settings.size = (0, 0, 0), (site.SIZE, site.SIZE)
-    settings.map_image = image_data.write_image("Plaza map", table.label_colours[world.labels])
+    settings.map_image = image_data.write_image("Plaza map", table.label_colors[world.labels])
     settings.machine = machine
     settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
     settings.level_count = 3
@@ -75,8 +75,8 @@ def fly(scene: bpy.types.Scene) -> bpy.types.Object:
 def build_houses(obstacles: bpy.types.Collection, scenery: bpy.types.Collection) -> None:
     """Add the houses around the plaza, the town hall's tower, and the town behind."""
     stucco = [
-        material(f"Stucco {i}", colour)
-        for i, colour in enumerate(
+        material(f"Stucco {i}", color)
+        for i, color in enumerate(
             ((0.86, 0.72, 0.48), (0.80, 0.52, 0.36), (0.90, 0.84, 0.72), (0.74, 0.66, 0.52), (0.84, 0.62, 0.42))
         )
     ]

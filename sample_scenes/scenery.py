@@ -68,17 +68,17 @@ def windows(x0, y0, x1, y1, z0, z1, spacing=3.0, storey=3.4, out=0.04) -> Shape:
     return points, faces
 
 
-def material(name: str, colour: tuple[float, float, float], roughness=0.8) -> bpy.types.Material:
+def material(name: str, color: tuple[float, float, float], roughness=0.8) -> bpy.types.Material:
     """Return a new material of one linear RGB color.
 
     It looks the same in the viewport and in a render.
     """
     made = bpy.data.materials.new(name)
     made.use_nodes = True
-    made.diffuse_color = (*colour, 1.0)
+    made.diffuse_color = (*color, 1.0)
     made.roughness = roughness
     shader = next(node for node in made.node_tree.nodes if node.type == "BSDF_PRINCIPLED")
-    shader.inputs["Base Color"].default_value = (*colour, 1.0)
+    shader.inputs["Base Color"].default_value = (*color, 1.0)
     shader.inputs["Roughness"].default_value = roughness
     return made
 

@@ -23,7 +23,7 @@ class SkinnedMesh:
     joints: (v, INFLUENCES) uint16.
     weights: (v, INFLUENCES) float32, strongest first; each row sums to 1.
     uvs: (v, 2) float32.
-    colours: (v, 3) float32, linear base color.
+    colors: (v, 3) float32, linear base color.
     layers: (v,) float32, the image that replaces the color, -1 for none.
     triangles: (t, 3) uint32.
     closed: whether back faces are never seen from outside.
@@ -34,7 +34,7 @@ class SkinnedMesh:
     joints: np.ndarray
     weights: np.ndarray
     uvs: np.ndarray
-    colours: np.ndarray
+    colors: np.ndarray
     layers: np.ndarray
     triangles: np.ndarray
     closed: bool = False
@@ -43,7 +43,7 @@ class SkinnedMesh:
 def merge(meshes: list[SkinnedMesh]) -> SkinnedMesh:
     """Return one mesh made of several that share their joints."""
     first = np.cumsum([0, *(len(mesh.points) for mesh in meshes[:-1])])
-    names = ("points", "normals", "joints", "weights", "uvs", "colours", "layers")
+    names = ("points", "normals", "joints", "weights", "uvs", "colors", "layers")
     columns = {name: np.concatenate([getattr(mesh, name) for mesh in meshes]) for name in names}
     shifted = [mesh.triangles + np.uint32(begin) for mesh, begin in zip(meshes, first, strict=True)]
     return SkinnedMesh(**columns, triangles=np.concatenate(shifted), closed=all(mesh.closed for mesh in meshes))

@@ -27,8 +27,8 @@ CLASSES = 16  # phases of their action that agents share, see animation/phase_cl
 class Group:
     """A character group (geometrical variety).
 
-    centre, radius: metres, the bounding sphere over the whole action. Its center lies on the
-        agent's vertical axis, at the height `centre` above the feet, so the sphere holds for every
+    center, radius: metres, the bounding sphere over the whole action. Its center lies on the
+        agent's vertical axis, at the height `center` above the feet, so the sphere holds for every
         heading.
     stride: metres walked in one cycle of the action; 0 if the action plays by time.
     period: seconds of one cycle.
@@ -52,7 +52,7 @@ class Group:
     """
 
     name: str
-    centre: float
+    center: float
     radius: float
     stride: float
     period: float
@@ -89,10 +89,10 @@ class Group:
 class Spheres:
     """The groups' bounding spheres.
 
-    centre, radius, reach: (G,) float64, metres, as in Group.
+    center, radius, reach: (G,) float64, metres, as in Group.
     """
 
-    centre: np.ndarray
+    center: np.ndarray
     radius: np.ndarray
     reach: np.ndarray
 
@@ -158,7 +158,7 @@ class Crowd:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return x, y, z of `agents`, (m,) float64 metres each.
 
-        height: (G,) metres above the feet for each group, such as Spheres.centre; None for the
+        height: (G,) metres above the feet for each group, such as Spheres.center; None for the
             feet.
         agents: indices, a slice, or one index; all agents by default.
         origin: (3,), subtracted from the positions; None for world positions.
@@ -179,7 +179,7 @@ def runs(group: np.ndarray) -> list[tuple[int, int]]:
 
 
 def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tuple[float, float]:
-    """Return (centre, radius) of a sphere on the z axis that holds the points.
+    """Return (center, radius) of a sphere on the z axis that holds the points.
 
     The center is at half height; the radius is the smallest for that center. The sphere holds the
     points under every rotation about z.
@@ -187,9 +187,9 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
     reach: metres, (n,) or one number. The sphere holds all within `reach` of each point.
     """
     low, high = (points[:, 2] - reach).min(), (points[:, 2] + reach).max()
-    centre = (low + high) / 2
-    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - centre) ** 2)
-    return float(centre), float((away + reach).max())
+    center = (low + high) / 2
+    away = np.sqrt(points[:, 0] ** 2 + points[:, 1] ** 2 + (points[:, 2] - center) ** 2)
+    return float(center), float((away + reach).max())
 
 
 def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:

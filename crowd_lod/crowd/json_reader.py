@@ -8,7 +8,7 @@ from typing import Any, NoReturn
 from ..errors import CrowdError
 
 FieldPath = tuple[str | int, ...]  # of a field: the keys and places that lead to it
-Colour = tuple[int, int, int]  # sRGB, 0 to 255
+Color = tuple[int, int, int]  # sRGB, 0 to 255
 
 
 class Reader:
@@ -65,7 +65,7 @@ class Reader:
             self.fail(path, f"is {value!r}, it must be a text in quotes")
         return value
 
-    def colour(self, value: object, path: FieldPath) -> Colour:
+    def color(self, value: object, path: FieldPath) -> Color:
         try:
             if not (isinstance(value, str) and len(value) == 7 and value[0] == "#" and value[1:].isalnum()):
                 raise ValueError

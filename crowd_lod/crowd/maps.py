@@ -242,18 +242,18 @@ class HeightMap:
         return [self.heights[place].astype(np.float64) for place in places], across - column, up - row, inside
 
 
-def labels_from_colours(pixels: np.ndarray, colours: np.ndarray, names: tuple[str, ...], where: str) -> np.ndarray:
+def labels_from_colors(pixels: np.ndarray, colors: np.ndarray, names: tuple[str, ...], where: str) -> np.ndarray:
     """Return the labels (rows, columns) uint8 of a painted map.
 
     pixels: (rows, columns, 3) uint8.
-    colours: (L, 3) uint8, the table's color of each label.
+    colors: (L, 3) uint8, the table's color of each label.
     names: the table's labels.
     where: the name of the map in messages.
     CrowdError if a pixel has any other color: a guess would put a wall where the artist painted
     none.
     """
     codes = pixels.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
-    known = colours.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
+    known = colors.astype(np.uint32) @ np.array([65536, 256, 1], np.uint32)
     by_code = np.argsort(known)
     slot = np.searchsorted(known[by_code], codes).clip(max=len(known) - 1)
     labels = by_code[slot].astype(np.uint8)

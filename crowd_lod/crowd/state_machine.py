@@ -32,7 +32,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from . import random_streams
-from .json_reader import Colour, FieldPath, Reader
+from .json_reader import Color, FieldPath, Reader
 
 EDGES = ("clamp", "wrap", "reflect", "stop")
 SHORTEST = 0.001  # seconds that a timer runs at least
@@ -64,8 +64,8 @@ class StateMachine:
     velocity: (S, L, 2) float64, m/s along x and y.
     start: (S,) float64, sums to 1.
     spawn: (L,) bool.
-    label_colours: (L, 3) uint8.
-    state_colours: (S, 3) uint8.
+    label_colors: (L, 3) uint8.
+    state_colors: (S, 3) uint8.
     edge: one of EDGES.
     text: its JSON.
     animations: S names, "" where none is given.
@@ -83,8 +83,8 @@ class StateMachine:
     velocity: np.ndarray
     start: np.ndarray
     spawn: np.ndarray
-    label_colours: np.ndarray
-    state_colours: np.ndarray
+    label_colors: np.ndarray
+    state_colors: np.ndarray
     edge: str
     text: str
     animations: tuple[str, ...]
@@ -199,16 +199,16 @@ def parse(text: str, where: str) -> StateMachine:
         reader.fail(("edge",), f"is {edge!r}, it must be one of {', '.join(EDGES)}")
     label_tables = reader.table(root.get("labels"), ("labels",), filled=True)
     labels = tuple(label_tables)
-    label_colours: list[Colour] = []
+    label_colors: list[Color] = []
     spawn: list[bool] = []
     for label, entry in label_tables.items():
         path = ("labels", label)
         entry = reader.table(entry, path, {"color", "spawn"})
-        colour = reader.colour(entry.get("color"), (*path, "color"))
-        if colour in label_colours:
-            other = labels[label_colours.index(colour)]
+        color = reader.color(entry.get("color"), (*path, "color"))
+        if color in label_colors:
+            other = labels[label_colors.index(color)]
             reader.fail((*path, "color"), f"is the same color as that of {other!r}, a map could not tell them apart")
-        label_colours.append(colour)
+        label_colors.append(color)
         spawn.append(reader.boolean(entry.get("spawn", True), (*path, "spawn")))
     if not any(spawn):
         reader.fail(("labels",), "leaves no label where agents may start: set spawn to true on one")
@@ -227,8 +227,8 @@ def parse(text: str, where: str) -> StateMachine:
         velocity=table.velocity,
         start=np.array(start) / sum(start),
         spawn=np.array(spawn),
-        label_colours=np.array(label_colours, np.uint8),
-        state_colours=np.array(table.colours, np.uint8),
+        label_colors=np.array(label_colors, np.uint8),
+        state_colors=np.array(table.colors, np.uint8),
         edge=edge,
         text=text,
         animations=tuple(table.animations),
@@ -249,7 +249,7 @@ class _Table:
         self.next_state, self.velocity = np.zeros(shape, np.uint8), np.zeros((*shape, 2))
         self.next_choice, self.then_choice = np.full(shape, -1, np.int32), np.full(shape[0], -1, np.int32)
         self.after, self.then = np.full((shape[0], 2), np.inf), np.arange(shape[0], dtype=np.uint8)
-        self.colours: list[Colour] = []
+        self.colors: list[Color] = []
         self.start: list[float] = []
         self.animations: list[str] = []
         self.odds: dict[tuple[float, ...], int] = {}  # cumulative weights -> their row
@@ -257,7 +257,7 @@ class _Table:
     def read_state(self, s: int, state: str, entry: object) -> None:
         reader, path = self.reader, ("states", state)
         given = reader.table(entry, path, {"color", "start", "animation", "after", "then", "on"})
-        self.colours.append(reader.colour(given.get("color", "#808080"), (*path, "color")))
+        self.colors.append(reader.color(given.get("color", "#808080"), (*path, "color")))
         self.start.append(reader.number(given.get("start", 0), (*path, "start"), least=0))
         self.animations.append(reader.string(given.get("animation", ""), (*path, "animation")))
         for one, other in (("after", "then"), ("then", "after")):

@@ -150,7 +150,7 @@ def blocks_of(
     count, rows = len(crowd), order.reshape(-1, LEAF)
     leaves, size = len(rows), _largest(count)
     group = crowd.group[rows[:, (0, -1)].T]
-    centre, radius = spheres.centre, spheres.reach
+    centre, radius = spheres.center, spheres.reach
     boxes = np.empty((8, leaves))
     low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):

@@ -144,7 +144,7 @@ def explained(frame: Frame, agent: int, engine: str) -> Explanation:
     crowd, g = frame.crowd, int(frame.crowd.group[agent])
     spheres, margin = frame.trajectory.spheres, frame.policy.margin
     feet = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]], np.float64)
-    centre = feet + (0.0, 0.0, spheres.centre[g])
+    center = feet + np.array([0.0, 0.0, spheres.center[g]])
     reach = float(spheres.reach[g])
     distance, factor = frame.distances[agent : agent + 1], None if frame.factors is None else frame.factors[agent : agent + 1]
     unseen = {"Its shadow falls into the picture.": frame.shadow, "A mirror shows it.": frame.mirrored}
@@ -152,7 +152,7 @@ def explained(frame: Frame, agent: int, engine: str) -> Explanation:
         account=about,
         place=(float(feet[0]), float(feet[1]), float(feet[2])),
         radius=reach,
-        away=float(np.linalg.norm(centre - frame.camera.origin)),
+        away=float(np.linalg.norm(center - frame.camera.origin)),
         distance=float(distance[0]),
         factor=1.0 if factor is None else float(factor[0]),
         by_distance=int(assign(distance, frame.begins, crowd.group[agent : agent + 1], factor)[0]),

@@ -115,7 +115,7 @@ class Frame(Request, Outcome):
 
     def _measured(self, eyes: tuple[Camera, ...], radial: bool) -> np.ndarray:
         spheres, leave = self.trajectory.spheres, self.trajectory.left_out
-        return radar(self.crowd, eyes, spheres.centre, spheres.reach, RadarOptions(None, radial, leave, every=True))[1]
+        return radar(self.crowd, eyes, spheres.center, spheres.reach, RadarOptions(None, radial, leave, every=True))[1]
 
 
 def plan(

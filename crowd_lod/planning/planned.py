@@ -1,12 +1,11 @@
 """A frame with the LODs that the shot plan gives its agents."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from ..culling.camera import Camera
-from ..levels.assignment import LevelPolicy
 from ..sorting.buckets import Buckets, sort
 from .frame import Frame, cost, tally
 
@@ -16,38 +15,20 @@ LEVEL, PINNED, HIDDEN = 0x0F, 0x40, 0x80
 SAME = 1e-4  # parts of a metre, a slope or a pixel by which two cameras that count as one may differ
 
 
-@dataclass(frozen=True)
-class Row:
-    """The shot plan of one frame.
-
-    levels: (n,) uint8, of LEVEL, PINNED and HIDDEN.
-    tolerance: pixels that the plan allows, or None if the policy's thresholds hold.
-    """
-
-    levels: np.ndarray
-    tolerance: float | None = None
-
-
-def policy_for(policy: LevelPolicy, tolerance: float | None) -> LevelPolicy:
-    """Return the policy by which a plan with this tolerance assigns LODs."""
-    if tolerance is None or tolerance == policy.tolerance:
-        return policy
-    return replace(policy, metric="PIXELS", tolerance=tolerance, thresholds=(0.0,) * len(policy.thresholds), group_thresholds=())
-
-
-def with_row(frame: Frame, row: Row) -> Frame:
+def with_row(frame: Frame, row: np.ndarray) -> Frame:
     """Return `frame` with the LODs of the shot plan.
 
+    row: (n,) uint8, of LEVEL, PINNED and HIDDEN.
     An agent is never coarser than the policy of `frame` allows: at times between the plan's frames
     it may be nearer than in them. Pinned and hidden agents are as the plan has them.
     """
-    order, levels = frame.buckets.order, row.levels[frame.buckets.order]
+    order, levels = frame.buckets.order, row[frame.buckets.order]
     level = np.where(levels & PINNED, levels & LEVEL, np.minimum(levels & LEVEL, frame.buckets.levels))
-    known = row.levels & LEVEL
+    known = row & LEVEL
     known[order] = level
-    hidden = row.levels & HIDDEN != 0
+    hidden = row & HIDDEN != 0
     shown = relevelled(frame, _without(hidden, order, level, len(frame.buckets.counts)), known)
-    shown = replace(shown, plan_row=row.levels)
+    shown = replace(shown, plan_row=row)
     if not hidden.any():
         return shown
     shadow, mirrored = (

@@ -106,7 +106,7 @@ def _there(frame: Frame, moment: Moment, made: tuple[int, Blocks] | None) -> _Th
     trajectory, spheres = frame.trajectory, frame.trajectory.spheres
     crowd = frame.crowd if moment.time == frame.time else trajectory.at(moment.time)
     beside = GRAIN * max(np.abs(eye.origin).sum() for eye in moment.eyes)
-    there = _There(crowd, spheres.centre, moment.radius, beside)
+    there = _There(crowd, spheres.center, moment.radius, beside)
     if made is None:
         return there
     since, blocks = made

@@ -110,7 +110,7 @@ def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
     blocks: those of the crowd, for their order.
     """
     trajectory, crowd, policy, bias = task.trajectory, task.crowd, task.request.policy, task.request.bias
-    leave, centre = trajectory.leave, trajectory.spheres.centre
+    leave, centre = trajectory.leave, trajectory.spheres.center
     items: set[LeftOut] = set()
     now, *shutter = task.seen
     options = RadarOptions(policy.margin, policy.metric == "RADIAL", trajectory.left_out)
@@ -160,7 +160,7 @@ def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
     ]
     decided, places = decide(blocks, crowd, looks, begins if task.request.bias is None else None, policy.margin, radial)
     agents = blocks.rows[decided.opened[places // LEAF], places % LEAF]
-    centre, options = trajectory.spheres.centre, RadarOptions(policy.margin, radial, trajectory.left_out | {IN_ORDER})
+    centre, options = trajectory.spheres.center, RadarOptions(policy.margin, radial, trajectory.left_out | {IN_ORDER})
     visible, distance = radar(crowd, now.eyes, centre, radius, options, agents)
     unmeasured = replace(options, radial=False, measure=False)
     for moment in shutter:

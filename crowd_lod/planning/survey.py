@@ -171,7 +171,7 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
 def _unclipped(before: Frame, agents: np.ndarray) -> np.ndarray:
     """Return those of `agents` (m,) that the near or far clip culled in the frame `before`."""
     camera, reach = before.camera, before.trajectory.spheres.reach[before.crowd.group[agents]]
-    _, depth = radar(before.crowd, camera, before.trajectory.spheres.centre, before.trajectory.spheres.reach, EVERYONE, agents)
+    _, depth = radar(before.crowd, camera, before.trajectory.spheres.center, before.trajectory.spheres.reach, EVERYONE, agents)
     return agents[(depth + reach < camera.near) | (depth - reach > camera.far)]
 
 
@@ -187,7 +187,7 @@ def scale_of(frame: Frame, agents: np.ndarray) -> np.ndarray:
     crowd, most = frame.crowd, np.zeros(len(agents))
     radius = spheres.radius[crowd.group[agents]]
     for eye in frame.eyes:
-        _, distance = radar(crowd, eye, spheres.centre, spheres.reach, EVERYONE, agents)
+        _, distance = radar(crowd, eye, spheres.center, spheres.reach, EVERYONE, agents)
         ahead = distance + radius > 0
         nearest = np.maximum(distance - radius, max(eye.near, 1e-9))
         most = np.maximum(most, np.where(ahead, eye.pixels_per_unit / nearest, 0.0))

@@ -17,7 +17,7 @@ from ..format import printable
 PNG = b"\x89PNG\r\n\x1a\n"
 # a frame's first bytes; the last four of a file that can be sought in
 ZSTD, SEEK_TABLE = b"\x28\xb5\x2f\xfd", 0x8F92EAB1
-CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's colour types
+CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a PNG's color types
 
 
 def check(path: Path) -> None:
@@ -43,10 +43,10 @@ def check(path: Path) -> None:
 
 def _png(data: mmap.mmap) -> bool:
     chunks = list(_png_chunks(data))
-    width, height, depth, colour, _, _, interlaced = struct.unpack(">IIBBBBB", chunks[0][1])
+    width, height, depth, color, _, _, interlaced = struct.unpack(">IIBBBBB", chunks[0][1])
     pixels = zlib.decompressobj()
     size = sum(len(pixels.decompress(body)) for kind, body in chunks if kind == b"IDAT")
-    row = 1 + -(-width * depth * CHANNELS[colour] // 8)  # a byte says how it is filtered
+    row = 1 + -(-width * depth * CHANNELS[color] // 8)  # a byte says how it is filtered
     return chunks[-1][0] == b"IEND" and pixels.eof and bool(interlaced or size == height * row)
 
 

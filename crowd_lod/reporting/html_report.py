@@ -42,9 +42,18 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
     plan: the content of plan.json.
     above: the file of the contact sheet.
     """
+    return document(f"{name_of(plan)}: levels of detail", STYLE, parts_of(plan, above))
+
+
+def name_of(plan: dict) -> str:
+    """Return the name of the scene of plan.json, as HTML."""
+    return escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
+
+
+def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
+    """Return the parts of the page of a preview's plan, as HTML."""
     rows, levels = plan["frames"], plan["levels"]
-    tints = [_css(tint) for tint in levels["tints"]]
-    name = escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
+    tints = [css_of(tint) for tint in levels["tints"]]
     least, most = (pick(row["visible"] for row in rows) for pick in (min, max))
     drawn, full = sum(r["triangles"] for r in rows), sum(r["full_triangles"] for r in rows)
     figures = [
@@ -55,11 +64,9 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
         (f"{len(rows)}", "frames previewed"),
     ]
     parts = [
-        f"<h1>{name}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender {escape(plan['made_with']['blender'])}. "
+        f"<h1>{name_of(plan)}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender {escape(plan['made_with']['blender'])}. "
         f"{escape(_rule(levels))}</p>",
-        '<div class="figures">'
-        + "".join(f"<div><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in figures)
-        + "</div>",
+        cards(figures),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
         f'<section><a href="{quote(above)}"><img src="{quote(above)}" alt="All frames, tinted by LOD and from above"></a></section>',
         "<h2>Levels of detail</h2>",
@@ -77,14 +84,28 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
         parts.append(f"<h3>Not made</h3><ul>{said}</ul>")
     keys = [key for key in rows[0] if not key.endswith("_ms")]
     head = [f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize() for key in keys]
-    parts += ["<h2>Frames</h2>", _table(head, [[f"{row[key]:,}" for key in keys] for row in rows])]
+    parts += ["<h2>Frames</h2>", table_of(head, [[f"{row[key]:,}" for key in keys] for row in rows])]
     command = escape(" ".join(plan["command"]))
     parts.append(
         f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all that repeats it.</footer>"
     )
+    return parts
+
+
+def document(title: str, style: str, parts: Sequence[str]) -> str:
+    """Return a web page; `title` and `parts` are HTML."""
     return (
         f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width">'
-        f"<title>{name}: levels of detail</title><style>{STYLE}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+        f"<title>{title}</title><style>{style}</style></head><body>\n" + "\n".join(parts) + "\n</body></html>\n"
+    )
+
+
+def cards(figures: Sequence[tuple[str, str]]) -> str:
+    """Return the HTML of (figure, what it counts), side by side."""
+    return (
+        '<div class="figures">'
+        + "".join(f"<div><b>{escape(n)}</b><span>{escape(what)}</span></div>" for n, what in figures)
+        + "</div>"
     )
 
 
@@ -135,16 +156,16 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
         )
     name = escape(entry["group"])
     picture = f'<img src="{quote(entry["picture"])}" alt="The LODs of {name} side by side">' if entry["picture"] else ""
-    return f"<section><h3>{name}</h3>{picture}{_table(head, rows)}</section>"
+    return f"<section><h3>{name}</h3>{picture}{table_of(head, rows)}</section>"
 
 
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return an HTML table; `rows` are HTML, `head` is text."""
     top = "".join(f"<th>{escape(text)}</th>" for text in head)
     body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>\n" for row in rows)
     return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
-def _css(linear: Sequence[float]) -> str:
+def css_of(linear: Sequence[float]) -> str:
     """Return the linear RGB color as CSS text."""
     return f"rgb({', '.join(str(round(255 * c)) for c in srgb.encoded(np.array(linear)).tolist())})"

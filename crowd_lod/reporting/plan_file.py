@@ -5,8 +5,8 @@ numbers: (F,) int64, frames of the timeline. times: (F,) float64, the same in fr
     animation. Both increase.
 cameras: (F, E, 21) float64, of planning.planned.numbers_of.
 made_for: texts: pairs of what the plan was made for and its digest.
-tolerance: pixels, or NaN if the scene's own thresholds hold.
-levels_N: (n,) uint8 of frame N, see planning.planned.Row. Each is read only when its frame is shown.
+tolerance: the most pixels that LODs may deviate, or NaN if thresholds by distance chose them.
+levels_N: (n,) uint8 of frame N, of LEVEL, PINNED and HIDDEN in planning/planned.py. Each is read only when its frame is shown.
 """
 
 import zipfile
@@ -19,7 +19,6 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
-from ..planning.planned import Row
 
 VERSION = 2
 NAME = "plan.npz"
@@ -46,8 +45,8 @@ class StoredPlan:
         step = float(np.diff(self.times).max(initial=1.0))
         return f if f >= 0 and time < self.times[f] + step else None
 
-    def row(self, f: int, agents: int) -> Row:
-        """Return the plan of frame `f`; CrowdError if the file is spoilt.
+    def row(self, f: int, agents: int) -> np.ndarray:
+        """Return the plan of frame `f`, (n,) uint8; CrowdError if the file is spoilt.
 
         agents: the number that it must have.
         """
@@ -55,7 +54,7 @@ class StoredPlan:
         levels = _read(self.path, (name,))[name]
         if levels.shape != (agents,) or levels.dtype != np.uint8:
             raise CrowdError(f"The shot plan {printable(self.path)} does not have {agents:,} agents in {name}: {AGAIN}.")
-        return Row(levels, self.tolerance)
+        return levels
 
 
 def write(path: Path, stored: StoredPlan, levels: Sequence[np.ndarray]) -> None:

@@ -7,8 +7,9 @@ import json
 import numpy as np
 
 from ..planning.frame import Frame
+from ..planning.switches import NOTHING
 
-PLAN_VERSION = 1
+PLAN_VERSION = 2  # of plan.json: 2 has all fields of 1, and `shot`
 
 
 def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | float]:
@@ -43,6 +44,18 @@ def to_csv(rows: list[dict]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
+
+
+def switches_csv(found: np.ndarray) -> str:
+    """Return switches.csv: the switches and entries that a viewer may notice.
+
+    found: (s,) of planning.switches.ROW. `from` is empty for an entry.
+    """
+    lines = [
+        f"{frame},{agent},{'' if before == NOTHING else before},{after},{size:.3f},{change:.3f}\n"
+        for frame, agent, before, after, size, change in found.tolist()
+    ]
+    return "frame,agent,from,to,size_px,change_px\n" + "".join(lines)
 
 
 def to_json(plan: dict) -> str:

@@ -123,7 +123,7 @@ def moved(view: View, offset: float) -> View:
     return replace(crowd, x=crowd.x + offset, y=crowd.y + offset), tuple(replace(c, origin=c.origin + shift) for c in cameras)
 
 
-def relative(crowd: Crowd, camera: Camera, centre: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
+def relative(crowd: Crowd, camera: Camera, center: np.ndarray, way: str) -> tuple[np.ndarray, ...]:
     """Return v = p - c of the spheres' centers: EXPERIMENT, for the report alone.
 
     Three arrays (n,).
@@ -131,15 +131,15 @@ def relative(crowd: Crowd, camera: Camera, centre: np.ndarray, way: str) -> tupl
         before it.
     """
     if way == "float32 world":
-        return tuple(p.astype(np.float32) - np.float32(c) for p, c in zip(crowd.places(centre), camera.origin, strict=True))
-    v = crowd.places(centre, origin=camera.origin)
+        return tuple(p.astype(np.float32) - np.float32(c) for p, c in zip(crowd.places(center), camera.origin, strict=True))
+    v = crowd.places(center, origin=camera.origin)
     return tuple(p.astype(np.float32) for p in v) if way == "float32 relative" else v
 
 
 WAYS = ("float64", "float32 relative", "float32 world")
 
 
-def plain(view: View, centre: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
+def plain(view: View, center: np.ndarray, radius: np.ndarray, way: str) -> np.ndarray:
     """Return (n,) bool, visible by the six planes: EXPERIMENT, for the report alone.
 
     With the derived Delta, and without a bound on rounding.
@@ -147,7 +147,7 @@ def plain(view: View, centre: np.ndarray, radius: np.ndarray, way: str) -> np.nd
     crowd, cameras = view
     mask = np.zeros(len(crowd), bool)
     for camera in cameras:
-        v = relative(crowd, camera, centre, way)
+        v = relative(crowd, camera, center, way)
         kind, r = v[0].dtype, radius.astype(v[0].dtype)[crowd.group]
         frustum, ok = planes(camera), np.ones(len(crowd), bool)
         for normal, offset in zip(frustum.normals.astype(kind), frustum.offsets.astype(kind), strict=True):
@@ -157,7 +157,7 @@ def plain(view: View, centre: np.ndarray, radius: np.ndarray, way: str) -> np.nd
 
 
 def culling(
-    views: Sequence[View], centre: np.ndarray, radius: np.ndarray, margin: float | None = None, repeats: int = 7
+    views: Sequence[View], center: np.ndarray, radius: np.ndarray, margin: float | None = None, repeats: int = 7
 ) -> Iterator[dict]:
     """Yield rows of the culling of all `views`, each timed and judged.
 
@@ -171,11 +171,11 @@ def culling(
 
     def exactly(view: View) -> np.ndarray:
         crowd, cameras = view
-        points = np.stack(crowd.places(centre), axis=1)
+        points = np.stack(crowd.places(center), axis=1)
         return np.logical_or.reduce([seen(camera, points, radius[crowd.group])[0] for camera in cameras])
 
     def derived(view: View, delta: float | None = None) -> np.ndarray:
-        return radar(*view, centre, radius, RadarOptions(delta))[0]
+        return radar(*view, center, radius, RadarOptions(delta))[0]
 
     flat = all(camera.kind != "PANO" for _, cameras in views for camera in cameras)
     fixed = MARGINS if margin is None or margin in MARGINS else (*MARGINS, margin)
@@ -184,7 +184,7 @@ def culling(
         truth = each(there, exactly)
         methods: list[tuple[str, str, float | None, Callable[[View], np.ndarray]]] = [("derived Delta", "float64", None, derived)]
         if flat:
-            about = partial(plain, centre=centre, radius=radius)
+            about = partial(plain, center=center, radius=radius)
             methods += [("six planes, no bound", way, None, partial(about, way=way)) for way in WAYS]
         if not offset:
             methods += [("fixed Delta", "float64", d, partial(derived, delta=d)) for d in fixed] if flat else []
@@ -217,14 +217,14 @@ def exact_limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray) -> lis
     return rows
 
 
-def exact_levels(crowd: Crowd, camera: Camera, centre: np.ndarray, steps: list[list[F]], radial: bool) -> np.ndarray:
+def exact_levels(crowd: Crowd, camera: Camera, center: np.ndarray, steps: list[list[F]], radial: bool) -> np.ndarray:
     """Return (n,) uint8: LOD ids, by rational arithmetic where float64 cannot decide.
 
     Float64 decides where its bound on rounding allows.
     steps: from `exact_limits`.
     radial: distance from the camera, not along the view.
     """
-    v = relative(crowd, camera, centre, "float64")
+    v = relative(crowd, camera, center, "float64")
     distance = (
         np.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) if radial else v[0] * camera.Z[0] + v[1] * camera.Z[1] + v[2] * camera.Z[2]
     )
@@ -233,22 +233,22 @@ def exact_levels(crowd: Crowd, camera: Camera, centre: np.ndarray, steps: list[l
     ids = (distance[:, None] >= near).sum(axis=1).astype(np.uint8)
     bound = 1e-13 * (size[:, None] + np.abs(near))
     for i in np.flatnonzero((np.abs(distance[:, None] - near) <= bound).any(axis=1)).tolist():
-        w = _vector(crowd, camera, centre, i)
+        w = _vector(crowd, camera, center, i)
         along = sum(p * F(float(q)) for p, q in zip(w, camera.Z, strict=True))
         square = sum(p * p for p in w)
         ids[i] = sum(square >= s * s if radial else along >= s for s in steps[crowd.group[i]])
     return ids
 
 
-def _vector(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int) -> list[F]:
+def _vector(crowd: Crowd, camera: Camera, center: np.ndarray, i: int) -> list[F]:
     """Return v of agent i, exact but for its center's height, added in float64."""
-    z = float(crowd.z[i] + centre[crowd.group[i]])
+    z = float(crowd.z[i] + center[crowd.group[i]])
     return [F(float(p)) - F(float(c)) for p, c in zip((crowd.x[i], crowd.y[i], z), camera.origin, strict=True)]
 
 
-def exact_distance(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int, radial: bool) -> F:
+def exact_distance(crowd: Crowd, camera: Camera, center: np.ndarray, i: int, radial: bool) -> F:
     """Return the exact distance of agent i; with `radial` to 40 digits."""
-    v = _vector(crowd, camera, centre, i)
+    v = _vector(crowd, camera, center, i)
     if not radial:
         return sum((p * F(float(q)) for p, q in zip(v, camera.Z, strict=True)), F(0))
     square = sum(p * p for p in v)
@@ -258,7 +258,7 @@ def exact_distance(crowd: Crowd, camera: Camera, centre: np.ndarray, i: int, rad
 
 
 def levels(
-    views: Sequence[View], centre: np.ndarray, radius: np.ndarray, policies: Sequence[LevelPolicy], metric: str, repeats: int = 7
+    views: Sequence[View], center: np.ndarray, radius: np.ndarray, policies: Sequence[LevelPolicy], metric: str, repeats: int = 7
 ) -> Iterator[dict]:
     """Yield rows of the distances and LODs of all agents, each timed and judged.
 
@@ -275,15 +275,15 @@ def levels(
         for offset in LEVEL_OFFSETS:
             there = [moved((crowd, cameras[:1]), offset) for crowd, cameras in views]
             for way in WAYS:
-                method = partial(_levels, centre=centre, radius=radius, policy=policy, way=way)
+                method = partial(_levels, center=center, radius=radius, policy=policy, way=way)
                 found = each(there, method)
                 wrong, worst = 0, 0.0
                 for (crowd, (camera,)), (distance, ids) in zip(there, found, strict=True):
                     radial = policy.metric == "RADIAL" or camera.kind == "PANO"
-                    truth = exact_levels(crowd, camera, centre, exact_limits(policy, camera, radius), radial)
+                    truth = exact_levels(crowd, camera, center, exact_limits(policy, camera, radius), radial)
                     wrong += int((ids != truth).sum())
                     for i in range(0, len(crowd), max(1, len(crowd) // SAMPLES)):
-                        off = F(float(distance[i])) - exact_distance(crowd, camera, centre, i, radial)
+                        off = F(float(distance[i])) - exact_distance(crowd, camera, center, i, radial)
                         worst = max(worst, abs(float(off)))
                 spent = timed(partial(each, there, method), repeats)
                 spent = {key: ms / len(there) for key, ms in spent.items()}
@@ -293,9 +293,9 @@ def levels(
                 yield {"metric": policy.metric, "precision": way, "offset_m": offset, **spent, **errors, "default": default}
 
 
-def _levels(view: View, centre: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str) -> tuple[np.ndarray, np.ndarray]:
+def _levels(view: View, center: np.ndarray, radius: np.ndarray, policy: LevelPolicy, way: str) -> tuple[np.ndarray, np.ndarray]:
     crowd, (camera,) = view
-    x, y, z = relative(crowd, camera, centre, way)
+    x, y, z = relative(crowd, camera, center, way)
     Z, bounds = camera.Z.astype(x.dtype), limits(policy, camera, radius).astype(x.dtype)
     radial = policy.metric == "RADIAL" or camera.kind == "PANO"
     distance = np.sqrt(x * x + y * y + z * z) if radial else x * Z[0] + y * Z[1] + z * Z[2]

@@ -14,15 +14,15 @@ from ..culling.camera import Camera
 Number = TypeVar("Number", F, float)
 
 
-def sees(camera: Camera, centre: Sequence[float] | np.ndarray, radius: float) -> bool:
+def sees(camera: Camera, center: Sequence[float] | np.ndarray, radius: float) -> bool:
     """Return whether a pinhole camera sees the sphere, without rounding.
 
     The answer is exact for the float64 numbers given. The sphere must lie in or touch all six
     planes, or the clip range of a panoramic camera.
-    centre: (3,) floats, world metres.
+    center: (3,) floats, world metres.
     radius: metres.
     """
-    v = [F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True)]
+    v = [F(float(p)) - F(float(c)) for p, c in zip(center, camera.origin, strict=True)]
     r, near, far = F(float(radius)), F(float(camera.near)), F(float(camera.far))
     if camera.kind == "PANO":
         square = sum(p * p for p in v)
@@ -52,15 +52,15 @@ def _planes(camera: Camera, number: Callable[[float], Number]) -> list[tuple[lis
     return found
 
 
-def seen(camera: Camera, centres: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def seen(camera: Camera, centers: np.ndarray, radius: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (mask, doubtful), each (n,) bool: `sees` for many spheres.
 
     doubtful: spheres that float64 could not decide and rational arithmetic did. Each plane is
         tested in float64 with a bound on all rounding that is wide by a factor of 10 and more.
-    centres: (n, 3) world metres.
+    centers: (n, 3) world metres.
     radius: (n,) metres.
     """
-    v = centres - camera.origin
+    v = centers - camera.origin
     size, loose = np.abs(v).sum(axis=1) + np.abs(camera.origin).sum(), 256 * np.finfo(np.float64).eps
     no, maybe = np.zeros(len(v), bool), np.zeros(len(v), bool)
     # outside by, the scale and the offset that round
@@ -81,25 +81,25 @@ def seen(camera: Camera, centres: np.ndarray, radius: np.ndarray) -> tuple[np.nd
             maybe |= np.abs(out) <= bound
     mask, doubtful = ~no, maybe & ~no
     for i in np.flatnonzero(doubtful):
-        mask[i] = sees(camera, centres[i], radius[i])
+        mask[i] = sees(camera, centers[i], radius[i])
     return mask, doubtful
 
 
-def depth_error(camera: Camera, centre: Sequence[float] | np.ndarray, distance: float) -> float:
+def depth_error(camera: Camera, center: Sequence[float] | np.ndarray, distance: float) -> float:
     """Return |distance - v.Z| in metres, exact but for the last rounding.
 
-    centre: (3,), the center of the sphere.
+    center: (3,), the center of the sphere.
     """
-    v = (F(float(p)) - F(float(c)) for p, c in zip(centre, camera.origin, strict=True))
+    v = (F(float(p)) - F(float(c)) for p, c in zip(center, camera.origin, strict=True))
     return float(abs(F(float(distance)) - sum(p * F(float(q)) for p, q in zip(v, camera.Z, strict=True))))
 
 
-def gap(camera: Camera, centres: np.ndarray) -> np.ndarray:
+def gap(camera: Camera, centers: np.ndarray) -> np.ndarray:
     """Return distances (n,) float64 in metres from centers to the frustum's body.
 
     They are measured to the nearest of its six faces and twelve edges; 0 inside. A sphere may touch
     all six planes and still miss the body at an edge or corner.
-    centres: (n, 3) world metres.
+    centers: (n, 3) world metres.
     """
     w, frame = camera.window, np.linalg.inv(np.array([camera.X, camera.Y, camera.Z]))
     points = []
@@ -107,7 +107,7 @@ def gap(camera: Camera, centres: np.ndarray) -> np.ndarray:
         at = 1.0 if camera.kind == "ORTHO" else depth
         rim = ((w.left, w.bottom), (w.right, w.bottom), (w.right, w.top), (w.left, w.top))
         points += [frame @ (at * x, at * y, depth) for x, y in rim]
-    ends, v = np.array(points), centres - camera.origin
+    ends, v = np.array(points), centers - camera.origin
     faces = [(0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)]
     edges = {tuple(sorted((f[i], f[(i + 1) % 4]))) for f in faces for i in range(4)}
     least, inside, middle = np.full(len(v), np.inf), np.ones(len(v), bool), ends.mean(axis=0)

@@ -34,7 +34,7 @@ class Body:
     triangles: (m, 3).
     normals: (m, 3, 3), of each triangle's corners, of length 1.
     uvs: (m, 3, 2), of each triangle's corners.
-    colours: (m, 3), linear color of each triangle.
+    colors: (m, 3), linear color of each triangle.
     image: (m,), the number of the image that replaces the color, or -1.
     """
 
@@ -42,7 +42,7 @@ class Body:
     triangles: np.ndarray
     normals: np.ndarray
     uvs: np.ndarray
-    colours: np.ndarray
+    colors: np.ndarray
     image: np.ndarray
 
 
@@ -73,7 +73,7 @@ def lit(bodies: Sequence[Body], images: np.ndarray, flat: Sequence[np.ndarray], 
         normal = np.einsum("nk,nkd->nd", weights, body.normals[triangle])
         light = np.clip(normal @ (LIGHT @ axes) / np.maximum(np.linalg.norm(normal, axis=1), 1e-12), 0, 1)
         fine = np.full((rows * SUPERSAMPLING * columns * SUPERSAMPLING, 3), PAPER)
-        fine[pixel] = _colours(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
+        fine[pixel] = _colors(body, images, triangle, weights) * (SKY + (1 - SKY) * light)[:, None]
         found.append(fine.reshape(rows, SUPERSAMPLING, columns, SUPERSAMPLING, 3).mean(axis=(1, 3)))
     return found
 
@@ -94,16 +94,16 @@ def from_afar(one: np.ndarray, other: np.ndarray) -> list[float]:
     return found
 
 
-def _colours(body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
+def _colors(body: Body, images: np.ndarray, triangle: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Return linear colors (k, 3) at barycentric `weights` (k, 3) of triangles (k,)."""
-    colours, image = body.colours[triangle], body.image[triangle]
+    colors, image = body.colors[triangle], body.image[triangle]
     some = np.flatnonzero(image >= 0)
     if len(some):
         size = images.shape[1]
         u, v = np.einsum("nk,nkd->dn", weights[some], body.uvs[triangle[some]])
         column, row = (np.floor(each % 1 * size).astype(int).clip(0, size - 1) for each in (u, v))
-        colours[some] = srgb.linear(images[image[some], row, column, :3] / 255)
-    return colours
+        colors[some] = srgb.linear(images[image[some], row, column, :3] / 255)
+    return colors
 
 
 def likeness(one: np.ndarray, other: np.ndarray) -> tuple[float, float]:

@@ -15,7 +15,7 @@ ABOVE_DEGREES = 35.0
 MASK_PIXELS = 4
 MOST_PIXELS = 1500  # of a mask's side: a larger one is rendered coarser
 # Pixels by which a distance between masks errs at most: a point of an area lies within 1.5 pixels
-# of the centre of a pixel of its mask, and each such centre within 0.71 of a point of the area.
+# of the center of a pixel of its mask, and each such center within 0.71 of a point of the area.
 ERROR = 2.2
 NEAR = 15  # times that error: more is not looked at closer
 # times finer, at most, where outlines are farthest apart, in tiles of so many pixels
@@ -30,16 +30,16 @@ def directions() -> np.ndarray:
     return np.stack([np.cos(azimuth) * np.cos(elevation), np.sin(azimuth) * np.cos(elevation), np.sin(elevation)], axis=1)
 
 
-def project(points: np.ndarray, centre: np.ndarray, towards: np.ndarray, distance: float, camera: Camera) -> np.ndarray:
+def project(points: np.ndarray, center: np.ndarray, towards: np.ndarray, distance: float, camera: Camera) -> np.ndarray:
     """Return points as a camera sees them: (n, 3), pixels right and up, and depth.
 
     Pixels count from the picture's middle; depth is in metres. The camera has the lens of `camera`
-    and looks at `centre` (3,) from `distance` metres in the direction `towards` (3,).
+    and looks at `center` (3,) from `distance` metres in the direction `towards` (3,).
     points: (n, 3) metres.
     """
     right = np.array([-towards[1], towards[0], 0.0])
     right = right / np.linalg.norm(right)
-    v = points - centre
+    v = points - center
     depth = distance - v @ towards
     scale = camera.pixels_per_unit / (1.0 if camera.kind == "ORTHO" else depth)
     return np.stack([v @ right * scale, v @ np.cross(towards, right) * scale, depth], axis=1)
@@ -85,14 +85,14 @@ def _along_rows(area: np.ndarray) -> np.ndarray:
 
 
 def error(
-    one: tuple, other: tuple, centre: np.ndarray, distance: float, camera: Camera, expected: float = 1.0
+    one: tuple, other: tuple, center: np.ndarray, distance: float, camera: Camera, expected: float = 1.0
 ) -> tuple[float, float]:
     """Return (least, most), in pixels, between which the silhouette error lies.
 
     The error is the largest `outline_distance` between two surfaces' silhouettes over all
     `directions`.
     one, other: (points (n, 3) metres, triangles (m, 3)).
-    centre: (3,), the point that the camera looks at.
+    center: (3,), the point that the camera looks at.
     distance: metres from the camera to it. The camera must be outside both surfaces.
     expected: about how many pixels the error will be.
     Masks have MASK_PIXELS pixels across a pixel of the picture; across the expected error, if that
@@ -102,7 +102,7 @@ def error(
     least = most = 0.0
     wanted = MASK_PIXELS / min(max(expected, 1e-6), 1.0) / max(np.sqrt(expected) / 2, 1.0)
     for towards in directions():
-        flat = [project(points, centre, towards, distance, camera)[:, :2][triangles] for points, triangles in (one, other)]
+        flat = [project(points, center, towards, distance, camera)[:, :2][triangles] for points, triangles in (one, other)]
         low = np.minimum(*(each.min(axis=(0, 1)) for each in flat))
         extent = np.maximum(*(each.max(axis=(0, 1)) for each in flat)) - low
         finer = min(wanted, MOST_PIXELS / max(extent.max(), 1.0))

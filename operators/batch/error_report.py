@@ -49,7 +49,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
                 begun = 0.5 * (k + part) / len(chosen)
                 yield begun
         views = [(error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
-        centre, radius = trajectory.spheres.centre, trajectory.spheres.radius
+        center, radius = trajectory.spheres.center, trajectory.spheres.radius
         crowd = error_vs_runtime.some(trajectory.start, MOST_AGENTS)
         parts = {  # name: (rows to come, of about how many, share of the time)
             "behaviour": (
@@ -60,8 +60,8 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
                 0.6,
             ),
             "drift": (error_vs_runtime.drifts(), 12, 0.1),
-            "culling": (error_vs_runtime.culling(views, centre, radius, policy.margin, repeats), 17, 0.15),
-            "levels": (error_vs_runtime.levels(views, centre, radius, _policies(policy), policy.metric, repeats), 36, 0.15),
+            "culling": (error_vs_runtime.culling(views, center, radius, policy.margin, repeats), 17, 0.15),
+            "levels": (error_vs_runtime.levels(views, center, radius, _policies(policy), policy.metric, repeats), 36, 0.15),
         }
         tables, done = {}, 0.0
         for name, (rows, about, share) in parts.items():

@@ -19,11 +19,11 @@ GAP = 22  # pixels
 LETTER = 15  # pixels high
 PAPER, INK = (0.94, 0.945, 0.955), (0.13, 0.14, 0.17)
 CLAY, EDGE = (0.66, 0.71, 0.79), (0.10, 0.16, 0.30)
-# of distances that the colours tell apart, by their logarithm: a fine LOD's show beside a coarse
+# of distances that the colors tell apart, by their logarithm: a fine LOD's show beside a coarse
 # one's
 DECADES = 3
 LIGHT = np.array([0.35, 0.45, 0.82])  # right, up, towards the eye
-# viridis, which reads alike for colour-blind eyes and in grey (van der Walt, Smith)
+# viridis, which reads alike for color-blind eyes and in grey (van der Walt, Smith)
 RAMP = np.array([(68, 1, 84), (72, 40, 120), (59, 82, 139), (44, 114, 142), (33, 145, 140), (40, 174, 128), (94, 201, 98), (173, 220, 48), (253, 231, 37)]) / 255  # fmt: skip
 
 
@@ -66,8 +66,8 @@ def draw_lods(
         left = GAP + k * cell + (cell - GAP - width) // 2
         clay = (np.array(CLAY) * shade[:, None]) * (1 - edge[:, None]) + np.array(EDGE) * edge[:, None]
         tinted = ramp(1 + np.log10(np.maximum(metres * off / (most or 1.0), 1e-9)) / DECADES) * (0.75 + 0.25 * shade[:, None])
-        for row, colours in ((height + 2 * GAP, clay), (GAP, tinted)):
-            _paste(sheet, row, left, pixel, colours, (height, width))
+        for row, colors in ((height + 2 * GAP, clay), (GAP, tinted)):
+            _paste(sheet, row, left, pixel, colors, (height, width))
         middle = GAP + k * cell + (cell - GAP) / 2
         write(sheet, f"LOD {k}", middle, 2 * height + 3 * GAP + 2.1 * LETTER, 1.25 * LETTER, "CENTER")
         write(sheet, caption, middle, 2 * height + 3 * GAP + 0.5 * LETTER, LETTER, "CENTER")
@@ -118,16 +118,16 @@ def _distances(character: Surface, surface: Surface, pixel, triangle, weights) -
     return character.distances(surface.at(triangle, weights))
 
 
-def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colours: np.ndarray, shape: tuple[int, int]) -> None:
+def _paste(sheet: np.ndarray, row: int, left: int, pixel: np.ndarray, colors: np.ndarray, shape: tuple[int, int]) -> None:
     """Paste drawn pixels over the sheet, reduced by SUPERSAMPLING.
 
     row, left: the lower left corner in the sheet.
     pixel: (k,) numbers of the drawn pixels, finer than the sheet by SUPERSAMPLING.
-    colours: (k, 3).
+    colors: (k, 3).
     shape: (rows, columns) in the sheet.
     """
     fine = np.repeat(np.repeat(sheet[row : row + shape[0], left : left + shape[1]], SUPERSAMPLING, axis=0), SUPERSAMPLING, axis=1)
-    fine.reshape(-1, 3)[pixel] = colours
+    fine.reshape(-1, 3)[pixel] = colors
     blocks = fine.reshape(shape[0], SUPERSAMPLING, shape[1], SUPERSAMPLING, 3)
     sheet[row : row + shape[0], left : left + shape[1]] = blocks.mean(axis=(1, 3))
 

@@ -54,7 +54,7 @@ def tables(
         found.append(entry)
         if g >= MOST_SHOWN:
             continue
-        centre = np.array(origin) + (0, 0, group.feet + group.centre)
+        center = np.array(origin) + (0, 0, group.feet + group.center)
         with Posed(objects, meshes) as posed:
             looks = Looks()
             for k in range(1, len(rows)):
@@ -62,9 +62,9 @@ def tables(
                 character, levels = posed.at(group.worst[k])
                 if distance is not None and character is not None and levels[k] is not None:
                     pair = ((each.points, each.triangles) for each in (character, levels[k]))
-                    least, most = silhouette.error(*pair, centre, distance, camera, rows[k]["predicted_px"] or 1.0)
+                    least, most = silhouette.error(*pair, center, distance, camera, rows[k]["predicted_px"] or 1.0)
                     rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
-                    rows[k] |= _seen(posed, k, looks, centre, distance, camera)
+                    rows[k] |= _seen(posed, k, looks, center, distance, camera)
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
@@ -104,13 +104,13 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
     }
 
 
-def _seen(posed: Posed, k: int, looks: Looks, centre: np.ndarray, distance: float, camera: Camera) -> dict:
+def _seen(posed: Posed, k: int, looks: Looks, center: np.ndarray, distance: float, camera: Camera) -> dict:
     """Return how LOD k's picture differs from the character's at `distance` metres."""
     depsgraph = posed.stage.view_layers[0].depsgraph
     bodies = [bodies_of(objects, depsgraph, looks) for objects in (posed.character, posed.levels[k])]
     if None in bodies:
         return {}
-    difference, similarity = alike(*bodies, looks.images(), centre, distance, camera)
+    difference, similarity = alike(*bodies, looks.images(), center, distance, camera)
     return {"picture_difference": difference, "picture_similarity": similarity}
 
 

@@ -79,7 +79,7 @@ def _legend(axes) -> None:
 
 def _behaviour(axes, rows: list[dict]) -> None:
     floor = 1e-17
-    for colour, (name, found) in zip(PLOT_COLORS, groupby(rows, lambda r: r["method"]), strict=False):
+    for color, (name, found) in zip(PLOT_COLORS, groupby(rows, lambda r: r["method"]), strict=False):
         found = list(found)
         order = found[0]["order"]
         if name == "exact walk":
@@ -92,7 +92,7 @@ def _behaviour(axes, rows: list[dict]) -> None:
             label = f"{name}, mean ({says})" if k == 0 else f"{name}, {what}"
             if name == "exact walk":
                 label, what = f"{name} ({says})", "mean"
-            style = {"color": colour, "ls": line, "marker": MARKERS[k]}
+            style = {"color": color, "ls": line, "marker": MARKERS[k]}
             _points(axes, found, lambda r, w=what: r[f"{w}_m"], floor, label=label, **style)
             if name == "exact walk":
                 break

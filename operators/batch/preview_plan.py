@@ -12,6 +12,7 @@ import numpy as np
 
 from ...crowd_lod import __version__
 from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.format import printable
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import tables
@@ -37,8 +38,33 @@ def plan_json(
     characters: of lod_table.tables.
     notes: sentences on what the pictures show.
     """
-    scene, stage, wanted, settings = staged.scene, staged.stage, staged.wanted, staged.stage.crowd_lod
-    trajectory, last = trajectory_of(stage), scene_data.remapped(scene.render, wanted.frames[-1])
+    stage, wanted = staged.stage, staged.wanted
+    told = yield from scene_json(staged.scene, stage, command, wanted.frames[-1], characters)
+    return told | {
+        "preview": {
+            "frames": wanted.frames,
+            "width": wanted.width,
+            "height": staged.size[1],
+            "engine": wanted.engine,
+            "colour": wanted.color,
+            "notes": list(notes),
+        },
+        "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
+        "frames": rows,
+    }
+
+
+def scene_json(
+    scene: bpy.types.Scene, stage: bpy.types.Scene, command: list[str], last: int, characters: list[dict]
+) -> Generator[float, None, dict[str, Any]]:
+    """Make what plan.json tells of a scene and its crowd: yield between the steps, return the dict.
+
+    stage: the scene with the settings that count; `scene` itself, or a copy of it.
+    command: the command line of the run.
+    last: frame of the timeline.
+    characters: of lod_table.tables.
+    """
+    settings, trajectory = stage.crowd_lod, trajectory_of(stage)
     labels = trajectory.world.labels
     troubles = yield from aside(lambda: find(trajectory))
     return {
@@ -65,18 +91,8 @@ def plan_json(
         "machine": json.loads(machine_of(settings).text),
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
-        "camera": cameras.bound_camera(scene, last).name,
+        "camera": cameras.bound_camera(scene, scene_data.remapped(scene.render, last)).name,
         "levels": _levels_of(stage, characters),
-        "preview": {
-            "frames": wanted.frames,
-            "width": wanted.width,
-            "height": staged.size[1],
-            "engine": wanted.engine,
-            "colour": wanted.colour,
-            "notes": list(notes),
-        },
-        "left_out": (yield from _left_out(stage, wanted.frames[-1], ENGINES[wanted.engine])),
-        "frames": rows,
     }
 
 
@@ -98,8 +114,13 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
         "forward": settings.forward,
         "first_frame": settings.first_frame,
         "frames_per_second": 1 / trajectory.seconds_per_frame,
-        "groups": [vars(group) for group in trajectory.groups],
+        "groups": [_group_of(group) for group in trajectory.groups],
     }
+
+
+def _group_of(group: Group) -> dict[str, Any]:
+    """Return the fields of the group under the names that plan.json has had since version 1."""
+    return {{"center": "centre"}.get(name, name): value for name, value in vars(group).items()}
 
 
 def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:

@@ -2,35 +2,37 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
+from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
+from ...crowd_lod.planning.curve import curve_of
 from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
-from ...crowd_lod.planning.frame import plan
 from ...crowd_lod.planning.frame_range import parse_frames
-from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import numbers_of
-from ...crowd_lod.planning.shadows import surround
-from ...crowd_lod.planning.shot import Bill, Shot, ShotPlan, decide, meshes_of
-from ...crowd_lod.planning.survey import Survey, empty, record
-from ...crowd_lod.progress import share
+from ...crowd_lod.planning.planned import PINNED
+from ...crowd_lod.planning.shot_cost import Shot, meshes_of
+from ...crowd_lod.planning.switches import noticed
+from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, plan_file, tables
-from ..blender import cameras, frame_stepping, scene_data
+from ...crowd_lod.reporting.shot_json import shot_facts
+from ...crowd_lod.reporting.shot_report import Told, shot_page
+from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..build.cost_estimate import covered, samples_of
-from ..crowd import lights, shot_reference
+from ..crowd import shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import exemptions_of
+from ..lod_meshes.candidates import TINTS
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
-from ..lod_meshes.selection import cast_of
+from .preview_plan import scene_json
+from .shot_survey import survey_of
 
 READY, SURVEYED, DECIDED = 0.2, 0.6, 0.95  # of the progress
 
@@ -42,20 +44,25 @@ class Wanted:
     frames: increasing, of the timeline.
     folder: where the plan goes.
     avoid: the part by which the shot may cost more, to avoid switches in sight.
+    budget: what each frame may take.
+    keeps: whether the survey so far is kept in the folder, for a run that is killed.
     """
 
     frames: Sequence[int]
     folder: Path
     avoid: float = 0.05
+    budget: Budget = Budget()
+    keeps: bool = False
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A planned shot, and what it was planned for."""
+    """A planned shot, what it was planned for, and what its report tells."""
 
     shot: Shot
-    plan: ShotPlan
+    plan: BudgetPlan
     stored: plan_file.StoredPlan
+    told: Told
     exemptions: tuple[Exemption, ...] = ()
 
 
@@ -69,20 +76,30 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     yield from share(ready(scene), 0.0, READY)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
-    survey, seen = yield from share(survey_of(scene, wanted.frames), READY, SURVEYED)
+    through = yield from share(survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None), READY, SURVEYED)
+    survey = through.survey
     shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
-    found = yield from share(decide(shot, wanted.avoid), SURVEYED, DECIDED)
+    found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
+    told = Told(
+        title=Path(bpy.data.filepath).stem or scene.name,
+        shot=shot,
+        plan=found,
+        noticed=noticed(shot, found.levels, trajectory.spheres.radius),
+        curve=(yield from share(curve_of(shot, found, policy.tolerance or 1.0), DECIDED, 1.0)),
+        names=[group.name for group in trajectory.groups],
+        tints=TINTS,
+        milliseconds=through.milliseconds,
+    )
     bias = bias_of(scene.crowd_lod, trajectory.world.area)
     stored = plan_file.StoredPlan(
         path=wanted.folder / plan_file.NAME,
         numbers=survey.numbers,
         times=survey.times,
-        cameras=seen,
+        cameras=through.cameras,
         made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
-        tolerance=None,
+        tolerance=max(found.tolerance, policy.tolerance or 0.0) or None,
     )
-    yield 1.0
-    return Planned(shot, found, stored, exemptions)
+    return Planned(shot, found, stored, told, exemptions)
 
 
 def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -97,77 +114,33 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(measure_levels(scene), 0.1, 1.0)
 
 
-def survey_of(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, tuple[Survey, Any]]:
-    """Run through the shot: yield the progress, return (Survey, its cameras (F, E, 21) float64).
+def write_plan(
+    scene: bpy.types.Scene, folder: Path, planned: Planned, command: list[str]
+) -> Generator[float, None, dict[str, Any]]:
+    """Write the plan's files into `folder`: yield the progress, return the content of plan.json.
 
-    CrowdError if the crowd or its choice of LODs changes on the way.
+    command: the command line of the run.
     """
-    settings, trajectory = scene.crowd_lod, trajectory_of(scene)
-    policy, library = policy_of(settings), cast_of(characters_of(scene))
-    survey = empty(
-        frames,
-        [scene_data.remapped(scene.render, number) for number in frames],
-        trajectory.start.group,
-        library.first(trajectory.gaits),
-    )
-    seen, before, filmed = [], None, None
-    with frame_stepping.stepped(scene) as at:
-        for f, time in enumerate(survey.times.tolist()):
-            yield from share(approach(trajectory, time), f / len(frames), (f + 0.5) / len(frames))
-            eyes, around, shutter = lights.read_moment(scene, time, at)
-            if trajectory_of(scene) is not trajectory or policy_of(settings) != policy:
-                raise CrowdError(
-                    f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd and one choice of LODs, so remove "
-                    "their animation and drivers, or plan the frames before and after apart."
-                )
-            frame = surround(plan(trajectory, eyes, policy, time, shutter, bias_of(settings, trajectory.world.area)), around)
-            film = cameras.bound_camera(scene, time)
-            record(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), filmed not in (None, film))
-            seen.append(numbers_of(eyes))
-            before, filmed = frame, film
-            yield (f + 1) / len(frames)
-    if len({each.shape for each in seen}) > 1:
-        raise CrowdError("The number of the camera's eyes changes during the shot: plan the frames of each apart.")
-    return survey, np.array(seen)
-
-
-def write_plan(folder: Path, planned: Planned) -> dict[str, Any]:
-    """Write the plan's files into `folder`; return the content of plan.json."""
-    numbers = planned.stored.numbers.tolist()
-    rows = [marked(row, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
-    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
-    told = facts(planned)
+    write_levels(folder, planned)
+    told = yield from standing(scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0)
+    told |= shot_json(planned)
     (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
+    (folder / "frames.csv").write_text(tables.to_csv(told["frames"]), encoding="utf-8")
+    (folder / "switches.csv").write_text(tables.switches_csv(planned.told.noticed), encoding="utf-8")
+    (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
     return told
 
 
-def facts(planned: Planned) -> dict[str, Any]:
+def write_levels(folder: Path, planned: Planned) -> None:
+    """Write plan.npz into `folder`."""
+    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance else 0
+    rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
+    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
+
+
+def shot_json(planned: Planned) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
-    found, thresholds = planned.plan.bill, planned.plan.thresholds
-    return {
-        "version": plan_file.VERSION,
-        "made_for": dict(planned.stored.made_for),
-        "shot": {
-            "frames": planned.stored.numbers.tolist(),
-            "engine": planned.shot.engine,
-            "most_above_optimum": planned.plan.bound,
-            "plan": _told(found),
-            "thresholds": _told(thresholds),
-            "exceptions": [each.as_json for each in planned.exemptions],
-        },
-    }
-
-
-def _told(found: Bill) -> dict[str, Any]:
-    return {
-        "triangles": int(found.triangles.sum()),
-        "switches": int(found.switches.sum()),
-        "switch_pixels": float(found.pixels.sum()),
-        "largest_switch_pixels": found.most,
-        "largest_deviation_pixels": found.error,
-        "seconds_per_frame": found.price.seconds,
-        "memory_mb": found.price.memory / 1e6,
-    }
+    return shot_facts(planned.told, planned.stored, [each.as_json for each in planned.exemptions])
 
 
 def sentence(planned: Planned) -> str:
@@ -179,6 +152,11 @@ def sentence(planned: Planned) -> str:
         f"{int(found.switches.sum()):,} LOD switches in sight instead of {int(before.switches.sum()):,} by distance, "
         f"for {cost:.1%} more cost at most; {planned.plan.bound:.1%} above the least possible at most."
     )
+
+
+def budget_of(settings) -> Budget:
+    """Return the budget that the settings give; 0 is no limit."""
+    return Budget(triangles=settings.budget_triangles or inf, memory=1e6 * settings.budget_memory or inf)
 
 
 class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
@@ -195,8 +173,9 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
             )
         folder = files.absolute(Path(bpy.path.abspath(settings.plan_folder)))
         with files.staged(folder, plan_file.NAME) as part:
-            planned = yield from plan_shot(scene, Wanted(parse_frames(settings.frames), folder, settings.avoid_pops))
-            write_plan(part, planned)
+            wanted = Wanted(parse_frames(settings.frames), folder, settings.avoid_pops, budget_of(settings))
+            planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
+            yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         path = str(folder / plan_file.NAME)
         settings.shot_plan = bpy.path.relpath(path) if settings.plan_folder.startswith("//") else path
         settings.use_shot_plan = True

@@ -41,17 +41,17 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
 
 def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
     """Make `mesh` the drawing of `frame` for the camera `view`: agents in the tint of their LOD, those culled in grey,
-    all at their spheres' centres. Sizes are in the picture's pixels."""
+    all at their spheres' centers. Sizes are in the picture's pixels."""
     arrows, tints = _arrows(frame, view)
     lines, line_tints = _frustum(frame, view)
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
     count = len(arrows)
     corners = np.arange(4 * len(lines), dtype=np.int32).reshape(-1, 4) + 3 * count
     triangles = np.concatenate([np.arange(3 * count, dtype=np.int32).reshape(-1, 3), corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]])
-    colours = np.concatenate([tints, line_tints, line_tints])
+    colors = np.concatenate([tints, line_tints, line_tints])
     mesh_data.fill_mesh(mesh, points, triangles)
     values = np.ones((len(triangles), 3, 4), np.float32)
-    values[..., :3] = colours[:, None]
+    values[..., :3] = colors[:, None]
     mesh.color_attributes.new("color", "FLOAT_COLOR", "CORNER").data.foreach_set("color", values.ravel())
     mesh.color_attributes.active_color_index = 0
     mesh.color_attributes.render_color_index = 0
@@ -71,7 +71,7 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     Each is raised towards `view` by its LOD: culled agents lie lowest, the finest LOD on top.
     """
     crowd = frame.crowd
-    at = np.stack(crowd.places(frame.trajectory.spheres.centre), axis=1)
+    at = np.stack(crowd.places(frame.trajectory.spheres.center), axis=1)
     rank = np.where(frame.visible, len(TINTS) - frame.levels.astype(int), 0)
     size = np.maximum(ARROW_METRES, ARROW_PIXELS * _pixel(view, at))
     forward = np.stack([np.cos(crowd.heading), np.sin(crowd.heading)], axis=1)
@@ -89,7 +89,7 @@ def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
 
     The ribbons face `view`.
     """
-    ends, colours = frustum_lines(frame.camera, frame.begins)
+    ends, colors = frustum_lines(frame.camera, frame.begins)
     along = ends[:, 1] - ends[:, 0]
     aside = np.cross(along, view.Z)
     length = np.linalg.norm(aside, axis=1, keepdims=True)
@@ -97,4 +97,4 @@ def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     ends, aside = ends[keep], aside[keep] / length[keep]
     half = [aside * (LINE_PIXELS / 2 * _pixel(view, ends[:, i]))[:, None] for i in range(2)]
     ribbons = np.stack([ends[:, 0] - half[0], ends[:, 1] - half[1], ends[:, 1] + half[1], ends[:, 0] + half[0]], axis=1)
-    return ribbons, colours[keep, 0, :3]
+    return ribbons, colors[keep, 0, :3]

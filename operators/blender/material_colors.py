@@ -24,7 +24,7 @@ class Looks:
         """Return linear base color, and the layer of `images` that replaces it, or -1."""
         if material is None:
             return *GREY, -1.0
-        socket = _base_colour(material)
+        socket = _base_color(material)
         if socket is None:
             return *material.diffuse_color[:3], -1.0
         image = _image_behind(socket)
@@ -60,7 +60,7 @@ def _is_linear(image: bpy.types.Image) -> bool:
     return image.is_float or space.is_data or space.name.startswith("Linear")
 
 
-def _base_colour(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
+def _base_color(material: bpy.types.Material) -> bpy.types.NodeSocket | None:
     """Return the socket of the material's color, or None if no shader gives one."""
     if material.node_tree is None:
         return None

@@ -48,15 +48,6 @@ SHOWN = ("hide_render", "hide_viewport", "visible_camera", "visible_diffuse", "v
          "visible_volume_scatter", "visible_shadow", "is_holdout", "is_shadow_catcher", "pass_index", "color")  # fmt: skip
 
 
-def shows_plainly(item: bpy.types.Object) -> bool:
-    """Return whether all properties of SHOWN but the color have their defaults.
-
-    The mesh of such an object looks the same on another such object.
-    """
-    properties = bpy.types.Object.bl_rna.properties
-    return all(getattr(item, name) == properties[name].default for name in SHOWN if name != "color")
-
-
 def mesh_like(item: bpy.types.Object, mesh: bpy.types.Mesh) -> bpy.types.Object:
     """Return a new object of `mesh` that looks like `item`.
 

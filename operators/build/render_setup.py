@@ -256,7 +256,7 @@ def _points(top: bpy.types.Collection, bucket: Bucket) -> bpy.types.Object:
     mesh = bpy.data.meshes.new(f"Crowd {bucket.name} points")
     points = bpy.data.objects.new(mesh.name, mesh)
     mesh[OWNED] = points[OWNED] = True
-    # instances are drawn in the object colour of their instancer
+    # instances are drawn in the object color of their instancer
     points.color = (*TINTS[bucket.level], 1.0)
     for ray in bucket.unseen_by:
         setattr(points, f"visible_{ray}", False)  # their instances, too
@@ -291,7 +291,7 @@ def dress_all(scene: bpy.types.Scene) -> None:
         points.update_tag()
 
 
-def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:  # noqa: C901 - to be cut with the build
+def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> None:
     """Put the characters into the build, in place of those that it has."""
     library = _library_of(top)
     if library is None:
@@ -323,19 +323,23 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
     for rig in cast.rigs:
         rigs.objects.link(rig)
     for level, characters in enumerate(cast.collections):
-        homes = spare[level][: len(characters)]
-        for home in homes:
-            home.name = "Crowd LOD character"  # none keeps what another is to be called
-        for number, (name, items) in enumerate(characters):
-            home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
-            home.name, home[OWNED] = name, True
-            for item in items:
-                home.objects.link(item)
-            if number >= len(homes):
-                shelves[level].children.link(home)
+        _fill(shelves[level], spare[level][: len(characters)], characters)
     note_change(top, library, rigs, *shelves.values())
     for block, name in cast.names.items():
         block.name = name
+
+
+def _fill(shelf: bpy.types.Collection, homes: list[bpy.types.Collection], characters: list[tuple[str, list]]) -> None:
+    """Put `characters`, (name, objects) each, into `shelf`: into its emptied collections `homes`, and then into new ones."""
+    for home in homes:
+        home.name = "Crowd LOD character"  # none keeps what another is to be called
+    for number, (name, items) in enumerate(characters):
+        home = homes[number] if number < len(homes) else bpy.data.collections.new(name)
+        home.name, home[OWNED] = name, True
+        for item in items:
+            home.objects.link(item)
+        if number >= len(homes):
+            shelf.children.link(home)
 
 
 def _emptied(shelf: bpy.types.Collection, gone: bpy.types.Collection) -> list[bpy.types.Collection]:

@@ -208,8 +208,8 @@ def _scaled(image: bpy.types.Image, times: int, names: dict) -> bpy.types.Image:
         if other.get(SCALED) == mark and other.library is None and other.packed_file:
             return other
     if values.shape[2] < 4:
-        colours = values[..., :3] if values.shape[2] == 3 else values[..., :1].repeat(3, axis=2)
-        values = np.concatenate([colours, np.ones((height, width, 1), np.float32)], axis=2)
+        colors = values[..., :3] if values.shape[2] == 3 else values[..., :1].repeat(3, axis=2)
+        values = np.concatenate([colors, np.ones((height, width, 1), np.float32)], axis=2)
     encoded = not image.is_float and space.name == "sRGB"
     bytes_ = np.arange(256) / 255
     light = color_space.linear(bytes_[:, None].repeat(3, axis=1))[:, 0] if encoded else None

@@ -117,6 +117,10 @@ def _plan(commands, program: str) -> None:
         metavar="PART",
         help="part by which the cost may grow to avoid switches in sight (default: the scene's)",
     )
+    command.add_argument("--triangles", type=float, metavar="N", help="at most so many triangles of characters in each frame")
+    command.add_argument("--vertices", type=float, metavar="N", help="at most so many vertices of characters in each frame")
+    command.add_argument("--lod0", type=int, metavar="N", help="at most so many agents at full detail in each frame")
+    command.add_argument("--memory", type=float, metavar="MB", help="at most so much memory for characters in each frame")
 
 
 def _explain(commands, program: str) -> None:

@@ -7,6 +7,7 @@ import sys
 import threading
 import time as clock
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -15,6 +16,7 @@ from ... import sample_scenes
 from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.errors import FAULTS, CrowdError, sentence
 from ...crowd_lod.format import printable
+from ...crowd_lod.planning.budget import Budget
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.progress import Made, share
 from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams
@@ -23,6 +25,7 @@ from ...crowd_lod.validation.render_proof import to_text
 from ..batch import error_report, shot_plan
 from ..batch.preview import preview
 from ..batch.preview_stage import COLOR_MODES, Preview
+from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping
 from ..build import bake, render_setup, view_layers
@@ -137,17 +140,17 @@ def _preview(args, command: list[str]) -> dict:
     stem = _stem(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
-    colour = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
-    if engine != "OVERLAY" and colour not in COLOR_MODES:
+    color = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
+    if engine != "OVERLAY" and color not in COLOR_MODES:
         raise CrowdError(
-            f"The engine {engine.lower()} has no color {colour.lower()}: take --engine overlay, or --color lod or material."
+            f"The engine {engine.lower()} has no color {color.lower()}: take --engine overlay, or --color lod or material."
         )
     wanted = Preview(
         frames=_frames(args, settings),
         folder=folder,
         width=args.width or settings.width,
         engine=engine,
-        colour=colour,
+        color=color,
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
@@ -175,14 +178,29 @@ def _plan(args, command: list[str]) -> dict:
         frames=parse_frames(settings.frames if args.frames is None else args.frames),
         folder=folder,
         avoid=settings.avoid_pops if args.avoid_pops is None else args.avoid_pops,
+        budget=_budget(args, settings),
+        keeps=True,
     )
     with files.staged(folder) as part:
-        planned = _finish(shot_plan.plan_shot(scene, wanted), f"plan of {stem}", args.quiet)
-        told = shot_plan.write_plan(part, planned)
+
+        def work() -> Generator[float, None, tuple[shot_plan.Planned, dict]]:
+            planned = yield from share(shot_plan.plan_shot(scene, wanted), 0.0, 0.99)
+            return planned, (yield from share(shot_plan.write_plan(scene, part, planned, command), 0.99, 1.0))
+
+        planned, told = _finish(work(), f"plan of {stem}", args.quiet)
+    forget_parts(folder)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
     out = printable(folder)
-    return {"out": out, **told["shot"], "summary": f"{shot_plan.sentence(planned)}\n{out}"}
+    return {"out": out, **told["shot"], "frames": told["frames"], "summary": f"{shot_plan.sentence(planned)}\n{out}"}
+
+
+def _budget(args, settings) -> Budget:
+    """Return the budget that the command gives, or else that of the settings."""
+    own = shot_plan.budget_of(settings)
+    given = {"triangles": args.triangles, "vertices": args.vertices, "finest": args.lod0}
+    given["memory"] = None if args.memory is None else 1e6 * args.memory
+    return replace(own, **{name: value for name, value in given.items() if value is not None})
 
 
 def _explain(args, command: list[str]) -> dict:

@@ -85,10 +85,10 @@ def bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
         raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
     if not np.isfinite(points).all():
         raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
-    centre, radius = bounding_sphere(points - origin, reach[:, 0])
+    center, radius = bounding_sphere(points - origin, reach[:, 0])
     threes = zip(poses, poses[1:], poses[2:], strict=False)
     bends = (np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
-    return centre, radius + float(max(bends, default=0.0)) / 4
+    return center, radius + float(max(bends, default=0.0)) / 4
 
 
 def extent(actor: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:

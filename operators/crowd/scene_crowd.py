@@ -109,13 +109,13 @@ def measuring_groups(
         first, last = action_range(objects)
         on_ground = stands(settings, name)
         if name in reaches:
-            low, centre, radius = reaches[name]
+            low, center, radius = reaches[name]
         else:
             poses = yield from share(posing(objects, frames_of(first, last)), g / len(characters), (g + 1) / len(characters))
             low = lowest(poses, origin[2])
-            centre, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), poses)
+            center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), poses)
         stride = _custom(settings.characters, name, "stride")
-        found = Group(name, centre, radius, stride, (last - first) / fps, lowest=low, on_ground=on_ground)
+        found = Group(name, center, radius, stride, (last - first) / fps, lowest=low, on_ground=on_ground)
         lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
         measured.append(replace(found, **lods))
     return tuple(measured)
@@ -138,7 +138,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
     for group in groups:
         entry = settings.groups.add()
         # see set_down
-        for name in ("name", "centre", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):
+        for name in ("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):
             setattr(entry, name, getattr(group, name))
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
@@ -182,7 +182,7 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
 def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
     """Return `groups` with spheres that hold characters leaning on slopes.
 
-    A lean of t moves a sphere's center, `centre` metres above the feet, by 2 sin(t / 2) of that
+    A lean of t moves a sphere's center, `center` metres above the feet, by 2 sin(t / 2) of that
     height. The sphere is widened by as much, for the steepest slope that `heights` may have
     anywhere.
     """
@@ -193,7 +193,7 @@ def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
     along_y = np.abs(np.diff(relief, axis=0)).max(initial=0) * rows / depth
     # pitch and roll are float32
     away = 2 * np.sin(np.arctan(np.hypot(along_x, along_y)) / 2) * (1 + 1e-6)
-    return tuple(replace(group, radius=float(group.radius + abs(group.centre) * away)) for group in groups)
+    return tuple(replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups)
 
 
 def groups_of(settings) -> tuple[Group, ...]:
@@ -238,7 +238,7 @@ def _group(entry, count: int) -> Group:
         *group.rms,
         *group.vertices,
     )
-    if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.centre, group.lowest, *group.worst]).all():
+    if not all(0 <= size < np.inf for size in sizes) or not np.isfinite([group.center, group.lowest, *group.worst]).all():
         raise CrowdError(f"The measurements of the character group {group.name} are damaged: press Populate, then Make LOD Meshes.")
     return group
 
@@ -364,7 +364,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings, trajectory.world.area)
     use = use_of(settings, trajectory, policy_of(settings), bias, time, (eyes,) if isinstance(eyes, Camera) else eyes)
-    frame = plan(trajectory, eyes, use.policy, time, shutter, bias)
+    frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
     return use.applied(frame if around is None else surround(frame, around))  # who is hidden casts no shadow
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
-from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colors
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
 from ..blender import image_data, stored_values
@@ -28,7 +28,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     if settings.map_image is None:
         return edge_map(area, machine.labels)
     pixels = image_data.read_pixels(settings.map_image)[..., :3]
-    return LabelMap(labels_from_colours(pixels, machine.label_colours, machine.labels, settings.map_image.name), area)
+    return LabelMap(labels_from_colors(pixels, machine.label_colors, machine.labels, settings.map_image.name), area)
 
 
 def heights_of(settings, area: Area) -> HeightMap | None:

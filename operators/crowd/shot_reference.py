@@ -7,13 +7,14 @@ from pathlib import Path
 from weakref import WeakKeyDictionary
 
 import bpy
+import numpy as np
 
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.planning.frame import Frame
-from ...crowd_lod.planning.planned import Row, numbers_of, policy_for, same_cameras, with_row
+from ...crowd_lod.planning.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
 from ..blender import scene_cache
 from .shot_exceptions import digest_of
@@ -28,13 +29,11 @@ CAMERA = "the camera"
 class Use:
     """How a frame uses the scene's shot plan.
 
-    policy: by which LODs are assigned.
-    row: of the plan, or None if it gives no LODs.
+    row: (n,) uint8, of the plan's file, or None if it gives no LODs.
     unplanned: a sentence why the scene's plan gives none; "" if it does, or if there is none.
     """
 
-    policy: LevelPolicy
-    row: Row | None = None
+    row: np.ndarray | None = None
     unplanned: str = ""
 
     def applied(self, frame: Frame) -> Frame:
@@ -81,7 +80,7 @@ def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | N
     try:
         stored = stored_plan(settings)
         if stored is None:
-            return Use(policy)
+            return Use()
         f = stored.place(time)
         if f is None:
             return Use(
@@ -92,10 +91,10 @@ def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | N
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
             changed = [CAMERA]
         if changed:
-            return Use(policy, None, f"The shot plan is not used, for {' and '.join(changed)} changed since it was made: {AGAIN}.")
-        return Use(policy_for(policy, stored.tolerance), stored.row(f, len(trajectory.start)))
+            return Use(None, f"The shot plan is not used, for {' and '.join(changed)} changed since it was made: {AGAIN}.")
+        return Use(stored.row(f, len(trajectory.start)))
     except CrowdError as error:
-        return Use(policy, None, str(error))
+        return Use(None, str(error))
 
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
@@ -121,7 +120,7 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
     groups, world, heights = trajectory.groups, trajectory.world, trajectory.heights
     start = b"".join(column.tobytes() for column in vars(trajectory.start).values())
-    bodies = [(g.name, g.centre, g.radius, g.stride, g.period) for g in groups]
+    bodies = [(g.name, g.center, g.radius, g.stride, g.period) for g in groups]
     return {
         "the crowd": _digest(repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame)), start),
         "the state machine": _digest(trajectory.machine.text),

@@ -14,10 +14,10 @@ from .source_mesh import KEY, KINDS, NORMALS, Source, offset_of, positions, read
 from .surface import Surface
 
 MOST_INFLUENCES = 4  # bones that a vertex of a LOD follows
-# part of the way to its triangle's centre from where a corner looks for its side of a seam or sharp
+# part of the way to its triangle's center from where a corner looks for its side of a seam or sharp
 # edge
 INWARD = 0.2
-# part of the way in UVs from a corner to its triangle's centre that the nearest UVs may be off
+# part of the way in UVs from a corner to its triangle's center that the nearest UVs may be off
 JUMP = 0.3
 SHARP = 0.5  # difference between unit normals that a sharp edge makes, about 30 degrees
 ALIKE = 0.15  # difference between unit normals that may become one, about 9 degrees
@@ -138,9 +138,9 @@ def locate(source: Source, chart: np.ndarray, points: np.ndarray, beyond: np.nda
 
 
 def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
-    """The chart of each triangle of the LOD, and the place of its centre there.
+    """The chart of each triangle of the LOD, and the place of its center there.
 
-    Of the charts around the source's vertices that its corners stand for, it is the one nearest to its centre: so a sleeve takes
+    Of the charts around the source's vertices that its corners stand for, it is the one nearest to its center: so a sleeve takes
     nothing from the arm in it. Returns charts (m,) and the Place.
     """
     charts = charts_of(source)
@@ -153,8 +153,8 @@ def charts_chosen(source: Source, result: LodMesh) -> tuple[np.ndarray, Place]:
     step = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     chart = charts.chart[np.repeat(first[corner], counts) + step]
     triangle, chart = np.unique(np.stack([triangle, chart], axis=1), axis=0).T
-    centres = result.points[result.triangles].mean(axis=1)
-    place, distance = locate(source, chart, centres[triangle])
+    centers = result.points[result.triangles].mean(axis=1)
+    place, distance = locate(source, chart, centers[triangle])
     order = np.lexsort((distance, triangle))
     best = order[np.searchsorted(triangle[order], np.arange(len(result.triangles)))]
     return chart[best], place[best]
@@ -164,8 +164,8 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
     """Make the decimated mesh with the source's materials and attributes.
 
     Points take those of the source's vertex that they stand for, faces those of the source's face nearest to their
-    centre. Each triangle is in one chart: UVs of its corners are those of the nearest points in it, continued beyond its
-    edge; colours and normals those a little inwards, so that each side of a sharp edge keeps its own. Weights are the object's
+    center. Each triangle is in one chart: UVs of its corners are those of the nearest points in it, continued beyond its
+    edge; colors and normals those a little inwards, so that each side of a sharp edge keeps its own. Weights are the object's
     to take. Yields between the steps and returns the mesh.
     """
     mesh = mesh_data.new_mesh(name, result.points, result.triangles)
@@ -173,7 +173,7 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
         mesh.materials.append(material)
     corners, faces = source.geometry[2:]
     yield
-    chart, centre = charts_chosen(source, result)
+    chart, center = charts_chosen(source, result)
     yield
     at = result.points[result.triangles]
     middle = at.mean(axis=1, keepdims=True)
@@ -195,10 +195,10 @@ def dress(name: str, result: LodMesh, source: Source) -> Generator[None, None, b
         elif domain == "POINT":
             carried = values[result.source]
         elif domain == "FACE":
-            carried = values[faces[centre.triangle]]
+            carried = values[faces[center.triangle]]
         elif domain == "CORNER" and kind == "FLOAT2":
             uvs = values[corners]
-            carried = _same_side(*(np.einsum("nk,nkd->nd", place.outside, uvs[place.triangle]) for place in (edge, inner, centre)))
+            carried = _same_side(*(np.einsum("nk,nkd->nd", place.outside, uvs[place.triangle]) for place in (edge, inner, center)))
             # never beyond the chart's own range: it may end at the picture's edge
             low, high = (
                 np.array([limit(uvs[members], axis=(0, 1)) for members in charts_of(source).members]) for limit in (np.min, np.max)
@@ -271,12 +271,12 @@ def unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True).clip(1e-12)
 
 
-def _same_side(nearest: np.ndarray, inwards: np.ndarray, centres: np.ndarray) -> np.ndarray:
+def _same_side(nearest: np.ndarray, inwards: np.ndarray, centers: np.ndarray) -> np.ndarray:
     """UVs of the LOD's corners (n, 2): the `nearest`, unless across a seam.
 
     Across a seam within the chart they are far from those continued from a little `inwards`, which are taken then.
     """
-    jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(inwards - centres.repeat(3, axis=0), axis=1)
+    jump = np.linalg.norm(nearest - inwards, axis=1) > JUMP * np.linalg.norm(inwards - centers.repeat(3, axis=0), axis=1)
     return np.where(jump[:, None], inwards, nearest)
 
 

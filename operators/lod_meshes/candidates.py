@@ -24,8 +24,8 @@ from . import source_mesh as sources
 from .deviation import Measure, compare, poses
 from .pose_deformation import skin_of
 
-# LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colours that stay apart for
-# colour-blind eyes (Okabe and Ito), and white. Linear RGB.
+# LOD 0 red, 1 green, 2 blue, as in the chapter's figure 1.5; then colors that stay apart for
+# color-blind eyes (Okabe and Ito), and white. Linear RGB.
 TINTS = (
     (0.80, 0.03, 0.03),
     (0.04, 0.60, 0.06),
@@ -44,7 +44,7 @@ AS_MADE, WAY, WHY, MILLISECONDS = "crowd_lod_as_made", "crowd_lod_way", "crowd_l
 # Of Group, a value a LOD
 COLUMNS = {"vertices": int, "triangles": int, "deviations": float, "bounds": float, "rms": float, "worst": float}
 # of what was measured: where the group stands, by how much materials displace it, its lowest point,
-# centre, radius
+# center, radius
 REACH = "reach"
 # Modifiers whose settings say all that they do; of others, such as physics, groups are measured
 # again.

@@ -112,7 +112,7 @@ def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collectio
     if settings.choice == "BY_TOLERANCE":
         shots = yield from standing(selection.views(scene, settings, trajectory_of(scene, groups)), 0.1)
     for ladder, group in zip(ladders, groups, strict=True):
-        ladder.reach = group.lowest, group.centre, group.radius
+        ladder.reach = group.lowest, group.center, group.radius
         if 0 not in ladder.rows:
             yield from standing(ladder.measure(0), 0.1)
     return ladders, groups, shots

@@ -48,12 +48,12 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
     frames = parse_frames(settings.frames, settings.step)
     chosen = evenly(frames, MOST_FRAMES)
     bias, cameras = bias_of(settings, trajectory.world.area), cameras_at(scene, chosen)
-    centre, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("centre", "radius"))
+    center, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("center", "radius"))
     library, gaits = cast_of(characters_of(scene)), trajectory.gaits
     first, found = library.first(gaits), [[] for _ in trajectory.groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
-        visible, distance = radar(crowd, eyes, centre, radius)
+        visible, distance = radar(crowd, eyes, center, radius)
         if bias is not None:
             distance = distance * bias.at(crowd.x, crowd.y)
         for g, each in enumerate(found):

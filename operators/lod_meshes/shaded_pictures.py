@@ -36,11 +36,11 @@ def body_of(mesh: bpy.types.Mesh, materials: Sequence, matrix: np.ndarray, looks
         layer.uv.foreach_get("vector", uvs.ravel())
     mesh.polygons.foreach_get("material_index", slots)
     table = np.array([looks.of(material) for material in (*materials, None)])
-    colours = table[np.minimum(slots, max(len(materials) - 1, 0))[faces]]
+    colors = table[np.minimum(slots, max(len(materials) - 1, 0))[faces]]
     normals = normals[corners].astype(np.float64) @ np.linalg.pinv(matrix[:3, :3])
     normals /= np.linalg.norm(normals, axis=2, keepdims=True).clip(1e-12)
     placed = points @ matrix[:3, :3].T + matrix[:3, 3]
-    return Body(placed, triangles, normals, uvs[corners].astype(np.float64), colours[:, :3], colours[:, 3].astype(np.intp))
+    return Body(placed, triangles, normals, uvs[corners].astype(np.float64), colors[:, :3], colors[:, 3].astype(np.intp))
 
 
 def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph, looks: Looks) -> Body | None:
@@ -64,7 +64,7 @@ def bodies_of(objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgrap
     if not found:
         return None
     shift = np.cumsum([0, *(len(body.points) for body in found[:-1])])
-    names = ("points", "normals", "uvs", "colours", "image")
+    names = ("points", "normals", "uvs", "colors", "image")
     every = {name: np.concatenate([getattr(body, name) for body in found]) for name in names}
     return Body(triangles=np.concatenate([body.triangles + k for body, k in zip(found, shift, strict=True)]), **every)
 
@@ -98,21 +98,21 @@ def within(one: Body, other: Body, images: np.ndarray, diagonal: float) -> float
     return np.inf if wrong[-1] == HALVINGS else float(2 ** (wrong[-1] + 1) / scale)
 
 
-def alike(one: Body, other: Body, images: np.ndarray, centre: np.ndarray, distance: float, camera: Camera) -> tuple[float, float]:
+def alike(one: Body, other: Body, images: np.ndarray, center: np.ndarray, distance: float, camera: Camera) -> tuple[float, float]:
     """Return (mean difference, structural similarity) of two bodies' pictures.
 
     Both are means over all sides. The difference is of sRGB values from 0 to 1. Each picture is
-    what `camera` shows when it looks at `centre` from `distance`, reduced to at most MOST_TALL
+    what `camera` shows when it looks at `center` from `distance`, reduced to at most MOST_TALL
     pixels.
 
     images: (i, size, size, 4) uint8, of the bodies' materials.
-    centre: (3,) metres.
+    center: (3,) metres.
     distance: metres.
     """
     found = []
     for azimuth in AROUND:
         axes = side(azimuth)
-        flat = [project(body.points, centre, axes[2], distance, camera) for body in (one, other)]
+        flat = [project(body.points, center, axes[2], distance, camera) for body in (one, other)]
         smaller = min(1.0, MOST_TALL / max(np.ptp(flat[0][:, :2], axis=0).max(), 1e-9))
         found.append(likeness(*pictures((one, other), images, [at * (smaller, smaller, 1) for at in flat], axes)))
     difference, similarity = np.mean(found, axis=0)

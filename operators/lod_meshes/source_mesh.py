@@ -167,7 +167,7 @@ def read_source(item: bpy.types.Object) -> Source:
         bpy.data.batch_remove(made)
 
 
-def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C901 - to be cut with the LOD meshes
+def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
     """Read the Source of `item` from its copy `twin`, which has its own data."""
     notes = _notes(item)
     values = {name: twin.data.shape_keys.key_blocks[name].value for name in _moving_keys(item)}
@@ -199,14 +199,7 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C9
             mesh.materials[index] = material
     for index, offset in enumerate(offsets.values()):
         mesh.attributes.new(f"{KEY}{index}", "FLOAT_VECTOR", "POINT").data.foreach_set("vector", offset.ravel())
-    custom = mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2])
-    if mesh.normals_domain != "FACE":  # flat faces need none
-        normals = np.empty((len(mesh.loops), 3), np.float32)
-        mesh.corner_normals.foreach_get("vector", normals.ravel())
-        if mesh.has_custom_normals:
-            # it is relative to this very mesh
-            mesh.attributes.remove(mesh.attributes["custom_normal"])
-        mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
+    custom = _store_normals(mesh)
     mend(mesh, split_sharp=NORMALS not in mesh.attributes)
     points = positions(mesh)
     wrong = ~np.isfinite(points).all(axis=1)
@@ -218,6 +211,19 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:  # noqa: C9
     if not offsets:
         drop_flat_parts(mesh)
     return Source(item, mesh, _group_names(mesh), list(offsets), notes, custom_normals=custom)
+
+
+def _store_normals(mesh: bpy.types.Mesh) -> bool:
+    """Store the corners' normals as the attribute NORMALS; return whether they are custom, or of sharp edges."""
+    custom = mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2])
+    if mesh.normals_domain != "FACE":  # flat faces need none
+        normals = np.empty((len(mesh.loops), 3), np.float32)
+        mesh.corner_normals.foreach_get("vector", normals.ravel())
+        if mesh.has_custom_normals:
+            # it is relative to this very mesh
+            mesh.attributes.remove(mesh.attributes["custom_normal"])
+        mesh.attributes.new(NORMALS, "FLOAT_VECTOR", "CORNER").data.foreach_set("vector", normals.ravel())
+    return custom
 
 
 def _group_names(mesh: bpy.types.Mesh) -> list[str]:

@@ -16,7 +16,7 @@ PURPLE, BROWN = (0.45, 0.2, 0.75), (0.25, 0.12, 0.05)
 
 
 @dataclass(frozen=True)
-class Colours:
+class Colors:
     """The agents' colors, as indices into a palette.
 
     index: (n,) uint8, each agent's color in `palette`.
@@ -29,34 +29,34 @@ class Colours:
     culled: bool = False
 
 
-def by_level(frame: Frame) -> Colours:
+def by_level(frame: Frame) -> Colors:
     """Color agents by LOD."""
     index = np.zeros(len(frame.crowd), np.uint8)  # frame.levels would be measured for all agents
     index[frame.buckets.order] = frame.buckets.levels
-    return Colours(index, _opaque(TINTS))
+    return Colors(index, _opaque(TINTS))
 
 
-def by_state(frame: Frame) -> Colours:
+def by_state(frame: Frame) -> Colors:
     """Color agents by state, in the state machine's colors."""
-    return Colours(frame.crowd.state, _opaque(linear(frame.trajectory.machine.state_colours / 255)))
+    return Colors(frame.crowd.state, _opaque(linear(frame.trajectory.machine.state_colors / 255)))
 
 
-def by_group(frame: Frame) -> Colours:
+def by_group(frame: Frame) -> Colors:
     """Color agents by character group; colors repeat after the last of TINTS."""
-    return Colours(frame.crowd.group % np.uint8(len(TINTS)), _opaque(TINTS))
+    return Colors(frame.crowd.group % np.uint8(len(TINTS)), _opaque(TINTS))
 
 
-def by_reason(frame: Frame) -> Colours:
+def by_reason(frame: Frame) -> Colors:
     """Color agents by the reason why they are culled or do not have the finest LOD.
 
     The reasons are those of crowd_lod.planning.reasons.REASONS.
     """
-    return Colours(reasons(frame), _opaque([*TINTS, PURPLE, BROWN]), culled=True)
+    return Colors(reasons(frame), _opaque([*TINTS, PURPLE, BROWN]), culled=True)
 
 
-def by_material(frame: Frame, characters: Sequence[Character]) -> Colours:
+def by_material(frame: Frame, characters: Sequence[Character]) -> Colors:
     """Color agents with the mean color of their group's materials."""
-    return Colours(frame.crowd.group, _opaque([character.colour for character in characters]))
+    return Colors(frame.crowd.group, _opaque([character.color for character in characters]))
 
 
 def _opaque(rgb) -> np.ndarray:

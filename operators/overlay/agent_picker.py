@@ -53,7 +53,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
             self.cancel(context)
             return {"FINISHED"}
         found = nearest(
-            shown.frame.crowd.places(shown.frame.trajectory.spheres.centre),
+            shown.frame.crowd.places(shown.frame.trajectory.spheres.center),
             np.array(region.data.perspective_matrix, np.float64),
             (region.width, region.height),
             (event.mouse_x - region.x, event.mouse_y - region.y),

@@ -49,7 +49,7 @@ def cast_of(groups, style: Style, characters: tuple[Character, ...]) -> Cast | N
     return Cast(groups, characters if style.mode == "MESHES" else ())
 
 
-def colours_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colours:
+def colors_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> agent_colors.Colors:
     """Return the agents' colors; `chosen` is a value of the setting overlay_color."""
     if chosen == "STATE":
         return agent_colors.by_state(frame)
@@ -62,7 +62,7 @@ def colours_of(chosen: str, frame: Frame, characters: tuple[Character, ...]) -> 
     return agent_colors.by_level(frame)
 
 
-def drawing_of(settings, frame: Frame, style: Style, coloured: agent_colors.Colours, framed: bool = True) -> Drawing:
+def drawing_of(settings, frame: Frame, style: Style, colored: agent_colors.Colors, framed: bool = True) -> Drawing:
     """Return the frame's Drawing by the settings.
 
     framed: whether to draw the lines of the camera's frustum and LOD ranges.
@@ -71,5 +71,5 @@ def drawing_of(settings, frame: Frame, style: Style, coloured: agent_colors.Colo
     fades = None
     if style.mode == "MESHES" and settings.overlay_fade:
         fades = fades_of(frame, settings.overlay_fade)
-    what = drawing(frame, style, coloured, slopes, fades)
-    return what if framed else replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
+    what = drawing(frame, style, colored, slopes, fades)
+    return what if framed else replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])

@@ -11,7 +11,7 @@ from ...crowd_lod.crowd.maps import HeightMap
 from ...crowd_lod.culling.camera import Camera, frustum_corners
 from ...crowd_lod.planning.frame import Frame
 from ..lod_meshes.make_lods import TINTS
-from .agent_colors import Colours, by_level
+from .agent_colors import Colors, by_level
 
 # Linear RGBA.
 CULLED = (0.45, 0.45, 0.45, 0.6)
@@ -55,11 +55,11 @@ class Drawing:
     fading: whether LODs cross-fade, so that a share may differ from 0.
     positions: (n, 3) float32, the points, at the centers of the agents' spheres: LOD 0 first,
         culled agents last.
-    colours: (n, 4) float32, linear RGBA, of the points.
+    colors: (n, 4) float32, linear RGBA, of the points.
     sizes: (n,) float32, relative to the largest character's.
     diameter: metres of a point of size 1.
     lines: (m, 2, 3) float32, both ends.
-    line_colours: (m, 2, 4) float32, linear RGBA.
+    line_colors: (m, 2, 4) float32, linear RGBA.
     """
 
     origin: np.ndarray
@@ -70,11 +70,11 @@ class Drawing:
     materials: bool
     fading: bool
     positions: np.ndarray
-    colours: np.ndarray
+    colors: np.ndarray
     sizes: np.ndarray
     diameter: float
     lines: np.ndarray
-    line_colours: np.ndarray
+    line_colors: np.ndarray
 
     @property
     def nbytes(self) -> int:
@@ -84,60 +84,60 @@ class Drawing:
 
 def drawing(
     frame: Frame,
-    style: Style = Style(),  # noqa: B008  frozen
-    colours: Colours | None = None,
+    style: Style = Style(),
+    colors: Colors | None = None,
     slopes: HeightMap | None = None,
     fades: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Drawing:
     """Return the Drawing of `frame`.
 
-    colours: None for the colors of the LODs.
+    colors: None for the colors of the LODs.
     slopes: height map that agents lean with; None to keep them upright.
     fades: (finer, share) of all agents, from crowd_lod.planning.cross_fade.fades_of; None for no
         cross-fade.
     """
     crowd, origin = frame.crowd, frame.camera.origin
-    colours = colours or by_level(frame)
-    centre, radius = frame.trajectory.spheres.centre, frame.trajectory.spheres.radius
+    colors = colors or by_level(frame)
+    center, radius = frame.trajectory.spheres.center, frame.trajectory.spheres.radius
     points = style.mode == "POINTS"
     seen = len(frame.buckets.order) if points else 0
     culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
     culled = culled[~frame.visible[culled]] if len(culled) else culled
     order = np.concatenate([frame.buckets.order[:seen], culled])
     group = crowd.group[order]
-    agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colours, slopes, fades)
+    agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colors, slopes, fades)
 
-    positions = np.stack(crowd.places(centre, order, origin), axis=1, dtype=np.float32, casting="same_kind")
+    positions = np.stack(crowd.places(center, order, origin), axis=1, dtype=np.float32, casting="same_kind")
     tints = np.empty((len(order), 4), np.float32)
-    tints[:seen] = colours.palette[colours.index[order[:seen]]]
+    tints[:seen] = colors.palette[colors.index[order[:seen]]]
     tints[seen:] = CULLED
-    if colours.culled:
-        tints[seen:, :3] = colours.palette[colours.index[order[seen:]], :3]
+    if colors.culled:
+        tints[seen:, :3] = colors.palette[colors.index[order[seen:]], :3]
 
     largest = float(radius.max()) or 1.0
     sizes = (radius / largest).astype(np.float32)[group]
     sizes[seen:] *= CULLED_SIZE
 
-    lines, line_colours = frustum_lines(frame.camera, frame.begins)
+    lines, line_colors = frustum_lines(frame.camera, frame.begins)
     return Drawing(
         origin=origin,
         agents=agents,
         draws=draws,
-        palette=colours.palette,
+        palette=colors.palette,
         turn=style.turn,
         materials=style.materials,
         fading=fades is not None and not points,
         positions=positions,
-        colours=tints,
+        colors=tints,
         sizes=sizes,
         diameter=WIDTH * largest,
         lines=(lines - origin).astype(np.float32),
-        line_colours=line_colours,
+        line_colors=line_colors,
     )
 
 
 def _instances(
-    frame: Frame, colours: Colours, slopes: HeightMap | None, fades: tuple[np.ndarray, np.ndarray] | None
+    frame: Frame, colors: Colors, slopes: HeightMap | None, fades: tuple[np.ndarray, np.ndarray] | None
 ) -> tuple[np.ndarray, tuple]:
     """Return (agents, draws) of a Drawing; cross-fading agents are in both LODs."""
     crowd, order = frame.crowd, frame.buckets.order
@@ -159,7 +159,7 @@ def _instances(
     agents[:, 0], agents[:, 1], agents[:, 2] = crowd.places(None, order, frame.camera.origin)
     agents[:, 3] = crowd.heading[order]
     agents[:, 4] = frame.phase_of(order)
-    agents[:, 5] = 4.0 * colours.index[order] + 2.0 + shares
+    agents[:, 5] = 4.0 * colors.index[order] + 2.0 + shares
     if slopes is not None:
         agents[:, 6], agents[:, 7] = slopes.tilt(crowd.x[order], crowd.y[order], crowd.heading[order])
     draws = zip(kinds // 256, kinds % 256, first, count, strict=True)
@@ -179,12 +179,12 @@ def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.nd
         return np.empty((0, 2, 3)), np.empty((0, 2, 4), np.float32)
     near, far = frustum_corners(camera, camera.near), frustum_corners(camera, camera.far)
     ends = [np.stack([near, far], axis=1), _ring(near), _ring(far)]
-    colours = [FRUSTUM] * 3
+    colors = [FRUSTUM] * 3
     for level, distances in enumerate(begins.T, start=1):
         for distance in np.unique(distances[(distances > camera.near) & (distances <= camera.far)]):
             ends.append(_ring(frustum_corners(camera, distance)))
-            colours.append((*TINTS[level], 1.0))
-    each = np.array(colours, np.float32)[:, None, None]
+            colors.append((*TINTS[level], 1.0))
+    each = np.array(colors, np.float32)[:, None, None]
     return np.concatenate(ends), np.broadcast_to(each, (len(ends), 4, 2, 4)).reshape(-1, 2, 4)
 
 

@@ -91,7 +91,7 @@ class Planner:
     def __init__(self, trajectory: Trajectory):
         area = trajectory.world.area
         self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
-        self.spheres = trajectory.spheres.centre, trajectory.spheres.reach
+        self.spheres = trajectory.spheres.center, trajectory.spheres.reach
         self._agents, self._asked = None, (None, None)
         self._places, self._columns = {}, (None,) * 3
 
@@ -142,7 +142,7 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
     spheres: n rows per group. The first row holds the height of the center, the reach, and |height|
         + reach. Row k holds where LOD k begins.
     """
-    (centre, radius), camera, policy = spheres, asked.camera, asked.policy
+    (center, radius), camera, policy = spheres, asked.camera, asked.policy
     frustum = planes(camera)
     reach = camera.pad + (radius if policy.margin is None else np.zeros_like(radius))
     normals, origin = np.vstack([frustum.normals, camera.Z]), camera.origin - middle
@@ -154,7 +154,7 @@ def _inputs(middle, spheres: tuple, asked: Unsorted) -> tuple[np.ndarray, np.nda
     view = np.zeros((9, 4), np.float32)
     view[:7, :3], view[:7, 3], view[7, :3], view[8, :2] = normals, offsets, origin, (slack + camera.grain, most + TINY)
     rows = np.zeros((len(radius), policy.count, 4), np.float32)
-    rows[:, 0, :3] = np.column_stack([centre, reach, np.abs(centre) + reach])
+    rows[:, 0, :3] = np.column_stack([center, reach, np.abs(center) + reach])
     rows[:, 1:, 0] = begin
     return view.ravel(), rows.reshape(-1, 4)
 

@@ -95,8 +95,8 @@ class Batches:
             self.agents = self._make("agents", before, _agent_texture, what.agents, np.array(what.turn))
             self.palette = self._make("palette", before, _palette_texture, what.palette)
             self.view = GPUUniformBuf(Buffer("FLOAT", 20))
-        self.points = self._make("points", before, _point_batch, what.positions, what.colours, what.sizes)
-        self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colours)
+        self.points = self._make("points", before, _point_batch, what.positions, what.colors, what.sizes)
+        self.lines = self._make("lines", before, _line_batch, what.lines, what.line_colors)
 
     def _make(self, name: str, before: "Batches | None", make: Callable, *arrays: np.ndarray) -> Any:
         """Return make(*arrays), or the result of `before` if its arrays are equal."""
@@ -239,17 +239,17 @@ def _palette_texture(palette: np.ndarray) -> "GPUTexture":
     return _texture(palette[None])
 
 
-def _point_batch(positions: np.ndarray, colours: np.ndarray, sizes: np.ndarray) -> "GPUBatch | None":
+def _point_batch(positions: np.ndarray, colors: np.ndarray, sizes: np.ndarray) -> "GPUBatch | None":
     """Return the batch of a Drawing's points, or None without points."""
-    columns = {"position": positions, "colour": colours, "size": sizes}
+    columns = {"position": positions, "colour": colors, "size": sizes}
     return _batch(columns, None, "POINTS") if len(positions) else None
 
 
-def _line_batch(lines: np.ndarray, colours: np.ndarray) -> "GPUBatch | None":
+def _line_batch(lines: np.ndarray, colors: np.ndarray) -> "GPUBatch | None":
     """Return the batch of a Drawing's lines, or None without lines."""
     from gpu_extras.batch import batch_for_shader
 
-    columns = {"pos": lines.reshape(-1, 3), "color": encoded(colours).reshape(-1, 4)}
+    columns = {"pos": lines.reshape(-1, 3), "color": encoded(colors).reshape(-1, 4)}
     return batch_for_shader(shader_programs.lines(), "LINES", columns) if len(lines) else None
 
 
@@ -329,7 +329,7 @@ def _mesh_batch(mesh: SkinnedMesh, joints: bool) -> "GPUBatch | None":
     joints: whether the draw skins the mesh, so that the batch needs positions, normals, joints and
         weights.
     """
-    columns = {"uv": mesh.uvs, "base_colour": mesh.colours, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
+    columns = {"uv": mesh.uvs, "base_colour": mesh.colors, "layer": mesh.layers} | (_jointed(mesh) if joints else {})
     return _batch(columns, mesh.triangles) if len(mesh.triangles) else None
 
 
@@ -364,10 +364,10 @@ def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
 
     The box stands on the ground: eight vertices, no floor, smooth normals.
     """
-    half = np.sqrt(max(group.radius**2 - group.centre**2, (0.2 * group.radius) ** 2) / 2)
+    half = np.sqrt(max(group.radius**2 - group.center**2, (0.2 * group.radius) ** 2) / 2)
     corners = np.array([(x, y, z) for z in (0, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
     normals = corners * (1, 1, 2) - (0, 0, 0.5)
     triangles = [(0, 1, 5), (0, 5, 4), (1, 3, 7), (1, 7, 5), (3, 2, 6), (3, 6, 7), (2, 0, 4), (2, 4, 6), (4, 5, 7), (4, 7, 6)]
     normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
-    points = (corners * (half, half, 2 * group.centre)).astype(np.float32)
+    points = (corners * (half, half, 2 * group.center)).astype(np.float32)
     return {"position": points, "normal": normals}, np.array(triangles, np.uint32)

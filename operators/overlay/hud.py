@@ -28,11 +28,11 @@ NARROWEST = 120.0  # nominal pixels, below which nothing is written
 class Line:
     """A line of text.
 
-    colour: linear color of a square before the text, or None for no square.
+    color: linear color of a square before the text, or None for no square.
     """
 
     text: str
-    colour: tuple[float, float, float] | None = None
+    color: tuple[float, float, float] | None = None
 
 
 def figures(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None = None) -> tuple[Line, ...]:
@@ -102,7 +102,7 @@ def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
     found = []
     for line in said:
         first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ")
-        found += [Line(first, line.colour), *map(Line, rest)]
+        found += [Line(first, line.color), *map(Line, rest)]
     return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
 
 
@@ -127,16 +127,16 @@ def write(said: Sequence[Line], box: tuple[float, float, float, float], ui_scale
     _fill(left + edge, top - len(fitting) * line - 2 * edge, left + width + 2 * edge, top, BEHIND)
     for number, each in enumerate(fitting, start=1):
         base = top - number * line
-        if each.colour is not None:
-            colour = encoded(np.array([*each.colour, 1.0], np.float32))
-            _fill(left + 2 * edge, base, left + 2 * edge + line / 2, base + line / 2, colour)
+        if each.color is not None:
+            color = encoded(np.array([*each.color, 1.0], np.float32))
+            _fill(left + 2 * edge, base, left + 2 * edge + line / 2, base + line / 2, color)
         blf.color(0, *WHITE)
         blf.position(0, left + indent + edge, base, 0)
         blf.draw(0, each.text)
     return left + width + 2 * edge, top - len(fitting) * line - 2 * edge
 
 
-def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:
+def _fill(left: float, bottom: float, right: float, top: float, color) -> None:
     """Fill a rectangle of the region, in pixels, with an sRGB color."""
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -144,7 +144,7 @@ def _fill(left: float, bottom: float, right: float, top: float, colour) -> None:
     shader = gpu.shader.from_builtin("UNIFORM_COLOR")
     batch = batch_for_shader(shader, "TRI_STRIP", {"pos": [(left, bottom), (right, bottom), (left, top), (right, top)]})
     with blended():
-        shader.uniform_float("color", [float(value) for value in colour])
+        shader.uniform_float("color", [float(value) for value in color])
         batch.draw(shader)
 
 
@@ -193,7 +193,7 @@ def ring(frame: Frame, agent: int, region, ui_scale: float) -> None:
     from gpu_extras.batch import batch_for_shader
 
     matrix, group = np.array(region.data.perspective_matrix, np.float64), frame.trajectory.groups[frame.crowd.group[agent]]
-    x, y, _, w = matrix @ (*frame.crowd.places(frame.trajectory.spheres.centre, agent), 1.0)
+    x, y, _, w = matrix @ (*frame.crowd.places(frame.trajectory.spheres.center, agent), 1.0)
     if w <= 0:
         return
     half = np.array([region.width, region.height]) / 2

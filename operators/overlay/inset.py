@@ -60,12 +60,12 @@ def picture(batches: Batches, view: np.ndarray, projection: np.ndarray, ui_scale
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     size = pixels(ui_scale)
-    colour, depth = GPUTexture(size, format="SRGB8_A8"), GPUTexture(size, format="DEPTH_COMPONENT32F")
-    canvas = GPUFrameBuffer(color_slots=colour, depth_slot=depth)
+    color, depth = GPUTexture(size, format="SRGB8_A8"), GPUTexture(size, format="DEPTH_COMPONENT32F")
+    canvas = GPUFrameBuffer(color_slots=color, depth_slot=depth)
     with canvas.bind():
         canvas.clear(color=BACKGROUND, depth=1.0)
         paint(batches, view, projection, size, POINTS * ui_scale)
-    return colour
+    return color
 
 
 def show(texture, box: tuple[float, float, float, float], taken: tuple[float, float], ui_scale: float) -> None:

@@ -19,7 +19,7 @@ from ..blender import console, image_data
 from ..blender.color_space import linear
 from ..crowd.scene_crowd import policy_of
 from . import character_cache, hud
-from .appearance import cast_of, colours_of, drawing_of, style_of
+from .appearance import cast_of, colors_of, drawing_of, style_of
 from .gpu_draw import Batches, paint, put_depth
 
 # What a viewport is lent for a picture, from the scene's own shading of its Workbench renders.
@@ -178,9 +178,9 @@ class Playblast:
     def place(self, frame: Frame) -> None:
         """Upload the frame's agents to the GPU."""
         settings = self.stage.crowd_lod
-        coloured = colours_of(settings.overlay_color, frame, self.characters)
+        colored = colors_of(settings.overlay_color, frame, self.characters)
         # the frustum that is looked along is the picture's edge
-        what = drawing_of(settings, frame, self.style, coloured, framed=False)
+        what = drawing_of(settings, frame, self.style, colored, framed=False)
         self.batches = Batches(what, self.cast)
 
     def main(self, path: Path, caption: str) -> None:

@@ -32,7 +32,7 @@ class Character:
     frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning.
     meshes: one per LOD, finest first.
     images: (n, size, size, 4) uint8, sRGB, bottom row first: the images of the meshes' materials.
-    colour: (3,) linear, the mean base color of the vertices of all LODs.
+    color: (3,) linear, the mean base color of the vertices of all LODs.
     off: greatest distance in metres of a vertex of LOD 0 from Blender's own; inf if the two cannot
         be compared.
     told: a sentence about `off` for the user if it is more than TOLERANCE of the diagonal, else
@@ -43,7 +43,7 @@ class Character:
     frames: np.ndarray
     meshes: tuple[SkinnedMesh, ...]
     images: np.ndarray
-    colour: np.ndarray
+    color: np.ndarray
     off: float
     told: str | None
 
@@ -135,14 +135,14 @@ def _character(name: str, stage, levels: list[list[tuple]], times, recorder, loo
     off = _compare(stage, [part for part, _ in levels[0]], sources[0], frames, times, recorder.origin)
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
-    colour = np.concatenate([mesh.colours for mesh in meshes]).mean(axis=0)
+    color = np.concatenate([mesh.colors for mesh in meshes]).mean(axis=0)
     told = None
     if off > TOLERANCE * diagonal:
         told = (
             f"{name} moves in ways that joints cannot express (shape keys, other modifiers than armatures, or more than four "
             f"bones a vertex): the overlay shows it {'at rest there' if np.isinf(off) else f'up to {off:.2g} m off'}."
         )
-    return Character(name, frames, tuple(meshes), looks.images(), colour, off, told)
+    return Character(name, frames, tuple(meshes), looks.images(), color, off, told)
 
 
 def _part(number: int, item: bpy.types.Object, stage: bpy.types.Scene) -> _Part:

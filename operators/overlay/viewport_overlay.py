@@ -24,7 +24,7 @@ from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import drawn_inputs
 from ..crowd.shot_reference import Use, reference, use_of
 from . import agent_colors, character_cache, gpu_culling, hud, inset, shader_programs
-from .appearance import cast_of, colours_of, drawing_of, style_of
+from .appearance import cast_of, colors_of, drawing_of, style_of
 from .draw_data import Style, drawing
 from .gpu_draw import Batches, Cast, paint
 from .viewport_camera import viewpoint
@@ -41,7 +41,7 @@ class Shown:
         frame, and the cast depend on; compared to find changes.
     looked: time in seconds when the trajectory was last compared with the map and the state
         machine.
-    coloured: the agents' colors.
+    colored: the agents' colors.
     cast, batches: on the GPU.
     prepared: milliseconds to upload them.
     painted: milliseconds to submit one draw of them.
@@ -55,7 +55,7 @@ class Shown:
     cast_inputs: tuple = ()
     looked: float = 0.0
     frame: Frame | None = None
-    coloured: agent_colors.Colours | None = None
+    colored: agent_colors.Colors | None = None
     cast: Cast | None = None
     batches: Batches | None = None
     prepared: float = 0.0
@@ -188,7 +188,7 @@ def _draw_figures(context) -> None:
 def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
     """Return the texture of the frame from above, painted once per frame."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
-        what = drawing(shown.frame, Style("POINTS"), shown.coloured)
+        what = drawing(shown.frame, Style("POINTS"), shown.colored)
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
         view, projection = inset.from_above(shown.frame.trajectory.world.area, what.origin, places)
         shown.above = inset.picture(Batches(what), view, projection, ui_scale)
@@ -235,17 +235,17 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
-        use = Use(policy) if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
-        asked = Request(time=time, eyes=tuple(eyes), policy=use.policy, shutter=tuple(shutter), bias=bias)
+        use = Use() if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
+        asked = Request(time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias)
         frame = use.applied(_faster.plan_of(trajectory, asked))
         same_view = before is not None and before.frame_inputs[:1] == (own,)
         if policy.hysteresis and same_view and same_crowd and not frame.planned:
             frame = held(frame, known.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)
-        coloured = colours_of(settings.overlay_color, frame, characters)
+        colored = colors_of(settings.overlay_color, frame, characters)
         framed = own is None  # else its frustum is the viewport's edge
-        what = drawing_of(settings, frame, style, coloured, framed)
+        what = drawing_of(settings, frame, style, colored, framed)
         batches = Batches(what, cast, before and before.batches)
         return Shown(
             crowd_inputs=crowd_inputs,
@@ -253,7 +253,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
             cast_inputs=cast_inputs,
             looked=looked,
             frame=frame,
-            coloured=coloured,
+            colored=colored,
             cast=cast,
             batches=batches,
             prepared=1000 * (clock.perf_counter() - began),

@@ -15,8 +15,8 @@ from ..crowd.scene_crowd import count_of
 from ..overlay import viewport_overlay
 from ..overlay.hud import STAGES, share, told
 
-# Name and icon of each LOD's colour in lod_meshes.candidates.TINTS.
-COLOURS = (
+# Name and icon of each LOD's color in lod_meshes.candidates.TINTS.
+LOD_COLORS = (
     ("red", "STRIP_COLOR_01"),
     ("green", "STRIP_COLOR_04"),
     ("blue", "STRIP_COLOR_05"),
@@ -76,7 +76,7 @@ def _figures(layout, frame) -> None:
         ("Culled", f"{agents - visible:,}  ({(agents - visible) / agents:.1%})", "HIDE_ON"),
     ]
     for level, count in enumerate(frame.buckets.counts):
-        name, icon = COLOURS[level]
+        name, icon = LOD_COLORS[level]
         rows.append((f"LOD {level}, {name}", f"{count:,}", icon))
     if frame.full_triangles:
         rows += [("Vertices", share(frame.vertices, frame.full_vertices), "VERTEXSEL")]
@@ -209,7 +209,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
         grid = layout.column(align=True)
         _cells(grid, ("LOD", "Ratio", "From", "Distance"))
         for level in range(settings.level_count):
-            cells = _cells(grid, (str(level),), icon=COLOURS[level][1], columns=4)
+            cells = _cells(grid, (str(level),), icon=LOD_COLORS[level][1], columns=4)
             cells.prop(settings, "ratios", index=level, text="")
             if level == 0:
                 cells.label(text="near")
@@ -305,10 +305,10 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
         if account is not None:
             _table(column, ("Agent", f"{account.agent:,}"), told(account)[1:])
         if settings.overlay_color == "REASON":
-            for reason, (_, icon) in zip(REASONS, COLOURS, strict=False):
+            for reason, (_, icon) in zip(REASONS, LOD_COLORS, strict=False):
                 column.label(text=reason.capitalize(), icon=icon)
         elif settings.overlay_color == "GROUP":
-            for group, (_, icon) in zip(settings.groups, COLOURS, strict=False):
+            for group, (_, icon) in zip(settings.groups, LOD_COLORS, strict=False):
                 column.label(text=group.name, icon=icon)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
         for name in ("frames", "step", "width", "engine"):

@@ -351,6 +351,18 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         subtype="FACTOR",
         description="Part by which a shot's time, memory and triangles may grow so that fewer characters change their LOD in sight",
     )
+    budget_triangles: IntProperty(
+        name="Triangles",
+        min=0,
+        description="Triangles that the visible characters of any frame may have at most; the tolerance rises until they fit. 0 is no limit",
+    )
+    budget_memory: FloatProperty(
+        name="Memory",
+        min=0,
+        soft_max=16_000,
+        precision=0,
+        description="Megabytes that the characters may take in any frame of the shot; the tolerance rises until they fit. 0 is no limit",
+    )
     plan_folder: StringProperty(
         name="Plan Folder",
         default="//crowd_lod_plan",

@@ -114,7 +114,7 @@ def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path
         built.frame_set(number)
         frame = frame_of(built, bpy.context.evaluated_depsgraph_get())
         c = frame.crowd
-        middle = Vector((c.x[0], c.y[0], trajectory_of(built).groups[c.group[0]].centre))
+        middle = Vector((c.x[0], c.y[0], trajectory_of(built).groups[c.group[0]].center))
         u, v, _ = world_to_camera_view(built, built.camera, middle)
         if not (0.1 < u < 0.9 and 0.1 < v < 0.9):
             continue

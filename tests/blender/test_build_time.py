@@ -264,7 +264,7 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept
     values[..., :3] = pixels / np.float32(255)
     settings.map_image.pixels.foreach_set(values.ravel())  # without a word to Blender
     walled = trajectory_of(built)
-    assert walled is not first and (walled.start.x > settings.centre[0] - 1e-6).all() and first.start.x.min() < -5
+    assert walled is not first and (walled.start.x > settings.center[0] - 1e-6).all() and first.start.x.min() < -5
     settings.machine.from_string(table.replace("1.5", "2.5"))
     assert trajectory_of(built).machine.velocity.max() == 2.5
     settings.seed += 1

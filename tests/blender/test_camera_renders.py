@@ -1,5 +1,5 @@
 """Whom the culling drops, no render shows: of every way to film, the dropped spheres alone are rendered by Cycles, and the
-picture is black. That it can show them is seen with spheres that are dropped by their centres."""
+picture is black. That it can show them is seen with spheres that are dropped by their centers."""
 
 from dataclasses import replace
 
@@ -239,7 +239,7 @@ PANORAMAS = (
 
 
 def judged(scene, lit, seed):
-    """(pixels that show dropped spheres, pixels that show those dropped by their centres, how many are dropped and kept)."""
+    """(pixels that show dropped spheres, pixels that show those dropped by their centers, how many are dropped and kept)."""
     scene.view_layers[0].update()
     eyes = cameras.read_cameras(scene, scene.view_layers[0].depsgraph)
     random = np.random.default_rng(seed)
@@ -249,8 +249,8 @@ def judged(scene, lit, seed):
     crowd = standing(points, np.arange(len(points)))
     seen, _ = radar(crowd, eyes, np.zeros(len(points)), radius)
     pinholes = [replace(eye, pad=0.0, turn=0.0) for eye in eyes]
-    centre_seen, _ = radar(crowd, pinholes, np.zeros(len(points)), np.zeros(len(points)))
-    touching = seen & ~centre_seen
+    center_seen, _ = radar(crowd, pinholes, np.zeros(len(points)), np.zeros(len(points)))
+    touching = seen & ~center_seen
     return lit(points[~seen], radius[~seen]), lit(points[touching], radius[touching]), int((~seen).sum()), int(seen.sum())
 
 

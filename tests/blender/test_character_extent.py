@@ -147,7 +147,7 @@ def test_a_sphere_holds_all_that_a_render_shows(case, tmp_path):
     bare = scene_crowd.measure_groups(bpy.context.scene)[0]
     case(body)
     (group,) = scene_crowd.measure_groups(bpy.context.scene)
-    shown = np.linalg.norm(lit(tmp_path, group.feet + group.centre, range(1, 10, 4)), axis=1).max()
+    shown = np.linalg.norm(lit(tmp_path, group.feet + group.center, range(1, 10, 4)), axis=1).max()
     assert bare.radius + 0.2 < shown <= group.radius + WIDTH / PIXELS
     assert group.radius < 1.6 * shown, "and not much more"
 
@@ -163,7 +163,7 @@ def test_the_plans_sphere_holds_lods_that_stick_out_of_the_character(tmp_path):
     (group,) = scene_crowd.groups_of(scene.crowd_lod)
     home.hide_render = True
     scene.collection.objects.link(level)
-    shown = np.linalg.norm(lit(tmp_path, group.feet + group.centre), axis=1).max()
+    shown = np.linalg.norm(lit(tmp_path, group.feet + group.center), axis=1).max()
     assert 2.5 < shown <= group.reach + WIDTH / PIXELS
 
 
@@ -232,14 +232,14 @@ def test_new_crowds_stand_on_their_lowest_point(sunk, tmp_path):
     lit(tmp_path, 1.0)  # a camera
     bpy.ops.crowd_lod.populate()
     (entry,) = settings.groups
-    assert entry.on_ground and entry.lowest == pytest.approx(-1) and entry.centre == pytest.approx(1.0, abs=0.01)
+    assert entry.on_ground and entry.lowest == pytest.approx(-1) and entry.center == pytest.approx(1.0, abs=0.01)
     said = " ".join(scene_crowd._off_ground(sunk, scene_crowd.groups_of(settings)))
     assert said == "Moved to stand on the ground: giraffe (lowest point 1 m below its origin)."
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
     assert pictured(sunk, tmp_path) == pytest.approx(0, abs=WIDTH / PIXELS)
     entry.on_ground = False
-    assert entry.centre == pytest.approx(0.0, abs=0.01)
+    assert entry.center == pytest.approx(0.0, abs=0.01)
     assert "Off the ground (see Stand on Ground): giraffe" in " ".join(
         scene_crowd._off_ground(sunk, scene_crowd.groups_of(settings))
     )
@@ -261,7 +261,7 @@ def test_crowds_of_today_keep_their_feet(sunk, tmp_path):
     bpy.ops.crowd_lod.populate()
     bpy.ops.crowd_lod.build()
     settings.characters.hide_render = True
-    assert settings.groups[0].centre == pytest.approx(0, abs=0.01) and not settings.groups[0].on_ground
+    assert settings.groups[0].center == pytest.approx(0, abs=0.01) and not settings.groups[0].on_ground
     assert pictured(sunk, tmp_path) == pytest.approx(-1, abs=WIDTH / PIXELS)
 
 

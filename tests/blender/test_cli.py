@@ -180,7 +180,7 @@ def heights_beyond_all(scene):
 
 
 def ground_far_away(scene):
-    scene.crowd_lod.centre = (-2e6, 0, 0)
+    scene.crowd_lod.center = (-2e6, 0, 0)
 
 
 def ground_too_wide(scene):

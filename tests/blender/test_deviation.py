@@ -36,7 +36,7 @@ def test_a_sphere_deviates_from_its_inscribed_octahedron_as_geometry_says():
     ball, octahedron = sphere(200, 400, radius=2.0), sphere(2, 4, radius=2.0)
     assert len(octahedron.data.polygons) == 8
     found = finished(deviation.measure(GROUP, [ball], [[ball], [octahedron]]))
-    inside = 2 / np.sqrt(3)  # of the faces' planes from the centre
+    inside = 2 / np.sqrt(3)  # of the faces' planes from the center
     assert found.deviations[0] == found.rms[0] == 0
     assert found.deviations[1] == pytest.approx(2 - inside, rel=2e-3)
     assert found.diagonal == pytest.approx(np.sqrt(3) * 4, rel=1e-3)

@@ -79,8 +79,8 @@ def test_a_sleeve_takes_nothing_from_the_arm_in_it(way):
     both.materials.append(bpy.data.materials.new("skin"))
     both.materials.append(bpy.data.materials.new("cloth"))
     both.polygons.foreach_set("material_index", np.repeat([0, 1], len(arm.polygons)).astype(np.int32))
-    colour = both.color_attributes.new("Point", "FLOAT_COLOR", "POINT")
-    colour.data.foreach_set("color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], count, axis=0).astype(np.float32).ravel())
+    color = both.color_attributes.new("Point", "FLOAT_COLOR", "POINT")
+    color.data.foreach_set("color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], count, axis=0).astype(np.float32).ravel())
     corner = both.color_attributes.new("Corner", "BYTE_COLOR", "CORNER")
     corner.data.foreach_set(
         "color", np.repeat([[1, 0, 0, 1], [0, 0, 1, 1]], 4 * len(arm.polygons), axis=0).astype(np.float32).ravel()

@@ -94,7 +94,7 @@ def test_the_picture_tints_by_the_distance_to_the_source():
     pixels, most = lod_picture.draw_lods(flat, [flat, off], ["two triangles", "two triangles"], 0.0)
     assert most == pytest.approx(0.25, rel=1e-5)
     low = pixels[: len(pixels) // 2, ..., :3].reshape(-1, 3).astype(int)
-    for end in lod_picture.RAMP[[0, -1]] * 255:  # the near one all in the ramp's first colour, the far one in its last
+    for end in lod_picture.RAMP[[0, -1]] * 255:  # the near one all in the ramp's first color, the far one in its last
         shades = np.arange(0.8, 1.001, 0.01)[:, None] * end
         assert (np.abs(low[:, None] - shades[None]).max(axis=2).min(axis=1) <= 3).mean() > 0.1
     before = len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)

@@ -303,7 +303,7 @@ def test_another_frame_rate_asks_for_another_build(built, capfd):
 def test_neighbours_are_drawn_in_different_poses(built, tmp_path, engine):
     """Two agents side by side, of one group: with the same phase their silhouettes are the same, with others not."""
     settings = built.crowd_lod
-    settings.count, settings.size, settings.centre = 2, (3, 3), (0, 0, 0)
+    settings.count, settings.size, settings.center = 2, (3, 3), (0, 0, 0)
     settings.characters.children.unlink(settings.characters.children["child"])
     list(make_levels(built))
     list(render_setup.build(built))

@@ -90,7 +90,7 @@ def test_mesh_is_closed_and_stands_on_the_ground(groups, name, height):
     assert 0.015 * height**3 / 2 < volume < 0.12 * height**3 / 2  # positive: the normals look outward
 
 
-def test_shapes_and_colours_differ(groups):
+def test_shapes_and_colors_differ(groups):
     meshes = [only(group, "MESH").data for group in groups.values()]
     assert len({len(mesh.vertices) for mesh in meshes}) == 3
     assert len({tuple(material.diffuse_color) for mesh in meshes for material in mesh.materials}) == 6

@@ -85,7 +85,7 @@ def test_everything_is_set(name):
     assert (scene.render.fps, scene.frame_start, scene.frame_end) == (24, 1, 120)
     assert (scene.render.resolution_x, scene.render.resolution_y) == (960, 540)
     machine = scene_world.machine_of(settings)
-    world = scene_world.world_of(settings, machine)  # fails on a colour that is no label
+    world = scene_world.world_of(settings, machine)  # fails on a color that is no label
     assert set(np.unique(world.labels)) == set(range(len(machine.labels)))
     groups = scene_crowd.measure_groups(scene)
     assert [group.stride > 0 for group in groups] == [True] * 3

@@ -68,12 +68,12 @@ def test_spheres_hold_characters_that_lean(scene):
     heights = scene_world.heights_of(scene.crowd_lod, scene_crowd.trajectory_of(scene, groups).world.area)
     scene.crowd_lod.tilt = True
     wide = scene_crowd.trajectory_of(scene, groups).groups
-    assert all(w.radius > g.radius * 1.1 and w.centre == g.centre for w, g in zip(wide, groups, strict=True))
+    assert all(w.radius > g.radius * 1.1 and w.center == g.center for w, g in zip(wide, groups, strict=True))
     x, y = np.random.default_rng(0).uniform(-20, 20, (2, 5000))
     slope = np.stack(heights.slope(x, y))
     normal = np.concatenate([-slope, np.ones((1, 5000))]) / np.sqrt(1 + (slope**2).sum(axis=0))
     for g, w in zip(groups, wide, strict=True):  # the leant sphere lies within the widened, upright one
-        away = np.linalg.norm(g.centre * normal - [[0], [0], [g.centre]], axis=0)
+        away = np.linalg.norm(g.center * normal - [[0], [0], [g.center]], axis=0)
         assert (away + g.radius <= w.radius).all() and away.max() > 0.3 * (w.radius - g.radius)
     scene.crowd_lod.height_image = None
     assert scene_crowd.trajectory_of(scene, groups).groups == groups

@@ -124,7 +124,7 @@ def test_far_from_the_origin_no_shadow_is_missed(lit, tmp_path):
     for item in lit.objects:
         if item.parent is None and item.name not in lit.crowd_lod.characters.all_objects:
             item.location.x, item.location.y = item.location.x + away, item.location.y - away
-    lit.crowd_lod.centre = away, -away, 0
+    lit.crowd_lod.center = away, -away, 0
     row = rendered(lit, tmp_path / "out")["frames"][0]
     assert row["b_pixels"] == 0 and row["bare_pixels"] > 10
 
@@ -149,7 +149,7 @@ def bordered(scene):
 
 
 def parallel(scene):
-    """Seen from above, off-centre, by an orthographic camera; lit by an area lamp."""
+    """Seen from above, off-center, by an orthographic camera; lit by an area lamp."""
     scene.camera.data.type, scene.camera.data.ortho_scale, scene.camera.data.shift_x = "ORTHO", 14, 0.6
     scene.camera.location, scene.camera.rotation_euler = (0, -12, 12), (0.8, 0, 0.3)
     scene.objects["POINT"].data = bpy.data.lights.new("area", "AREA")

@@ -39,9 +39,9 @@ def test_impossible_counts_are_refused(count):
 
 def test_bounding_sphere_holds_the_points_at_every_heading():
     points = np.random.default_rng(3).normal(size=(500, 3)) * (0.3, 0.2, 0.9) + (0.1, 0, 0.9)
-    centre, radius = bounding_sphere(points)
+    center, radius = bounding_sphere(points)
     for angle in np.linspace(0, 6, 13):
         c, s = np.cos(angle), np.sin(angle)
         turned = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
-        distance = np.linalg.norm(turned - (0, 0, centre), axis=1).max()
+        distance = np.linalg.norm(turned - (0, 0, center), axis=1).max()
         assert distance == pytest.approx(radius, rel=1e-12)

@@ -102,8 +102,8 @@ def test_a_diagonal_wall_of_cells_that_touch_at_corners_is_never_crossed(rising,
             rule = {"move": [speed * cell * part for part in way]}
             machine = machine_of({"run": {"on": {"ground": rule, "wall": {"next": "stand"}}}, "stand": {"on": {"*": {}}}})
             column, row = random.integers(size, size=(2, 300))
-            centred = np.arange(300) < 150  # from the middle of a cell the diagonal ways lead through corners
-            within = np.where(centred, 0.5, random.random((2, 300)))
+            centerd = np.arange(300) < 150  # from the middle of a cell the diagonal ways lead through corners
+            within = np.where(centerd, 0.5, random.random((2, 300)))
             x, y = offset + (np.stack([column, row]) + within) * cell
             crowd = crowd_at(np.stack([x, y, 0 * x], axis=1))
 

@@ -39,14 +39,14 @@ def small_crowds_stand_in_blocks(monkeypatch):
 def one_by_one(trajectory, camera, policy, time, shutter=(), bias=None):
     """(visible, levels) by `radar` and `assign` of every agent."""
     eyes = camera if isinstance(camera, tuple) else (camera,)
-    centre, radius = trajectory.spheres.centre, trajectory.spheres.radius
+    center, radius = trajectory.spheres.center, trajectory.spheres.radius
     crowd = trajectory.at(time)
-    visible, distance = radar(crowd, eyes, centre, radius, RadarOptions(policy.margin, policy.metric == "RADIAL"))
+    visible, distance = radar(crowd, eyes, center, radius, RadarOptions(policy.margin, policy.metric == "RADIAL"))
     times = [sample for sample, _ in shutter]
     speed = np.hypot(*trajectory.machine.velocity.reshape(-1, 2).T).max()
     grown = radius + speed * max(np.diff(times), default=0.0) * trajectory.seconds_per_frame
     for sample, cameras in shutter:
-        visible |= radar(trajectory.at(sample), cameras, centre, grown, RadarOptions(policy.margin))[0]
+        visible |= radar(trajectory.at(sample), cameras, center, grown, RadarOptions(policy.margin))[0]
     factor = None if bias is None else bias.at(crowd.x, crowd.y)
     return visible, assign(distance, limits(policy, eyes[0], radius), crowd.group, factor)
 
@@ -128,7 +128,7 @@ def test_blocks_of_agents_on_planes_never_say_more_than_the_radar(lens):
         camera = random_camera(random, lens)
         radius = np.full(300, 10.0 ** random.uniform(-2, 1))
         crowd = crowd_at(scatter(camera, radius, random, 0.5))
-        group = replace(walker(), centre=0.0, radius=float(radius[0]))
+        group = replace(walker(), center=0.0, radius=float(radius[0]))
         margin, radial = random.choice([None, 0.25]), bool(random.integers(2))
         begin = limits(LevelPolicy((0.1, 0.5)), camera, radius[:1])
         order = blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, AREA))
@@ -205,7 +205,7 @@ def test_agents_that_cross_the_map_between_two_makings_of_the_blocks(table):
 
 def test_characters_of_different_heights_that_share_a_block():
     sizes = [((60.0, 1.0), (0.9, 9.0), (30.0, 0.1))[k % 3] for k in range(60)]
-    trajectory = shot(groups=tuple(replace(walker(), centre=c, radius=r) for c, r in sizes), count=600)
+    trajectory = shot(groups=tuple(replace(walker(), center=c, radius=r) for c, r in sizes), count=600)
     policy = LevelPolicy((0.3, 0.6), group_thresholds=((), (0.1, 0.2), (0.5, 0.9)) * 20)
     for height, someone in ((1, True), (20, False), (31, True), (59, True), (80, False)):
         assert compare(trajectory, straight(kind="ORTHO", offset=(0, 0, height)), policy).visible.any() == someone

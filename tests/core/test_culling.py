@@ -97,11 +97,11 @@ def test_fisheye_keeps_its_cone_and_nothing_far_beside_it(cone):
     range_ = np.linalg.norm(surface, axis=2)
     within = (surface[..., 1] / range_ >= np.cos(cone)) & (range_ >= 1) & (range_ <= 100)
     assert not (within.any(axis=1) & ~visible).any()
-    # tight: the angle between axis and centre exceeds the cone by no more than the sphere's own
-    centre = np.linalg.norm(points, axis=1)
-    ahead = centre > 2 * radius
-    angle = np.arccos(points[ahead, 1] / centre[ahead])
-    beside = angle > cone + np.arcsin(radius / centre[ahead]) + 1e-9
+    # tight: the angle between axis and center exceeds the cone by no more than the sphere's own
+    center = np.linalg.norm(points, axis=1)
+    ahead = center > 2 * radius
+    angle = np.arccos(points[ahead, 1] / center[ahead])
+    beside = angle > cone + np.arcsin(radius / center[ahead]) + 1e-9
     if cone < np.pi / 2:
         assert not (visible[ahead] & beside & (angle < cone + np.pi / 2)).any()
     assert beside.any()
@@ -142,9 +142,9 @@ def test_blocks_agree_with_one_agent_at_a_time(count):
     random = np.random.default_rng(count)
     points = random.uniform(-100, 100, (count, 3))
     groups = random.integers(2, size=count)
-    centre, radius = np.array([0.5, 1.5]), np.array([0.7, 4.0])
-    visible, distance = radar(crowd_at(points, groups), straight(), centre, radius)
+    center, radius = np.array([0.5, 1.5]), np.array([0.7, 4.0])
+    visible, distance = radar(crowd_at(points, groups), straight(), center, radius)
     assert len(visible) == len(distance) == count
     for i in range(0, count, 997):
-        one, at = radar(crowd_at(points[i], groups[i : i + 1]), straight(), centre, radius)
+        one, at = radar(crowd_at(points[i], groups[i : i + 1]), straight(), center, radius)
         assert one[0] == visible[i] and at[0] == distance[i]

@@ -13,7 +13,7 @@ from crowd_lod_extension.crowd_lod.validation.culling_audit import standing
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from crowd_lod_extension.crowd_lod.validation.extreme_cases import camera_of
 
-CENTRE, RADIUS = np.array([0.9, 0.5]), np.array([1.0, 0.4])
+CENTER, RADIUS = np.array([0.9, 0.5]), np.array([1.0, 0.4])
 
 
 def view(count=400, seed=3):
@@ -24,13 +24,13 @@ def view(count=400, seed=3):
 
 def test_missed_and_surplus_are_those_that_rational_arithmetic_counts():
     crowd, (camera,) = view()
-    points = np.stack([crowd.x, crowd.y, crowd.z + CENTRE[crowd.group]], axis=1)
+    points = np.stack([crowd.x, crowd.y, crowd.z + CENTER[crowd.group]], axis=1)
     truth = np.array([sees(camera, p, r) for p, r in zip(points, RADIUS[crowd.group], strict=True)])
-    rows = list(error_vs_runtime.culling([(crowd, (camera,))], CENTRE, RADIUS, repeats=1))
+    rows = list(error_vs_runtime.culling([(crowd, (camera,))], CENTER, RADIUS, repeats=1))
     assert all(row["visible"] == truth.sum() for row in rows if not row["offset_m"])
     for row in rows:
         if row["method"] == "fixed Delta":
-            kept = radar(crowd, camera, CENTRE, RADIUS, RadarOptions(row["delta_m"]))[0]
+            kept = radar(crowd, camera, CENTER, RADIUS, RadarOptions(row["delta_m"]))[0]
             assert (row["missed"], row["surplus"]) == ((truth & ~kept).sum(), (kept & ~truth).sum())
     by = {(r["method"], r["delta_m"]): r for r in rows if not r["offset_m"]}
     assert by["fixed Delta", 0.0]["missed"] > 0 and by["fixed Delta", 10.0]["surplus"] > 0
@@ -39,7 +39,7 @@ def test_missed_and_surplus_are_those_that_rational_arithmetic_counts():
 
 
 def test_a_fixed_delta_of_the_scene_is_the_default():
-    rows = error_vs_runtime.culling([view(20)], CENTRE, RADIUS, 0.7, repeats=1)
+    rows = error_vs_runtime.culling([view(20)], CENTER, RADIUS, 0.7, repeats=1)
     assert [(r["method"], r["delta_m"]) for r in rows if r["default"]] == [("fixed Delta", 0.7)]
 
 
@@ -47,9 +47,9 @@ def test_a_fixed_delta_of_the_scene_is_the_default():
 def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(metric, thresholds):
     crowd, (camera,) = view()
     steps = error_vs_runtime.exact_limits(LevelPolicy(thresholds, metric), camera, RADIUS)
-    ids = error_vs_runtime.exact_levels(crowd, camera, CENTRE, steps, metric == "RADIAL")
+    ids = error_vs_runtime.exact_levels(crowd, camera, CENTER, steps, metric == "RADIAL")
     for i in range(len(crowd)):
-        place = (crowd.x[i], crowd.y[i], crowd.z[i] + CENTRE[crowd.group[i]])
+        place = (crowd.x[i], crowd.y[i], crowd.z[i] + CENTER[crowd.group[i]])
         v = [F(float(p)) - F(float(c)) for p, c in zip(place, camera.origin, strict=True)]
         if metric == "RADIAL":
             want = sum(sum(p * p for p in v) >= s**2 for s in steps[crowd.group[i]])
@@ -63,14 +63,14 @@ def test_exact_levels_agree_with_rational_arithmetic_for_each_agent(metric, thre
 def test_the_default_in_the_report_is_the_arithmetic_of_the_plan(metric):
     crowd, (camera,) = view()
     policy = LevelPolicy((0.16, 0.4), metric)
-    distance, ids = error_vs_runtime._levels((crowd, (camera,)), CENTRE, RADIUS, policy, "float64")
-    same = radar(crowd, camera, CENTRE, RADIUS, RadarOptions(radial=metric == "RADIAL"))[1]
+    distance, ids = error_vs_runtime._levels((crowd, (camera,)), CENTER, RADIUS, policy, "float64")
+    same = radar(crowd, camera, CENTER, RADIUS, RadarOptions(radial=metric == "RADIAL"))[1]
     assert (distance == same).all() and (ids == assign(same, limits(policy, camera, RADIUS), crowd.group)).all()
 
 
 def test_float32_in_the_world_loses_ids_far_out_and_float64_none(monkeypatch):
     monkeypatch.setattr(error_vs_runtime, "LEVEL_OFFSETS", (0.0, 1e7))
-    rows = list(error_vs_runtime.levels([view(4000)], CENTRE, RADIUS, [LevelPolicy((0.16, 0.4))], "AXIS", repeats=1))
+    rows = list(error_vs_runtime.levels([view(4000)], CENTER, RADIUS, [LevelPolicy((0.16, 0.4))], "AXIS", repeats=1))
     by = {(r["precision"], r["offset_m"]): r for r in rows}
     assert by["float32 world", 1e7]["differ"] > 0 and by["float32 world", 1e7]["worst_m"] > 0.1
     for offset in (0.0, 1e7):

@@ -24,7 +24,7 @@ from ..support.shots import POLICY
 pytestmark = pytest.mark.once
 
 GROUP = walker()
-CENTRE, RADIUS = np.array([GROUP.centre]), np.array([GROUP.radius])
+CENTER, RADIUS = np.array([GROUP.center]), np.array([GROUP.radius])
 STANDS = machine_of({"a": {"on": {"*": {}}}})
 
 
@@ -52,16 +52,16 @@ def at_the_planes(camera, random, count):
         beyond = np.einsum("nd,nd->n", v, normal) - frustum.offsets[which] - RADIUS
         points = camera.origin + v - beyond[:, None] * normal
     spacing = np.spacing(np.float32(np.abs(points).max()))
-    return points + random.uniform(-1, 1, (count, 3)) * spacing - [0, 0, GROUP.centre]
+    return points + random.uniform(-1, 1, (count, 3)) * spacing - [0, 0, GROUP.center]
 
 
 def seen_in_blender(camera, feet):
     """(n,) bool: whose sphere the camera sees, about the feet (n, 3) in float32, in rational arithmetic."""
     found = np.zeros(len(feet), bool)
     for i, foot in enumerate(np.float32(feet)):
-        centre = [Fraction(float(foot[0])), Fraction(float(foot[1])), Fraction(float(foot[2])) + Fraction(GROUP.centre)]
-        nearby = [float(p) for p in centre]  # of the sum float64 may miss the last bits: so much more or less of a radius
-        off = float(abs(Fraction(nearby[2]) - centre[2]))
+        center = [Fraction(float(foot[0])), Fraction(float(foot[1])), Fraction(float(foot[2])) + Fraction(GROUP.center)]
+        nearby = [float(p) for p in center]  # of the sum float64 may miss the last bits: so much more or less of a radius
+        off = float(abs(Fraction(nearby[2]) - center[2]))
         found[i] = sees(camera, nearby, GROUP.radius - off)
     return found
 
@@ -88,7 +88,7 @@ def test_nobody_is_culled_whom_float32_positions_show(lens, away, monkeypatch):
         for frame in frames:
             assert not (seen & ~frame.visible).any()
         assert (frames[0].visible == frames[1].visible).all()
-        bare = radar(crowd_at(feet), camera, CENTRE, RADIUS)[0]
+        bare = radar(crowd_at(feet), camera, CENTER, RADIUS)[0]
         missed += (seen & ~bare).sum()
         beside += seen.sum()
     assert beside > 60 and (missed or away < 1e5)  # the positions' own rounding makes the difference
@@ -102,7 +102,7 @@ def test_who_is_clearly_outside_is_culled_all_the_same(away, metres):
         camera = random_camera(random, "normal")
         camera = in_float32(replace(camera, origin=np.array([away, -away / 3, 2]), near=0.1, far=100.0))
         feet = at_the_planes(camera, random, 60) + random.uniform(-3, 3, (60, 3)) * metres
-        v = feet + [0, 0, GROUP.centre] - camera.origin
+        v = feet + [0, 0, GROUP.center] - camera.origin
         outside = ((v @ planes(camera).normals.T - planes(camera).offsets) > GROUP.radius + metres).any(axis=1)
         assert not (outside & plan(shot(feet), camera, POLICY, 0).visible).any()
         culled += outside.sum()
@@ -141,12 +141,12 @@ def test_no_shadow_is_missed_by_rays_that_start_beside_their_surface(kind, away)
             seen &= np.arccos(beside.clip(-1, 1)) < 0.4
         aside = out - (to_light @ out / (to_light**2).sum(axis=1))[:, None] * to_light
         aside /= np.linalg.norm(aside, axis=1)[:, None]
-        centres = starts + random.uniform(0, 0.5, (40, 1)) * to_light + (1 - 1e-6) * GROUP.radius * aside  # rays just touch them
-        feet = centres - [0, 0, GROUP.centre]
+        centers = starts + random.uniform(0, 0.5, (40, 1)) * to_light + (1 - 1e-6) * GROUP.radius * aside  # rays just touch them
+        feet = centers - [0, 0, GROUP.center]
         frame = plan(shot(feet), camera, POLICY, 0)
         seen &= ~frame.visible
         kept = np.isin(np.arange(40), surround(frame, Surroundings((light,))).shadow.order)
         assert not (seen & ~kept).any()
         asked += seen.sum()
-        missed += (seen & ~shaded(view(camera), light, centres, np.full(40, GROUP.radius))).sum()
+        missed += (seen & ~shaded(view(camera), light, centers, np.full(40, GROUP.radius))).sum()
     assert asked > 20 and missed > asked / 4  # the rays' own way makes the difference

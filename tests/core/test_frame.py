@@ -64,8 +64,8 @@ def test_distances_are_found_when_asked_for_and_once(metric):
     frame = plan(trajectory, eyes, policy, 10, bias=Bias(np.full((2, 2), 0.6), trajectory.world.area))
     assert not {"distances", "depths", "factors"} & set(vars(frame))
     spheres = trajectory.spheres
-    centres = np.stack([frame.crowd.x, frame.crowd.y, frame.crowd.z + spheres.centre[frame.crowd.group]], axis=1)
-    away = [centres - eye.origin for eye in eyes]
+    centers = np.stack([frame.crowd.x, frame.crowd.y, frame.crowd.z + spheres.center[frame.crowd.group]], axis=1)
+    away = [centers - eye.origin for eye in eyes]
     expected = np.min([np.linalg.norm(v, axis=1) if metric == "RADIAL" else v @ eyes[0].Z for v in away], axis=0)
     found = frame.distances
     assert found == pytest.approx(expected) and frame.depths == pytest.approx(away[0] @ eyes[0].Z)

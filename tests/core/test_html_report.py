@@ -1,12 +1,11 @@
 """The report's page: well-formed, self-contained, all of the plan's tables in it, nothing of a name's own HTML."""
 
-from html.parser import HTMLParser
-
 import pytest
 from crowd_lod_extension.crowd_lod.reporting.html_report import page
 
+from ..support.pages import Reader
+
 EVIL = '<script>alert("x")</script>&'
-VOID = {"meta", "img"}
 
 
 def row(k, **more):
@@ -43,33 +42,6 @@ def plan(name="adult", **levels):
             "characters": [{"group": name, "diagonal_m": 1.9, "picture": "levels_a b.png", "levels": [row(0), row(1, **levels)]}],
         },
     }  # fmt: skip
-
-
-class Reader(HTMLParser):
-    """Tags that balance, texts of the cells, sources of the pictures."""
-
-    def __init__(self, text):
-        super().__init__()
-        self.open, self.tags, self.cells, self.links, self.texts = [], [], [], [], []
-        self.feed(text)
-        self.close()
-        assert not self.open
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append(tag)
-        self.links += [value for name, value in attrs if name in ("src", "href")]
-        if tag not in VOID:
-            self.open.append(tag)
-        if tag in ("td", "th"):
-            self.cells.append("")
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.texts.append(data)
-        if "td" in self.open or "th" in self.open:
-            self.cells[-1] += data
 
 
 def test_the_page_is_whole_and_holds_the_tables():

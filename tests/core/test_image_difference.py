@@ -62,9 +62,9 @@ def test_no_point_off_by_its_lods_deviation_lies_off_by_more_pixels_than_predict
     crowd, group = frame.crowd, frame.crowd.group[agents]
     way = random.normal(size=(2, len(agents), 3))
     way /= np.linalg.norm(way, axis=2, keepdims=True)
-    centre = np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + 0.9], axis=1)
+    center = np.stack([crowd.x[agents], crowd.y[agents], crowd.z[agents] + 0.9], axis=1)
     off = np.array([groups[g].deviations[k] for g, k in zip(group, frame.levels[agents], strict=True)])
-    points = centre + way[0] * random.random((len(agents), 1))  # in spheres of the radius 1
+    points = center + way[0] * random.random((len(agents), 1))  # in spheres of the radius 1
     there = points + way[1] * off[:, None]
     both = [each[:, ::2] / (each[:, 1:2] if kind == "PERSP" else 1.0) * camera.pixels_per_unit for each in (points, there)]
     inside = (np.abs(both[0]) <= 50).all(axis=1)  # the picture has 100 x 100 pixels

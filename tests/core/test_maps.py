@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.maps import MOST_SQUARE, Area, HeightMap, LabelMap, edge_map, labels_from_colours
+from crowd_lod_extension.crowd_lod.crowd.maps import MOST_SQUARE, Area, HeightMap, LabelMap, edge_map, labels_from_colors
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
-COLOURS = np.array([[128, 128, 128], [255, 0, 0]], np.uint8)
+COLORS = np.array([[128, 128, 128], [255, 0, 0]], np.uint8)
 
 
-def test_label_under_each_cell_centre_and_beyond_the_border():
+def test_label_under_each_cell_center_and_beyond_the_border():
     labels = np.arange(12, dtype=np.uint8).reshape(3, 4)
     world = LabelMap(labels, Area(10, -3, 18, 3))
     x, y = np.meshgrid(11 + 2 * np.arange(4), -2 + 2 * np.arange(3))
@@ -16,16 +16,16 @@ def test_label_under_each_cell_centre_and_beyond_the_border():
     assert world.cell == (2, 2)
 
 
-def test_painted_colours_become_labels():
-    pixels = COLOURS[[[0, 1], [1, 1]]]
-    assert labels_from_colours(pixels, COLOURS, ("ground", "wall"), "m.png").tolist() == [[0, 1], [1, 1]]
+def test_painted_colors_become_labels():
+    pixels = COLORS[[[0, 1], [1, 1]]]
+    assert labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png").tolist() == [[0, 1], [1, 1]]
 
 
-def test_strange_colours_are_named_with_count_and_place():
-    pixels = COLOURS[[[0, 1], [1, 1]]].copy()
+def test_strange_colors_are_named_with_count_and_place():
+    pixels = COLORS[[[0, 1], [1, 1]]].copy()
     pixels[1, 0] = (1, 2, 3)
     with pytest.raises(CrowdError, match=r"m\.png.*#010203 \(1 pixels\).*column 0, row 1.*ground #808080"):
-        labels_from_colours(pixels, COLOURS, ("ground", "wall"), "m.png")
+        labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
 
 
 @pytest.mark.parametrize("bounds", [(0, 0, 0, 1), (0, 0, 1, -1), (0, 0, np.nan, 1), (0, 0, np.inf, 1)])

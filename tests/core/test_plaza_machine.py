@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.sample_scenes import NAMES, make, plaza_map
 
-WALK = Group("walker", centre=0.9, radius=1.0, stride=1.35, period=1.0)
+WALK = Group("walker", center=0.9, radius=1.0, stride=1.35, period=1.0)
 
 
 @pytest.fixture(scope="module")

@@ -25,10 +25,10 @@ def ball(around=96, along=49):
     return points, triangles
 
 
-def body(points, triangles, colour=(0.8, 0.4, 0.2), uvs=None, image=-1):
+def body(points, triangles, color=(0.8, 0.4, 0.2), uvs=None, image=-1):
     m = len(triangles)
     uvs = np.zeros((m, 3, 2)) if uvs is None else uvs
-    return Body(points, triangles, points[triangles], uvs, np.tile(colour, (m, 1)), np.full(m, image))
+    return Body(points, triangles, points[triangles], uvs, np.tile(color, (m, 1)), np.full(m, image))
 
 
 def flat(points, pixels):
@@ -54,7 +54,7 @@ def test_a_ball_is_lit_as_lambert_says():
     assert np.abs(linear(picture[across**2 + up**2 > 1.1]) - shaded_pictures.PAPER).max() < 1e-9
 
 
-def test_an_image_takes_the_place_of_the_colour():
+def test_an_image_takes_the_place_of_the_color():
     """A square whose image is red on the left and blue on the right, seen from in front."""
     points, triangles = np.array([(0, 0, 0), (1, 0, 0), (1, 0, 1), (0, 0, 1.0)]), np.array([(0, 1, 2), (0, 2, 3)])
     image = np.zeros((1, 4, 4, 4), np.uint8)

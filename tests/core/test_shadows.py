@@ -40,10 +40,10 @@ def emitter(light, random, n):
     return np.cos(turn)[:, None] * light.direction + np.sin(turn)[:, None] * aside
 
 
-def hidden_from(light, points, random, centres, radius):
-    """(n,) bool: spheres at centres (n, 3) that stand between some of the points (m, 3) and a random place of the light.
-    By distance of a centre from the ray's segment: another way than sweeping spheres."""
-    found = np.zeros(len(centres), bool)
+def hidden_from(light, points, random, centers, radius):
+    """(n,) bool: spheres at centers (n, 3) that stand between some of the points (m, 3) and a random place of the light.
+    By distance of a center from the ray's segment: another way than sweeping spheres."""
+    found = np.zeros(len(centers), bool)
     for point, place in zip(points, emitter(light, random, len(points)), strict=True):
         if light.origin is None:
             way, length = -place, np.inf
@@ -52,8 +52,8 @@ def hidden_from(light, points, random, centres, radius):
             way = way / length
             if length > light.reach + light.size or (-way) @ light.direction < np.cos(light.angle):
                 continue
-        along = np.clip((centres - point) @ way, 0, length)
-        found |= np.linalg.norm(centres - point - along[:, None] * way, axis=1) <= radius
+        along = np.clip((centers - point) @ way, 0, length)
+        found |= np.linalg.norm(centers - point - along[:, None] * way, axis=1) <= radius
     return found
 
 
@@ -71,10 +71,10 @@ def test_no_shadow_that_falls_into_the_picture_is_missed(light, kind):
     if kind == "PANO":
         camera = replace(camera, cone=0.8)
     box = np.array([(-100, -30, -1), (100, 150, 20.0)])
-    centres = random.uniform((-100, -30, 0), (100, 150, 20), (1000, 3))
+    centers = random.uniform((-100, -30, 0), (100, 150, 20), (1000, 3))
     radius = random.uniform(0.5, 5, 1000)
-    kept = shaded(bounded(view(camera), box), light, centres, radius)
-    found = hidden_from(light, seen_points(camera, random, 1500, box), random, centres, radius)
+    kept = shaded(bounded(view(camera), box), light, centers, radius)
+    found = hidden_from(light, seen_points(camera, random, 1500, box), random, centers, radius)
     assert found.sum() >= 5 and not (found & ~kept).any() and not kept.all()
 
 
@@ -84,12 +84,12 @@ def test_what_is_kept_for_nothing_passes_by_near_an_edge(light, kind):
     """By the true distance of the picture's body from spheres all along the shadow."""
     random = np.random.default_rng(6)
     camera = straight(kind=kind)
-    centres = random.uniform((-100, -30, 0), (100, 150, 20), (400, 3))
+    centers = random.uniform((-100, -30, 0), (100, 150, 20), (400, 3))
     radius = random.uniform(0.5, 5, 400)
-    kept = shaded(view(camera), light, centres, radius)
+    kept = shaded(view(camera), light, centers, radius)
     along = np.concatenate([[0], np.geomspace(0.01, 300, 300)])
-    way, grow = (light.direction, 0.0) if light.origin is None else (centres - light.origin, (radius + light.size)[:, None])
-    places = centres[:, None] + along[:, None] * (way[:, None] if light.origin is not None else way)
+    way, grow = (light.direction, 0.0) if light.origin is None else (centers - light.origin, (radius + light.size)[:, None])
+    places = centers[:, None] + along[:, None] * (way[:, None] if light.origin is not None else way)
     away = gap(camera, places.reshape(-1, 3)).reshape(400, -1) - radius[:, None] - along * grow
     true = (away <= 0).any(axis=1)
     assert not (true & ~kept).any() and true.sum() >= 10

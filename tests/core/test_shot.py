@@ -5,7 +5,8 @@ import hashlib
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
-from crowd_lod_extension.crowd_lod.planning.shot import bill, decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.planning.shot import decide, decided, lower_bound
+from crowd_lod_extension.crowd_lod.planning.shot_cost import bill
 from crowd_lod_extension.crowd_lod.planning.survey import SEEN
 from crowd_lod_extension.crowd_lod.progress import finished
 

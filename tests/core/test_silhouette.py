@@ -27,7 +27,7 @@ def test_a_mask_is_the_triangle_s_pixels_by_half_planes():
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_a_mask_has_no_holes_where_centres_lie_on_edges(seed):
+def test_a_mask_has_no_holes_where_centers_lie_on_edges(seed):
     """Corners on whole and half pixels, slivers, and triangles seen edge on: the pixels that `cover` finds one by one."""
     random = np.random.default_rng(seed)
     corners = random.integers(-20, 100, (40, 3, 2)) / 2
@@ -79,9 +79,9 @@ def test_a_smaller_ball_s_outline_lies_inside_by_what_optics_says(kind, distance
     unit = camera.pixels_per_unit
     # the outline of a sphere of radius r: the cone of half angle asin(r / d)
     seen = [unit * (r if kind == "ORTHO" else r / np.sqrt(distance**2 - r * r)) for r in (1.0, 0.9)]
-    centre = np.array([5.0, -3.0, 1.0])
-    pair, off = [(points + centre, triangles) for points, triangles in (large, small)], seen[0] - seen[1]
-    least, most = silhouette.error(*pair, centre, distance, camera, off)
+    center = np.array([5.0, -3.0, 1.0])
+    pair, off = [(points + center, triangles) for points, triangles in (large, small)], seen[0] - seen[1]
+    least, most = silhouette.error(*pair, center, distance, camera, off)
     assert least <= off <= most and most - least <= max(0.3 * off, 0.3)
     assert silhouette.error(large, large, np.zeros(3), distance, camera) == (0, 0)
 

@@ -28,7 +28,7 @@ def test_table_holds_every_state_and_label():
     assert machine.next_state.tolist() == [[0, 1], [0, 1]]
     np.testing.assert_allclose(machine.velocity, [[[1, 2], [0, 2]], [[0, 0], [-1, 0]]], atol=1e-15)
     assert machine.start.tolist() == [1, 0] and machine.spawn.tolist() == [True, False]
-    assert machine.label_colours.tolist() == [[128, 128, 128], [0, 0, 0]]
+    assert machine.label_colors.tolist() == [[128, 128, 128], [0, 0, 0]]
 
 
 def timed(**changes):

@@ -15,7 +15,7 @@ import crowd_lod_extension
 from crowd_lod_extension.operators.cli import commands
 
 sys.path.append(str(Path(__file__).parents[1]))
-import rough  # noqa: E402
+import rough
 
 
 def operator(file: str, folder: str) -> int:

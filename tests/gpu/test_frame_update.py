@@ -144,13 +144,13 @@ def ease(item):
     key.handle_right_type, key.handle_right.y = "FREE", 20.0
 
 
-def test_every_mode_and_colour_is_drawn(scene):
+def test_every_mode_and_color_is_drawn(scene):
     with_meshes(scene)
     settings = scene.crowd_lod
     for mode in ("MESHES", "BOXES", "POINTS"):
-        for colour in ("LOD", "STATE", "GROUP", "REASON", "MATERIAL"):
+        for color in ("LOD", "STATE", "GROUP", "REASON", "MATERIAL"):
             for fade in (0.0, 0.3):
-                settings.overlay_mode, settings.overlay_colour, settings.overlay_fade = mode, colour, fade
+                settings.overlay_mode, settings.overlay_color, settings.overlay_fade = mode, color, fade
                 now = shown(scene)
                 assert now.problem is None and now.notes == ()
                 assert (now.cast is None) == (mode == "POINTS") == (now.batches.draws == ())

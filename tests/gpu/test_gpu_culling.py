@@ -90,7 +90,7 @@ def test_agents_on_planes_and_on_lod_borders_are_left_open_and_right(lens, tally
         camera = random_camera(random, lens)
         camera = replace(camera, origin=random.uniform(-50, 50, 3))
         radius = np.full(400, 10.0 ** random.uniform(-1, 1))
-        group = replace(walker(), centre=0.0, radius=float(radius[0]))
+        group = replace(walker(), center=0.0, radius=float(radius[0]))
         points = scatter(camera, radius, random, 0.5)
         on_border = points[:40] + np.outer(0.25 * camera.far - (points[:40] - camera.origin) @ camera.Z, camera.Z) / (
             camera.Z @ camera.Z

@@ -40,9 +40,9 @@ def test_lines_tell_all_figures_of_the_frame():
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
     frame, _ = planned()
     said = hud.figures(frame, 0.0, 0, ACCOUNT)
-    assert [line.colour for line in said[1:4]] == list(TINTS[:3])
+    assert [line.color for line in said[1:4]] == list(TINTS[:3])
     (agent,) = (line for line in said if line.text.startswith("Agent"))
-    assert agent.colour == TINTS[2]
+    assert agent.color == TINTS[2]
     assert agent.text == (
         "Agent 3, Group child, State walk left, Shown far away, LOD 2, Depth 30 m, Size 12.5 pixels, LOD error 0.41 pixels"
     )
@@ -67,7 +67,7 @@ def test_narrow_and_low_viewports_break_lines_and_leave_the_last_out():
     assert hud.broken(said, 80, 9) == list(said)
     narrow = hud.broken(said, 9, 9)
     assert texts(narrow) == ["one two", "  three", "  four", "five"]
-    assert [line.colour for line in narrow] == [(1.0, 0.0, 0.0), None, None, None]
+    assert [line.color for line in narrow] == [(1.0, 0.0, 0.0), None, None, None]
     assert texts(hud.broken(said, 9, 3)) == ["one two", "  three", "..."]
     assert hud.broken(said, 9, 0) == [] and texts(hud.broken(said, -5, 1)) == ["..."]
 
@@ -103,16 +103,16 @@ def test_the_area_and_the_eye_are_seen_from_above_upright_and_undistorted(eye):
     assert heights[1] < heights[0] and np.abs(heights).max() < 1  # what stands higher is nearer
 
 
-def test_the_view_from_above_holds_every_agent_in_its_colour():
+def test_the_view_from_above_holds_every_agent_in_its_color():
     frame, what = planned()
-    what = replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
+    what = replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])
     view, projection = inset.from_above(Area(-50, -50, 50, 50), what.origin, what.positions)
     texture = inset.picture(Batches(what), view, projection, 2.0)
     width, height = (2 * side for side in inset.SIZE)
     assert (texture.width, texture.height) == (width, height)
     seen = np.array(texture.read().to_list(), np.float32).reshape(height, width, 4) / 255
     for (x, y, z), group, level in AGENTS:
-        at = projection @ view @ (x, y, z + GROUPS[group].centre, 1.0)
+        at = projection @ view @ (x, y, z + GROUPS[group].center, 1.0)
         row, column = int((at[1] + 1) / 2 * height), int((at[0] + 1) / 2 * width)
         near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)
         if level is None:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from crowd_lod_extension.operators.blender.material_colors import GREY, Looks
 
-COLOUR = 0.5, 0.25, 0.125
-SRGB = 188, 137, 99  # of COLOUR
+COLOR = 0.5, 0.25, 0.125
+SRGB = 188, 137, 99  # of COLOR
 
 
 def material(image=None):
@@ -14,7 +14,7 @@ def material(image=None):
     made.use_nodes = True
     tree = made.node_tree
     surface = next(node for node in tree.nodes if node.type == "BSDF_PRINCIPLED")
-    surface.inputs["Base Color"].default_value = (*COLOUR, 1)
+    surface.inputs["Base Color"].default_value = (*COLOR, 1)
     if image is not None:
         node = tree.nodes.new("ShaderNodeTexImage")
         node.image = image
@@ -29,8 +29,8 @@ def image(values, space, floats):
     return made
 
 
-def test_a_plain_material_shows_its_base_colour_and_none_is_grey():
-    assert Looks().of(material()) == pytest.approx((*COLOUR, -1))
+def test_a_plain_material_shows_its_base_color_and_none_is_grey():
+    assert Looks().of(material()) == pytest.approx((*COLOR, -1))
     assert Looks().of(None) == (*GREY, -1)
 
 
@@ -38,9 +38,9 @@ def test_a_plain_material_shows_its_base_colour_and_none_is_grey():
     "values, space, floats",
     [
         (np.array(SRGB) / 255, "sRGB", False),
-        (COLOUR, "Non-Color", False),
-        (COLOUR, "Linear Rec.709", False),
-        (COLOUR, "Linear Rec.709", True),
+        (COLOR, "Non-Color", False),
+        (COLOR, "Linear Rec.709", False),
+        (COLOR, "Linear Rec.709", True),
     ],
 )
 def test_images_come_out_as_srgb_whatever_their_own_space_is(values, space, floats):

@@ -1,4 +1,4 @@
-"""LOD meshes as the overlay draws them: skinning against NumPy and Blender, places, dither and colours by pixels."""
+"""LOD meshes as the overlay draws them: skinning against NumPy and Blender, places, dither and colors by pixels."""
 
 from dataclasses import replace
 
@@ -77,14 +77,14 @@ def instances(rows, draws, **others):
     nothing = np.empty((0, 4), np.float32)
     what = Drawing(
         origin=np.zeros(3), agents=np.array(rows, np.float32), draws=tuple(draws), palette=TINTS, turn=0.0,
-        materials=False, fading=False, positions=nothing[:, :3], colours=nothing, sizes=nothing[:, 0], diameter=1.0,
-        lines=nothing[:, :3], line_colours=nothing,
+        materials=False, fading=False, positions=nothing[:, :3], colors=nothing, sizes=nothing[:, 0], diameter=1.0,
+        lines=nothing[:, :3], line_colors=nothing,
     )  # fmt: skip
     return replace(what, **others)
 
 
-def row(x, y, z=0.0, heading=0.0, phase=0.0, colour=0, share=0.0, pitch=0.0, roll=0.0):
-    return x, y, z, heading, phase, 4.0 * colour + 2.0 + share, pitch, roll
+def row(x, y, z=0.0, heading=0.0, phase=0.0, color=0, share=0.0, pitch=0.0, roll=0.0):
+    return x, y, z, heading, phase, 4.0 * color + 2.0 + share, pitch, roll
 
 
 def placed(what, cast, group, level) -> np.ndarray:
@@ -261,12 +261,12 @@ def hue(pixels) -> np.ndarray:
 
 def test_agents_stand_on_their_pixels_at_their_lod(cast):
     rows = [
-        row(-4.2, 0, heading=0.3, phase=0.1, colour=0),
-        row(-2.4, 2, heading=2.0, phase=0.5, colour=1),
-        row(-0.5, 1, heading=-1.0, phase=0.9, colour=2),
-        row(1.4, 1, 0.5, heading=3.0, phase=0.4, colour=3, roll=0.3),
-        row(3.1, 0, -0.2, heading=-2.2, phase=0.7, colour=4, pitch=0.3),
-        row(4.8, 1, heading=1.4, phase=0.3, colour=5),
+        row(-4.2, 0, heading=0.3, phase=0.1, color=0),
+        row(-2.4, 2, heading=2.0, phase=0.5, color=1),
+        row(-0.5, 1, heading=-1.0, phase=0.9, color=2),
+        row(1.4, 1, 0.5, heading=3.0, phase=0.4, color=3, roll=0.3),
+        row(3.1, 0, -0.2, heading=-2.2, phase=0.7, color=4, pitch=0.3),
+        row(4.8, 1, heading=1.4, phase=0.3, color=5),
     ]
     draws = [(0, 0, 0, 1), (0, 1, 1, 1), (1, 0, 2, 1), (1, 2, 3, 1), (2, 0, 4, 1), (2, 1, 5, 1)]
     what = instances(rows, draws, turn=0.4)
@@ -338,7 +338,7 @@ def quad_character(images, layers):
     return Character("quad", np.eye(4, dtype=np.float32)[None, None, :3], (mesh,), images, np.ones(3), 0.0, None)
 
 
-def test_materials_show_their_colour_or_their_image():
+def test_materials_show_their_color_or_their_image():
     what = instances([row(0, 0)], [(0, 0, 0, 1)], materials=True)
     nothing = np.empty((0, 1, 1, 4), np.uint8)
     plain, _ = picture(what, Cast((), (quad_character(nothing, -1),)), (0, -4, 1))

@@ -26,7 +26,7 @@ def context():
 
 
 def without_lines(what):
-    return replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0])
+    return replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])
 
 
 @pytest.fixture
@@ -84,9 +84,9 @@ def test_points_stand_where_the_agents_do_in_the_tint_of_their_lod(viewer, kind)
     rows, columns = np.mgrid[:HEIGHT, :WIDTH]
     free = np.ones((HEIGHT, WIDTH), bool)
     for feet, group, level in AGENTS:
-        row, column = pixel(viewer, np.add(feet, (0, 0, GROUPS[group].centre)))
-        colour = np.multiply(CULLED[:3], CULLED[3]) if level is None else TINTS[level]
-        assert seen[row, column, :3] == pytest.approx(colour, abs=0.02)
+        row, column = pixel(viewer, np.add(feet, (0, 0, GROUPS[group].center)))
+        color = np.multiply(CULLED[:3], CULLED[3]) if level is None else TINTS[level]
+        assert seen[row, column, :3] == pytest.approx(color, abs=0.02)
         free &= np.hypot(rows - row, columns - column) > POINT_PIXELS[1] / 2 + 1
     assert (seen[free] == (0, 0, 0, 1)).all()
 
@@ -110,11 +110,11 @@ def test_lines_run_along_the_frustum_and_where_each_lod_begins(viewer):
     camera = frame.camera
     expected = [(camera.far, FRUSTUM), (10.0, (*TINTS[1], 1.0)), (20.0, (*TINTS[2], 1.0))]
     for distance, linear in expected:
-        colour = encoded(np.array(linear, np.float32))[:3]
+        color = encoded(np.array(linear, np.float32))[:3]
         left_bottom, right_bottom = frustum_corners(camera, distance)[:2]
         row, column = pixel(viewer, 0.7 * left_bottom + 0.3 * right_bottom)
         near = seen[row - 1 : row + 2, column - 1 : column + 2, :3].reshape(-1, 3)
-        assert np.abs(near - colour).max(axis=1).min() < 0.1
+        assert np.abs(near - color).max(axis=1).min() < 0.1
 
 
 def test_the_gpu_is_left_as_it_was(viewer):
@@ -134,8 +134,8 @@ def test_far_from_the_worlds_origin_the_points_are_as_exact():
 def test_points_are_in_order_of_lod_and_those_culled_last():
     _, what = planned()
     tints = [tuple(np.float32(c) for c in (*TINTS[level], 1.0)) for level in (0, 0, 1, 2)]
-    assert [tuple(c) for c in what.colours[:4]] == tints
-    assert (what.colours[4:] == np.float32(CULLED)).all()
+    assert [tuple(c) for c in what.colors[:4]] == tints
+    assert (what.colors[4:] == np.float32(CULLED)).all()
     assert (what.sizes[4:] < what.sizes[0]).all() and what.sizes[0] == 1
 
 
@@ -144,7 +144,7 @@ def test_of_many_culled_agents_a_part_shows_and_all_those_seen(monkeypatch):
     monkeypatch.setattr(draw_data, "MOST_CULLED", 3)  # of six agents every second may show where it is culled, the fifth is
     some = drawing(frame)
     assert len(every.positions) == 6 and (some.positions == every.positions[:5]).all()
-    assert (some.colours == every.colours[:5]).all() and (some.sizes == every.sizes[:5]).all()
+    assert (some.colors == every.colors[:5]).all() and (some.sizes == every.sizes[:5]).all()
     assert len(drawing(frame, Style(culled=False)).positions) == 4
 
 

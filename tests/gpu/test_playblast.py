@@ -1,4 +1,4 @@
-"""The playblast: who hides whom, colours to the bit, and the preview made with it."""
+"""The playblast: who hides whom, colors to the bit, and the preview made with it."""
 
 import json
 from dataclasses import replace
@@ -41,7 +41,7 @@ def boxes(scene):
     """The crowd as boxes in the tints of its LODs, alone."""
     groups = groups_of(scene.crowd_lod)
     what = drawing(frame_of(scene, scene.view_layers[0].depsgraph), Style("BOXES", culled=False))
-    return Batches(replace(what, lines=what.lines[:0], line_colours=what.line_colours[:0]), Cast(groups, ()))
+    return Batches(replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0]), Cast(groups, ()))
 
 
 def matrices(scene):
@@ -79,14 +79,14 @@ def test_agents_and_scenery_hide_each_other(scene, canvas):
     assert (right == right[0, 0]).all()
 
 
-def test_agents_have_the_colours_that_a_viewport_gives_them_to_the_bit(scene, canvas):
+def test_agents_have_the_colors_that_a_viewport_gives_them_to_the_bit(scene, canvas):
     """A viewport's overlays are painted into an sRGB texture, whose light is then shown with a gamma of 2.2."""
     from gpu.types import GPUFrameBuffer, GPUTexture
 
     view, projection = matrices(scene)
     crowd = boxes(scene)
-    colour, depth = GPUTexture(SIZE, format="SRGB8_A8"), GPUTexture(SIZE, format="DEPTH_COMPONENT32F")
-    buffer = GPUFrameBuffer(color_slots=colour, depth_slot=depth)
+    color, depth = GPUTexture(SIZE, format="SRGB8_A8"), GPUTexture(SIZE, format="DEPTH_COMPONENT32F")
+    buffer = GPUFrameBuffer(color_slots=color, depth_slot=depth)
     with buffer.bind():
         buffer.clear(color=(0, 0, 0, 0), depth=1.0)
         paint(crowd, view, projection, SIZE, 1.0)

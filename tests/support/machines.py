@@ -9,8 +9,8 @@ from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
 
 
 def machine_of(states, edge="clamp", labels=("ground", "wall")):
-    colours = {name: {"color": f"#0000{i:02x}"} for i, name in enumerate(labels)}
-    return parse(json.dumps({"version": 1, "edge": edge, "labels": colours, "states": states}), "test")
+    colors = {name: {"color": f"#0000{i:02x}"} for i, name in enumerate(labels)}
+    return parse(json.dumps({"version": 1, "edge": edge, "labels": colors, "states": states}), "test")
 
 
 def random_machine(random, states=5, labels=3, speeds=(0.01, 30), edge="clamp"):

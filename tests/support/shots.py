@@ -21,7 +21,7 @@ ONE = (walker(),)
 AREA = Area(-40, 0, 40, 100)
 
 
-IDLER = replace(walker(), stride=0.0, period=1.7, centre=1.1, radius=0.7)
+IDLER = replace(walker(), stride=0.0, period=1.7, center=1.1, radius=0.7)
 
 
 def machine(states=None, edge="clamp"):

@@ -3,7 +3,7 @@
 from itertools import product
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.planning.shot import Meshes, Shot
+from crowd_lod_extension.crowd_lod.planning.shot_cost import Meshes, Shot
 from crowd_lod_extension.crowd_lod.planning.survey import CULLED, MIRRORED, SEEN, SHADOW, at_tolerance, empty
 
 TRIANGLES = np.array([[9000, 4000, 1500, 400], [12000, 5000, 2500, 300]], float)

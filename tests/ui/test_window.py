@@ -113,7 +113,7 @@ def test_quad_view_windows_local_view_and_hidden_overlays(seen):
     assert views == dict.fromkeys(views, ALL_IS_WELL)
 
 
-def test_the_viewports_own_picture_has_the_colours_of_the_screen(seen):
+def test_the_viewports_own_picture_has_the_colors_of_the_screen(seen):
     rendered = seen["lifecycle"]["rendered"]
     assert rendered["status"] == ["FINISHED"] and rendered["size"] == rendered["region"]
     assert rendered["through the camera"] == rendered["render"]

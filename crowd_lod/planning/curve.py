@@ -1,0 +1,102 @@
+"""Error against cost of a whole shot: what other tolerances, and other ways to choose LODs, would cost."""
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..levels.cost_model import price
+from ..progress import share
+from .shot import ShotPlan, sampled, solved
+from .shot_cost import Bill, Shot, bill, work_in
+from .survey import Survey, at_tolerance
+
+MOST_LOOKED_AT = 500_000  # agents times frames from which the curve is found
+TOLERANCES = (0.25, 0.5, 0.7, 1, 1.4, 2, 4, 8, 16)  # times the shot's own
+WEIGHTS = (1 / 16, 1 / 4, 2, 4, 8, 16, 64)  # times the plan's own weight of switches
+WIDTH = 0.2  # of hysteresis, as a part of the distance
+
+
+@dataclass(frozen=True)
+class Point:
+    """One way to choose a shot's LODs, and what it costs.
+
+    kind: "tolerance" (the coarsest LODs within it), "avoid" (a plan, pops weighted less or more),
+        "plan", "thresholds" (the scene's own, frame by frame), "hysteresis".
+    tolerance: pixels that LODs were chosen by, or None.
+    error: the most pixels by which a LOD deviates.
+    seconds, triangles, memory: parts of what full detail takes.
+    above: part by which it costs more than thresholds in time, memory or instances, as Avoid Pops.
+    switches: in sight.
+    """
+
+    kind: str
+    tolerance: float | None
+    error: float
+    seconds: float
+    triangles: float
+    memory: float
+    above: float
+    switches: int
+
+
+@dataclass(frozen=True)
+class Curve:
+    """The points of a shot's curve, found from `agents` of its agents."""
+
+    agents: int
+    points: list[Point]
+
+
+def curve_of(shot: Shot, plan: ShotPlan, tolerance: float) -> Generator[float, None, Curve]:
+    """Find the curve of a planned shot: yield the progress, return it.
+
+    tolerance: pixels, in the middle of the sweep. Hysteresis has it, too.
+    """
+    some, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
+    survey, bounds = some.survey, some.meshes.bounds
+    thresholds = bill(some, survey.coarsest)
+
+    def point(kind: str, levels: np.ndarray, pixels: float | None = None) -> Point:
+        found = bill(some, levels)
+        parts = of_full_detail(some, found)
+        return Point(kind, pixels, found.error, *parts, found.above(thresholds), int(found.switches.sum()))
+
+    points = [
+        point("plan", plan.levels[:, agents]),
+        point("thresholds", survey.coarsest),
+        point("hysteresis", hysteresis(survey, bounds, tolerance), tolerance),
+    ]
+    for pixels in (factor * tolerance for factor in TOLERANCES):
+        points.append(point("tolerance", at_tolerance(survey, bounds, pixels).coarsest, pixels))
+    begun = 0.3
+    yield begun
+    for step, factor in enumerate(WEIGHTS, 1):
+        done = begun + (1 - begun) * step / len(WEIGHTS)
+        levels, _ = yield from share(solved(some, thresholds, factor * plan.weight), begun, done)
+        points.append(point("avoid", levels))
+        begun = done
+    return Curve(len(survey.group), points)
+
+
+def of_full_detail(shot: Shot, found: Bill) -> tuple[float, float, float]:
+    """Return the parts that `found` takes of the (seconds, triangles, memory) of the same agents at LOD 0."""
+    shown = np.zeros_like(found.shown)
+    shown[:, 0] = found.shown.sum(axis=1)
+    part = found.price.share(price(work_in(shot, shown), shot.engine))
+    triangles = float((shown[:, 0] * shot.meshes.triangles[shot.survey.owner, 0]).sum())
+    return part.seconds, float(found.triangles.sum()) / triangles if triangles else 1.0, part.memory
+
+
+def hysteresis(survey: Survey, bounds: np.ndarray, tolerance: float, width: float = WIDTH) -> np.ndarray:
+    """Return the LODs (F, n) uint8 that causal hysteresis gives.
+
+    An agent keeps its LOD until its distance has passed the one where a LOD begins by the part
+    `width`. One that comes into sight has the LOD of its distance.
+    bounds: (G, K) metres, of each group's LODs.
+    """
+    levels, finest, coarsest = (at_tolerance(survey, bounds, tolerance / factor).coarsest for factor in (1, 1 + width, 1 - width))
+    for f in range(1, len(levels)):
+        held = np.clip(levels[f - 1], finest[f], coarsest[f])
+        np.copyto(levels[f], held, where=survey.joined(f))
+    return levels

@@ -1,0 +1,43 @@
+"""What a viewer may notice in a shot: switches of LODs in sight, and characters that appear at once."""
+
+import numpy as np
+
+from .shot_cost import Shot, switched
+
+NOTHING = -1  # the LOD before an entry: none
+ROW = np.dtype(
+    [
+        ("frame", np.int64),
+        ("agent", np.int64),
+        ("before", np.int8),
+        ("after", np.int8),
+        ("size", np.float64),
+        ("change", np.float64),
+    ]
+)
+
+
+def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
+    """Return all switches in sight and all entries, (s,) ROW, by frame and then by agent.
+
+    An entry is an agent that the near or far clip hid in the frame before.
+    levels: (F, n) uint8.
+    radius: (G,) float64 metres, of the groups' bounding spheres.
+
+    frame: on the timeline. agent: its number. before, after: the LODs; `before` is NOTHING for an
+    entry. size: pixels that the bounding sphere is wide, at most. change: pixels by which the
+    picture changes there, at most; for an entry its size.
+    """
+    survey, parts = shot.survey, []
+    for f, number in enumerate(survey.numbers.tolist()):
+        agents, change = switched(shot, levels, f)
+        entered = survey.entered[f]
+        rows = np.empty(len(agents) + len(entered), ROW)
+        rows["frame"] = number
+        rows["agent"] = np.concatenate([agents, entered])
+        rows["before"] = np.concatenate([levels[f - 1, agents], np.full(len(entered), NOTHING)])
+        rows["after"] = levels[f, rows["agent"]]
+        rows["size"] = survey.scale[f, rows["agent"]].astype(np.float64) * 2 * radius[survey.group[rows["agent"]]]
+        rows["change"] = np.concatenate([change, rows["size"][len(agents) :]])
+        parts.append(rows[rows["agent"].argsort()])
+    return np.concatenate(parts)

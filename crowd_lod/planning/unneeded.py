@@ -1,0 +1,46 @@
+"""What a shot does not need: LODs, characters and agents that no frame shows."""
+
+import numpy as np
+
+from ..levels.cost_model import NAMES, Work, price
+from .shot_cost import Shot
+from .survey import CULLED, MIRRORED, SHADOW
+
+
+def unneeded(shot: Shot, shown: np.ndarray, names: list[str]) -> list[str]:
+    """Return a sentence on each thing that the shot does not need, with its reason and what it saves.
+
+    shown: (F, K, L), seen agents of each LOD of each character.
+    names: of the G groups.
+    """
+    survey, meshes = shot.survey, shot.meshes
+    needed, found = shown.any(axis=0) | _cast(shot), []
+    for group, name in enumerate(names):
+        own = np.flatnonzero(survey.owner == group)
+        each = meshes.triangles[group]
+        if not needed[:, own].any():
+            found.append(f"{name}: no frame shows it, its shadow or its mirror image; {_saves(shot, len(own) * each.sum())}.")
+            continue
+        repeated = np.diff(each, prepend=-1) == 0  # the last LOD of a group that has fewer
+        for k in np.flatnonzero(~needed[:, own].any(axis=1) & ~repeated):
+            found.append(f"LOD {k} of {name}: no frame shows it; {_saves(shot, len(own) * each[k])}.")
+        if idle := int((~needed[:, own].any(axis=0)).sum()):
+            found.append(f"{idle:,} of {name}'s {len(own):,} poses: no frame shows them; {_saves(shot, idle * each.sum())}.")
+    if never := int((survey.kind == CULLED).all(axis=0).sum()):
+        found.append(f"{never:,} of {len(survey.group):,} agents: outside of all frames, with no shadow or mirror image in them.")
+    return found
+
+
+def _cast(shot: Shot) -> np.ndarray:
+    """Return which LODs of which characters unseen casters and mirror images show, (K, L) bool."""
+    survey = shot.survey
+    found = np.zeros((shot.meshes.count, len(survey.owner)), bool)
+    for f in range(len(survey.kind)):
+        agents = np.flatnonzero((survey.kind[f] == SHADOW) | (survey.kind[f] == MIRRORED))
+        found[survey.coarsest[f, agents], survey.character[f, agents]] = True
+    return found
+
+
+def _saves(shot: Shot, triangles: float) -> str:
+    memory = price(Work(posed=float(triangles)), shot.engine).memory
+    return f"saves {triangles:,.0f} triangles, {memory / 1e6:.3g} MB in {NAMES[shot.engine]}"

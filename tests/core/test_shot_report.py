@@ -1,0 +1,160 @@
+"""The report of a shot plan: one whole file that needs no other, whose figures are those of the data."""
+
+import re
+from dataclasses import replace
+from html import unescape
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.planning.curve import curve_of
+from crowd_lod_extension.crowd_lod.planning.shot import decide
+from crowd_lod_extension.crowd_lod.planning.survey import CULLED
+from crowd_lod_extension.crowd_lod.planning.switches import noticed
+from crowd_lod_extension.crowd_lod.planning.unneeded import unneeded
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.reporting.shot_report import Told, shot_page
+
+from ..support.pages import Reader
+from ..support.surveys import TRIANGLES, some_shot
+
+EVIL = '<script>alert("x")</script>&'
+TINTS = (0.8, 0.03, 0.03), (0.04, 0.6, 0.06), (0.05, 0.12, 0.85), (0.78, 0.35, 0.0)
+RADIUS = np.array([0.75, 1.25])
+FRAMES = 12
+
+
+def told(title="plaza", names=("adult", "child"), **more):
+    shot = some_shot(5, **{"agents": 60, "frames": FRAMES, "lods": 4, "tolerance": 2, "each": 2} | more)
+    plan = finished(decide(shot))
+    found, curve = noticed(shot, plan.levels, RADIUS), finished(curve_of(shot, plan, 2.0))
+    return Told(title, shot, plan, found, curve, list(names), TINTS, {"culling": 1.5, "levels": 0.25})
+
+
+def section(text, heading):
+    """The page's part under the heading, up to the end of its section."""
+    begin = text.index(f"<h3>{heading}</h3>")
+    return text[begin : text.index("</section>", begin)]
+
+
+def heights(part, name):
+    """The value of each frame's column of an area or line, by the plot's own ticks."""
+    ticks = re.findall(r'y="([\d.]+)" dy=".33em" text-anchor="end">([\d.]+)([kM]?)<', part)
+    places, values = zip(*((float(y), float(v) * {"": 1, "k": 1e3, "M": 1e6}[unit]) for y, v, unit in ticks), strict=True)
+    by_place = np.polyfit(places, values, 1)
+    path = re.search(rf' d="M([^"Z]+?)(?:L([^"Z]+)Z)?"><title>{name}<', part)
+    sides = []
+    for stairs in path.groups():
+        if stairs:
+            at, levels = float(stairs.split(",")[1].split("H")[0].split("V")[0]), []
+            for letter, number in re.findall(r"([HV])(-?[\d.]+)", stairs.split(",")[1]):
+                at = float(number) if letter == "V" else at
+                levels += [at] if letter == "H" else []
+            sides.append(np.polyval(by_place, levels))
+    return sides[0] - sides[1][::-1] if len(sides) > 1 else sides[0]
+
+
+@pytest.mark.parametrize("engine", ["EEVEE", "CYCLES"])
+def test_page_is_one_whole_file(engine):
+    text = shot_page(told(engine=engine))
+    read = Reader(text)
+    assert "http" not in text and "url(" not in text and "script" not in read.tags and "link" not in read.tags
+    assert all(link.startswith("#f") for link in read.links) and read.tags.count("svg") == 8 and "nan" not in text
+
+
+def test_names_are_text():
+    data = told(EVIL, (EVIL, EVIL))
+    data = replace(data, milliseconds={EVIL: 1.0})
+    data.shot.survey.kind[:, data.shot.survey.group == 0] = CULLED  # so that a group is told as not needed
+    read = Reader(shot_page(replace(data, plan=finished(decide(data.shot)))))
+    assert "script" not in read.tags and "".join(read.texts).count(EVIL) >= 4
+
+
+def test_plots_show_the_data():
+    data = told()
+    text, found, before = shot_page(data), data.plan.bill, data.plan.thresholds
+    survey, levels = data.shot.survey, data.plan.levels
+    for k in range(4):
+        at = survey.seen & (levels == k)
+        own = np.where(at, TRIANGLES[survey.group, k], 0).sum(axis=1)
+        for heading, values in (("LODs of seen agents", at.sum(axis=1)), ("Triangles by LOD", own)):
+            part = section(text, heading)
+            if values.any():
+                assert heights(part, f"LOD {k}") == pytest.approx(
+                    values, abs=0.004 * found.triangles.max() if own is values else 0.2
+                )
+    shares = section(text, "Seen and culled")
+    assert heights(shares, "culled") == pytest.approx(100 * (survey.kind == CULLED).mean(axis=1), abs=0.4)
+    switches = section(text, "Switches in sight per frame")
+    assert heights(switches, "plan") == pytest.approx(found.switches, abs=0.05)
+    assert heights(switches, "thresholds") == pytest.approx(before.switches, abs=0.05)
+
+
+def test_figures_and_tables_are_those_of_the_plan():
+    data = told()
+    text, found, before = shot_page(data), data.plan.bill, data.plan.thresholds
+    whole = found.triangles.sum() / TRIANGLES[np.broadcast_to(data.shot.survey.group, (FRAMES, 60))[data.shot.survey.seen], 0].sum()
+    cards = dict((what, figure) for figure, what in re.findall(r"<div><b>(.*?)</b><span>(.*?)</span>", unescape(text)))
+    assert cards["of full detail's triangles"] == f"{whole:.1%}"
+    assert cards[f"switches in sight, {before.switches.sum()} by thresholds"] == f"{found.switches.sum()}"
+    frames = text[text.index("<summary>Frames") :]
+    rows = [re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", frames, re.DOTALL)][1 : FRAMES + 1]
+    assert [int(row[0]) for row in rows] == list(range(1, FRAMES + 1))
+    assert [[int(cell) for cell in row[3:7]] for row in rows] == found.counts.tolist()
+    assert [int(row[7].replace(",", "")) for row in rows] == found.triangles.tolist()
+    assert [int(row[8]) for row in rows] == found.switches.tolist() and [int(row[11]) for row in rows] == before.switches.tolist()
+
+
+def test_ticks_lead_to_the_rows_of_their_frames():
+    data = told()
+    text = shot_page(data)
+    links = [int(frame) for frame in re.findall(r'href="#f(\d+)"', text)]
+    assert links == sorted(set(data.noticed["frame"].tolist())) == [int(frame) for frame in re.findall(r'id="f(\d+)"', text)]
+    worst = text[text.index("The largest changes") :]
+    rows = [re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", worst, re.DOTALL)][1:4]
+    largest = sorted(data.noticed.tolist(), key=lambda row: -row[5])[:3]
+    assert [(int(row[0]), int(row[1])) for row in rows] == [row[:2] for row in largest]
+
+
+@pytest.mark.parametrize("more", [{"agents": 0}, {"lods": 1}, {"frames": 1}, {"seen": 0}])
+def test_shots_with_nothing_to_choose_have_a_page(more):
+    text = shot_page(told(**more))
+    Reader(text)
+    assert "nan" not in text and "inf" not in text
+
+
+def test_what_the_user_should_know_is_said():
+    data = told()
+    survey = data.shot.survey
+    survey.cuts[3], survey.kind[6] = True, CULLED
+    survey.entered[5] = np.flatnonzero(survey.seen[5] & ~survey.seen[4])[:2]
+    plan = finished(decide(data.shot))
+    text = shot_page(replace(data, plan=plan, noticed=noticed(data.shot, plan.levels, RADIUS)))
+    assert "2 agents appear at once, by the near or far clip of the camera, in frame 6:" in text
+    assert (
+        f"Another camera films from frame{'s' if survey.cuts.sum() > 1 else ''} " in text
+        and "No character is seen in frame 7." in text
+    )
+    assert "not in sight" in text and "appear at once" not in shot_page(told())
+
+
+def test_what_no_frame_shows_is_not_needed():
+    shot = some_shot(2, agents=30, frames=6, lods=4, each=2)
+    survey = shot.survey
+    survey.coarsest[:] = 1
+    survey.character[:] = 2 * survey.group  # the second of each group's characters is never shown
+    survey.kind[:, 0] = CULLED
+    shown = np.zeros((6, 4, 4))
+    shown[:, 1, 0] = 1
+    shown[:, 0, 2] = 1
+    told = unneeded(shot, shown, ["adult", "child"])
+    adult = [f"LOD {k} of adult: no frame shows it; saves {2 * TRIANGLES[0, k]:,.0f} triangles" for k in (0, 2, 3)]
+    assert [each.partition(", ")[0] if "LOD" in each else each for each in told[:3]] == adult
+    assert told[3].startswith(f"1 of adult's 2 poses: no frame shows them; saves {TRIANGLES[0].sum():,.0f} triangles")
+    assert [each[:14] for each in told[4:7]] == ["LOD 2 of child", "LOD 3 of child", "1 of child's 2"]
+    assert re.fullmatch(r"\d+ of 30 agents: outside of all frames, with no shadow or mirror image in them\.", told[7])
+    survey.kind[:] = CULLED
+    assert [each.partition(":")[0] for each in unneeded(shot, np.zeros_like(shown), ["adult", "child"])] == [
+        "adult",
+        "child",
+        "30 of 30 agents",
+    ]
