@@ -37,7 +37,7 @@ def test_explain_tells_every_test_and_the_plans_choice(planned, tmp_path, capfd)
         scene = bpy.context.scene
         scene.frame_set(3)
         frame = frame_of(scene, bpy.context.evaluated_depsgraph_get())
-        row = plan_file.read(tmp_path / "plan" / "plan.npz").row(2, 300).levels
+        row = plan_file.read(tmp_path / "plan" / "plan.npz").row(2, 300)
         assert frame.planned and told["unplanned"] == ""
         assert told["account"]["visible"] == frame.visible[agent] and told["account"]["level"] == frame.levels[agent]
         assert told["account"]["planned"] == ("hidden by an exception" if agent == gone else f"LOD {row[agent]}")

@@ -13,7 +13,7 @@ from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy
 from crowd_lod_extension.crowd_lod.levels.cost_model import SECONDS
 from crowd_lod_extension.crowd_lod.planning.explanation import explained, sides_of
 from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.planned import PINNED, Row, with_row
+from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, PINNED, with_row
 
 from ..support.crowds import crowd_at
 from ..support.shots import AREA, shot
@@ -81,8 +81,8 @@ def test_detail_map_and_shot_plan_are_told():
     agent = int(frame.buckets[2][0])
     found = explained(frame, agent, "CYCLES")
     assert found.factor == 2 and found.by_distance == 2 and "times 2 by the detail map" in found.text
-    row = np.full(len(frame.crowd), 0 | PINNED, np.uint8)
-    pinned = explained(with_row(frame, Row(row)), agent, "CYCLES")
+    row = np.full(len(frame.crowd), EXCEPTED | PINNED, np.uint8)
+    pinned = explained(with_row(frame, row), agent, "CYCLES")
     assert pinned.by_distance == 2 and pinned.account.level == 0 and pinned.account.reason == "exception"
     assert "The shot plan: LOD 0, by an exception." in pinned.text and "The shot plan" not in found.text
     (marked,) = (line for line in pinned.text.splitlines() if "*" in line)
