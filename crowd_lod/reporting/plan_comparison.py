@@ -145,8 +145,8 @@ def _differs(a: Plan, b: Plan) -> list[str]:
         found = [name for name in {**one, **other} if one.get(name) != other.get(name)]
     else:
         found = [told for name, told in PARTS.items() if a.content.get(name) != b.content.get(name)]
-    engines = [plan.content["shot"].get("engine") if isinstance(plan.content.get("shot"), dict) else None for plan in (a, b)]
-    found += ["the engine"] * (engines[0] != engines[1])
+    shots = [shot if isinstance(shot := plan.content.get("shot"), dict) else {} for plan in (a, b)]
+    found += [f"the {name}" for name in ("engine", "tolerance", "budget") if shots[0].get(name) != shots[1].get(name)]
     stored = [plan.path.with_name(plan_file.NAME) for plan in (a, b)]
     if all(path.is_file() for path in stored) and not _same_views(*map(plan_file.read, stored)):
         found.append("the camera")

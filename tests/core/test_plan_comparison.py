@@ -56,7 +56,7 @@ def test_what_plans_were_made_for_is_told_where_it_differs(tmp_path):
     a, b = (planned(tmp_path / name, [row(1, 1), row(2, 1)]) for name in "ab")
     content = json.loads((b / "plan.json").read_text())
     content["made_for"] |= {"the map": "other", "the exceptions": "new"}
-    content["shot"]["engine"] = "EEVEE"
+    content["shot"] |= {"engine": "EEVEE", "tolerance": 2.0}
     write(b, content)
     cameras = np.zeros((2, 1, 21))
     for folder, scale in ((a, 0.0), (b, 1.0)):
@@ -64,7 +64,7 @@ def test_what_plans_were_made_for_is_told_where_it_differs(tmp_path):
             folder / "plan.npz", np.array([1, 2]), np.array([1.0, 2]), cameras + scale, {"the map": "b"}, None
         )
         plan_file.write(stored.path, stored, np.zeros((2, 3), np.uint8))
-    assert compare(a, b).differs == ("the map", "the exceptions", "the engine", "the camera")
+    assert compare(a, b).differs == ("the map", "the exceptions", "the engine", "the tolerance", "the camera")
     assert compare(a, a).differs == ()
 
 
