@@ -10,7 +10,7 @@ from ..errors import CrowdError
 from ..levels.assignment import shown
 from ..sorting.buckets import sort
 from .frame import Frame
-from .planned import HIDDEN, LEVEL, PINNED
+from .planned import EXCEPTED, HIDDEN, LEVEL
 from .reasons import REASONS, reasons
 
 
@@ -113,4 +113,4 @@ def told_row(entry: int) -> str:
     """Return in words what a shot plan has of an agent: an entry of planned.Row.levels."""
     if entry & HIDDEN:
         return "hidden by an exception"
-    return f"LOD {entry & LEVEL}" + ", by an exception" * bool(entry & PINNED)
+    return f"LOD {entry & LEVEL}" + ", by an exception" * bool(entry & EXCEPTED)

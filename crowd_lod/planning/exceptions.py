@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
-from .planned import HIDDEN, PINNED
+from .planned import EXCEPTED, HIDDEN, PINNED
 from .survey import CULLED, SEEN, Survey
 
 NEVER_COARSER, ALWAYS, HIDE = KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
@@ -148,4 +148,4 @@ def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> 
         return levels
     pinned, hidden = (np.array([*(each.kind == kind for each in exemptions), False])[which] for kind in (ALWAYS, HIDE))
     level = np.array([*(each.level for each in exemptions), 0], np.uint8)[which]
-    return np.where(pinned, level | PINNED, levels) | np.where(hidden, HIDDEN, 0).astype(np.uint8)
+    return np.where(pinned, level | PINNED | EXCEPTED, levels) | np.where(hidden, HIDDEN, 0).astype(np.uint8)

@@ -10,15 +10,15 @@ from ..sorting.buckets import Buckets, sort
 from .frame import Frame, cost, tally
 
 # Parts of a byte of the plan: the LOD; whether it holds although it is coarser than the tolerance
-# allows, or finer; whether the agent is hidden.
-LEVEL, PINNED, HIDDEN = 0x0F, 0x40, 0x80
+# allows, or finer; whether an exception asks for that; whether the agent is hidden.
+LEVEL, EXCEPTED, PINNED, HIDDEN = 0x0F, 0x20, 0x40, 0x80
 SAME = 1e-4  # parts of a metre, a slope or a pixel by which two cameras that count as one may differ
 
 
 def with_row(frame: Frame, row: np.ndarray) -> Frame:
     """Return `frame` with the LODs of the shot plan.
 
-    row: (n,) uint8, of LEVEL, PINNED and HIDDEN.
+    row: (n,) uint8, of LEVEL, EXCEPTED, PINNED and HIDDEN.
     An agent is never coarser than the policy of `frame` allows: at times between the plan's frames
     it may be nearer than in them. Pinned and hidden agents are as the plan has them.
     """

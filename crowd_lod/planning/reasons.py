@@ -7,7 +7,7 @@ import numpy as np
 from ..culling.camera import planes
 from ..levels.assignment import assign, deviations, limits
 from .frame import Frame
-from .planned import HIDDEN, PINNED
+from .planned import EXCEPTED, HIDDEN
 
 REASONS = (
     "near enough",
@@ -55,5 +55,5 @@ def reasons(frame: Frame) -> np.ndarray:
     found[culled[along < near - reach]] = NEAR
     found[culled[along > far + reach]] = FAR
     if frame.plan_row is not None:
-        found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & PINNED != 0))] = EXCEPTION
+        found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))] = EXCEPTION
     return found

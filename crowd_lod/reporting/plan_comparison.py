@@ -28,12 +28,14 @@ class Plan:
     """What plan.json tells of a plan, as far as it does.
 
     path: of the plan.json.
+    numbers: the frames that were planned.
     frames: by number: those of IN_FRAMES.
     total: those of IN_TOTAL.
     content: all of the file.
     """
 
     path: Path
+    numbers: frozenset[int]
     frames: Mapping[int, Numbers]
     total: Numbers
     content: Mapping[str, Any]
@@ -57,8 +59,8 @@ class Comparison:
             "made_for_differs": list(self.differs),
             "total": _pairs(self.a.total, self.b.total, IN_TOTAL),
             "frames": [{"frame": f, **_pairs(self.a.frames[f], self.b.frames[f], IN_FRAMES)} for f in both],
-            "only_in_a": sorted(self.a.frames.keys() - self.b.frames.keys()),
-            "only_in_b": sorted(self.b.frames.keys() - self.a.frames.keys()),
+            "only_in_a": sorted(self.a.numbers - self.b.numbers),
+            "only_in_b": sorted(self.b.numbers - self.a.numbers),
         }
 
     @property
@@ -67,7 +69,9 @@ class Comparison:
         told = self.as_json
         said = [f"A: {told['a']}", f"B: {told['b']}"]
         said += [f"They were made for other input: {', '.join(self.differs)}."] if self.differs else []
-        said += [f"{len(told[name])} frames are only in {name[-1].upper()}." for name in ("only_in_a", "only_in_b") if told[name]]
+        for name in ("only_in_a", "only_in_b"):
+            if told[name]:
+                said.append(f"Only in {name[-1].upper()}: {_listed(told[name])}. They count in its total.")
         rows = [(name.replace("_", " "), number(a), number(b), _change(a, b)) for name, (a, b) in told["total"].items()]
         said += ["", *aligned(("Total", "A", "B", "B to A"), rows)] if rows else []
         other = [row for row in told["frames"] if any(row[name][0] != row[name][1] for name in IN_FRAMES if name in row)]
@@ -110,13 +114,16 @@ def read_plan(path: Path) -> Plan:
         if isinstance(row, dict) and type(row.get("frame")) is int:
             frames[row["frame"]] = _numbers(row, IN_FRAMES)
     total = {name: math.fsum(row.get(name, 0.0) for row in frames.values()) for name in _common(frames)}
+    planned: list[Any] = []
     if isinstance(shot, dict):
+        planned = shot["frames"] if isinstance(shot.get("frames"), list) else []
         total |= _numbers(shot, IN_TOTAL)
         if isinstance(shot.get("plan"), dict):
             total |= _numbers(shot["plan"], IN_TOTAL)
     if not total:
         raise CrowdError(f"The plan {where} has neither frames nor a shot: give a folder that crowd-lod plan or preview wrote.")
-    return Plan(path, frames, total, content)
+    numbers = frozenset(frames) or frozenset(each for each in planned if type(each) is int)
+    return Plan(path, numbers, frames, total, content)
 
 
 def _common(frames: Mapping[int, Numbers]) -> list[str]:
@@ -138,8 +145,8 @@ def _differs(a: Plan, b: Plan) -> list[str]:
         found = [name for name in {**one, **other} if one.get(name) != other.get(name)]
     else:
         found = [told for name, told in PARTS.items() if a.content.get(name) != b.content.get(name)]
-    engines = [plan.content["shot"].get("engine") if isinstance(plan.content.get("shot"), dict) else None for plan in (a, b)]
-    found += ["the engine"] * (engines[0] != engines[1])
+    shots = [shot if isinstance(shot := plan.content.get("shot"), dict) else {} for plan in (a, b)]
+    found += [f"the {name}" for name in ("engine", "tolerance", "budget") if shots[0].get(name) != shots[1].get(name)]
     stored = [plan.path.with_name(plan_file.NAME) for plan in (a, b)]
     if all(path.is_file() for path in stored) and not _same_views(*map(plan_file.read, stored)):
         found.append("the camera")
@@ -155,6 +162,10 @@ def _same_views(a: plan_file.StoredPlan, b: plan_file.StoredPlan) -> bool:
 
 def _pairs(a: Numbers, b: Numbers, names: tuple[str, ...]) -> dict[str, list[float]]:
     return {name: [a[name], b[name]] for name in names if name in a and name in b}
+
+
+def _listed(frames: list[int]) -> str:
+    return f"frame {frames[0]}" if len(frames) == 1 else f"{len(frames)} frames from {frames[0]} to {frames[-1]}"
 
 
 def _change(a: float, b: float) -> str:

@@ -145,8 +145,8 @@ def _compare(commands, program: str) -> None:
         "set two plans side by side, in total and frame by frame",
         "compare plaza_plan plaza_plan_2px",
     )
-    for name in ("A", "B"):
-        command.add_argument(name.lower(), type=_path, metavar=name, help="a folder with a plan, or its plan.json")
+    command.add_argument("a", type=_path, metavar="A", help="a folder with a plan, or its plan.json")
+    command.add_argument("b", type=_path, metavar="B", help="another one")
 
 
 def _sample(commands, program: str) -> None:

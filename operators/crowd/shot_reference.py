@@ -83,9 +83,7 @@ def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | N
             return Use()
         f = stored.place(time)
         if f is None:
-            return Use(
-                policy, None, f"The shot plan covers frames {stored.numbers[0]} to {stored.numbers[-1]}: here thresholds hold."
-            )
+            return Use(None, f"The shot plan covers frames {stored.numbers[0]} to {stored.numbers[-1]}: here thresholds hold.")
         changed = changes(stored.made_for, made_for(settings, trajectory, policy, bias))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):

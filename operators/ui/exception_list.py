@@ -61,9 +61,8 @@ class CROWDLOD_UL_exceptions(bpy.types.UIList):
 
 
 def asks(item) -> str:
-    """Return what an exception asks for, in words."""
-    kind = item.bl_rna.properties["kind"].enum_items[item.kind].name
-    return kind if item.kind == "HIDE" else f"{kind} {item.level}" if item.kind == "NEVER_COARSER" else f"{kind} LOD {item.level}"
+    """Return what an exception asks for, in few words."""
+    return {"NEVER_COARSER": f"LOD {item.level} or finer", "ALWAYS": f"LOD {item.level}", "HIDE": "hidden"}[item.kind]
 
 
 class _Editing(Reporting):

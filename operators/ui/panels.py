@@ -242,7 +242,7 @@ class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
             row.prop(settings, "use_shot_plan", toggle=True)
             row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
             if settings.use_shot_plan:
-                _say(context, layout, *self.holds(context))
+                _say(context, layout, *_held(context.scene))
         self.exceptions(layout, settings)
 
     def exceptions(self, layout, settings) -> None:
@@ -274,16 +274,17 @@ class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
                 column.prop(entry, "last_frame")
         layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
 
-    def holds(self, context) -> tuple[str, str]:
-        """Return (a sentence on whether the stored plan holds, its icon), as the overlay found."""
-        frame = viewport_overlay.latest(context.scene)
-        if frame is None:
-            return "Switch the overlay on to see whether the plan still holds.", "INFO"
-        if frame.planned:
-            return f"Frame {frame.time:g} is as planned.", "CHECKMARK"
-        if frame.unplanned:
-            return frame.unplanned, "ERROR"
-        return "The overlay shows the viewport's own view, which is not planned.", "INFO"
+
+def _held(scene: bpy.types.Scene) -> tuple[str, str]:
+    """Return (a sentence on whether the stored plan holds in the frame that the overlay shows, its icon)."""
+    frame = viewport_overlay.latest(scene)
+    if frame is None:
+        return "Switch the overlay on to see whether the plan still holds.", "INFO"
+    if frame.planned:
+        return f"Frame {frame.time:g} is as planned.", "CHECKMARK"
+    if frame.unplanned:
+        return frame.unplanned, "ERROR"
+    return "The overlay shows the viewport's own view, which is not planned.", "INFO"
 
 
 class CROWDLOD_PT_preview(_Step, bpy.types.Panel):

@@ -12,7 +12,7 @@ from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account, nearest
 from crowd_lod_extension.crowd_lod.planning.frame import plan
-from crowd_lod_extension.crowd_lod.planning.planned import HIDDEN, PINNED, Row, with_row
+from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, HIDDEN, PINNED, with_row
 
 SIZE = 640, 480
 # 90 degrees wide, clipped at 1 and 100 m, from the origin along -z
@@ -73,7 +73,7 @@ def accounts(kind="PERSP", groups=GROUPS, row=None):
     policy = LevelPolicy((0.25, 0.6))
     world = edge_map(Area(-60, -60, 60, 60), machine.labels)
     frame = plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
-    frame = frame if row is None else with_row(frame, Row(np.array(row, np.uint8)))
+    frame = frame if row is None else with_row(frame, np.array(row, np.uint8))
     return [account(frame, agent) for agent in range(n)], machine, frame
 
 
@@ -102,7 +102,7 @@ def test_sizes_and_errors_are_in_pixels_of_the_picture():
 
 
 def test_an_account_tells_what_the_shot_plan_has_of_the_agent():
-    found, _, frame = accounts(row=[1 | PINNED, 0, 2 | HIDDEN, 1, 2 | PINNED, 0 | HIDDEN, 1])
+    found, _, frame = accounts(row=[1 | EXCEPTED | PINNED, 0, 2 | HIDDEN, 1 | PINNED, 2 | EXCEPTED | PINNED, HIDDEN, 1])
     assert frame.planned and {each.planned for each in accounts()[0]} == {""}
     assert [each.planned for each in found] == [
         "LOD 1, by an exception", "LOD 0", "hidden by an exception", "LOD 1", "LOD 2, by an exception", "hidden by an exception", "LOD 1"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.exceptions import Exemption, check_level, excepted, marked, parse_agents
-from crowd_lod_extension.crowd_lod.planning.planned import HIDDEN, LEVEL, PINNED
+from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.planning.shot import decide, decided, lower_bound
 from crowd_lod_extension.crowd_lod.planning.survey import CULLED, SEEN, SHADOW, at_tolerance
 from crowd_lod_extension.crowd_lod.progress import finished
@@ -125,8 +125,8 @@ def test_stored_levels_are_marked_in_all_frames_of_the_exceptions():
     rules = [rule("ALWAYS", 2, [1], 3, 4), rule("HIDE", 0, [2], 4)]
     levels = np.array([0, 1, 1], np.uint8)
     assert marked(levels, 2, rules) is levels
-    assert marked(levels, 3, rules).tolist() == [0, 2 | PINNED, 1]
+    assert marked(levels, 3, rules).tolist() == [0, 2 | EXCEPTED | PINNED, 1]
     row = marked(levels, 4, rules)
-    assert row.tolist() == [0, 2 | PINNED, 1 | HIDDEN] and row.dtype == np.uint8
+    assert row.tolist() == [0, 2 | EXCEPTED | PINNED, 1 | HIDDEN] and row.dtype == np.uint8
     assert (row & LEVEL).tolist() == [0, 2, 1]
     assert marked(levels, 5, rules).tolist() == [0, 1, 1 | HIDDEN]

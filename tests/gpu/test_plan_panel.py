@@ -1,0 +1,39 @@
+"""What the sidebar and the eyedropper say of a shot plan, as the overlay finds it."""
+
+import bpy
+from crowd_lod_extension.operators.overlay import viewport_overlay
+from crowd_lod_extension.operators.overlay.hud import told
+from crowd_lod_extension.operators.ui import panels
+
+from ..support.overlays import populated, shown
+
+
+def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_path):
+    with populated(60, cone=1.0, cube=2.0) as scene:
+        settings = scene.crowd_lod
+        shown(scene)
+        seen = viewport_overlay.latest(scene).visible
+        settings.agent, settings.level_count = int(seen.argmax()), 1
+        entry = settings.exceptions.add()
+        entry.agents, entry.kind, settings.frames, settings.plan_folder = str(settings.agent), "HIDE", "1:3", str(tmp_path / "plan")
+        with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+            assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
+        scene.frame_set(2)
+        frame = shown(scene).frame
+        assert panels._held(scene) == ("Frame 2 is as planned.", "CHECKMARK")
+        assert not frame.visible[settings.agent] and seen[settings.agent]
+        said = dict(told(viewport_overlay.account_of(scene)))
+        assert said["Shot plan"] == "hidden by an exception" and said["Culled"] == "exception"
+        # what the user changes shows at the next redraw
+        entry.kind, entry.level = "ALWAYS", 0
+        shown(scene)
+        assert panels._held(scene)[0].startswith("The shot plan is not used, for the exceptions changed since")
+        assert "Shot plan" not in dict(told(viewport_overlay.account_of(scene)))
+        entry.kind = "HIDE"
+        shown(scene)
+        assert panels._held(scene)[1] == "CHECKMARK"
+        scene.frame_set(9)
+        shown(scene)
+        assert panels._held(scene) == ("The shot plan covers frames 1 to 3: here thresholds hold.", "ERROR")
+        settings.overlay = False
+        assert "Switch the overlay on" in panels._held(scene)[0]
