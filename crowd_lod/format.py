@@ -1,6 +1,7 @@
 """Numbers and paths as text, for sentences and tables."""
 
 import os
+from collections.abc import Sequence
 
 
 def number(value: float | None) -> str:
@@ -17,3 +18,13 @@ def printable(path: str | os.PathLike) -> str:
     A byte that the system's encoding does not know is written as \\udce9.
     """
     return os.fspath(path).encode("utf-8", "backslashreplace").decode()
+
+
+def aligned(head: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return a table's lines, spaces between columns: the first column is set left, all others right."""
+    widths = [max(map(len, column)) for column in zip(head, *rows, strict=True)]
+    lines = []
+    for first, *rest in (head, *rows):
+        cells = [first.ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(rest, widths[1:], strict=True))]
+        lines.append("  ".join(cells).rstrip())
+    return lines

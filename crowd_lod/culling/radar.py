@@ -106,7 +106,7 @@ def _look(
     depth, ranged = _dot(v, camera.Z), options.radial or frustum is None
     away = np.sqrt(_dot(v, v)) if ranged or camera.turn else depth  # |v|, where something follows from it
     if options.every is None:
-        reach, slack = _reach(camera, v, away, r)
+        reach, slack = reach_of(camera, v, away, r)
         if frustum is None:
             inside = _in_cone(camera, v, depth, away, reach + slack)
         else:
@@ -181,7 +181,7 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, options
     corners = tuple(np.where(CORNERS, low[:, None], high[:, None]))
     nearest = tuple(np.minimum(np.maximum(low, 0.0), high)[:, None])
     close, away = np.sqrt(_dot(nearest, nearest)), np.sqrt(_dot(corners, corners))
-    (least, little), (most, much) = _reach(camera, nearest, close, r[0]), _reach(camera, corners, away, r[1])
+    (least, little), (most, much) = reach_of(camera, nearest, close, r[0]), reach_of(camera, corners, away, r[1])
     depth = _dot(corners, camera.Z)
     if camera.kind == "PANO":
         least, most = (least + little).min(), (most + much).max()
@@ -204,7 +204,7 @@ def _bounds(camera: Camera, low: np.ndarray, high: np.ndarray, r: tuple, options
     return Bounds(every, True, float(depth.min()), float(depth.max()))
 
 
-def _reach(camera: Camera, v: tuple, away: np.ndarray, r: np.ndarray | float) -> tuple:
+def reach_of(camera: Camera, v: tuple, away: np.ndarray, r: np.ndarray | float) -> tuple:
     """Return (the reach of spheres beyond their centers, its rounding), metres.
 
     r: radius.

@@ -19,7 +19,7 @@ from .shot_cost import NOTICED, Bill, Shot, bill, shown_by, work_in
 from .survey import SEEN, at_tolerance
 
 PRECISE = 1.002  # factor within which the least tolerance is found
-ENOUGH = 0.005  # part above its lower bound at which a search ends
+SLACK = 0.005  # part above its lower bound at which a search ends
 STEPS_MOST = 40  # of the search
 PATIENCE = 3  # steps without a better bound after which they become half as long
 BANNED = 1e30  # seconds, of a mesh that must not be shown
@@ -231,7 +231,7 @@ class _Search:
                 length, stale = length / 2, 0
             slope = np.where((prices > 0) | (over > 0), over / unit, 0.0)
             steep = fsum((slope**2).flat)
-            if paid - dual <= ENOUGH * paid or not steep:
+            if paid - dual <= SLACK * paid or not steep:
                 break
             prices = np.maximum(prices + length * (paid - cost) / steep * slope / unit, 0.0)
         return dual, best

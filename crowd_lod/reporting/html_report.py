@@ -42,9 +42,18 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
     plan: the content of plan.json.
     above: the file of the contact sheet.
     """
+    return document(f"{name_of(plan)}: levels of detail", STYLE, parts_of(plan, above))
+
+
+def name_of(plan: dict) -> str:
+    """Return the name of the scene of plan.json, as HTML."""
+    return escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
+
+
+def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
+    """Return the parts of the page of a preview's plan, as HTML."""
     rows, levels = plan["frames"], plan["levels"]
     tints = [css_of(tint) for tint in levels["tints"]]
-    name = escape(PurePath(plan["scene"]["file"] or plan["scene"]["name"]).stem)
     least, most = (pick(row["visible"] for row in rows) for pick in (min, max))
     drawn, full = sum(r["triangles"] for r in rows), sum(r["full_triangles"] for r in rows)
     figures = [
@@ -55,7 +64,7 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
         (f"{len(rows)}", "frames previewed"),
     ]
     parts = [
-        f"<h1>{name}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender {escape(plan['made_with']['blender'])}. "
+        f"<h1>{name_of(plan)}</h1><p>Crowd LOD {escape(plan['made_with']['crowd_lod'])}, Blender {escape(plan['made_with']['blender'])}. "
         f"{escape(_rule(levels))}</p>",
         cards(figures),
         f"<p>{escape(plan['trouble_says'])}</p>" if plan["trouble_says"] else "",
@@ -80,7 +89,7 @@ def page(plan: dict, above: str = "contact_sheet.png") -> str:
     parts.append(
         f"<footer>Made in {plan['seconds']:.1f} s by <code>{command}</code>; plan.json holds all that repeats it.</footer>"
     )
-    return document(f"{name}: levels of detail", STYLE, parts)
+    return parts
 
 
 def document(title: str, style: str, parts: Sequence[str]) -> str:

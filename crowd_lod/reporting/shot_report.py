@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from math import isfinite
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from ..planning.survey import CULLED, MIRRORED, SEEN, SHADOW
 from ..planning.switches import NOTHING
 from ..planning.unneeded import unneeded
 from . import svg_plots as svg
-from .html_report import STYLE, cards, css_of, document, table_of
+from .html_report import STYLE, cards, css_of, document, name_of, parts_of, table_of
 
 OF_A_FRAME = 3  # switches that the table tells of each frame
 WORST = 3
@@ -83,8 +84,21 @@ class Told:
 
 def shot_page(told: Told) -> str:
     """Return the web page on a planned shot; all text is escaped."""
+    return document(f"{escape(told.title)}: shot plan", STYLE + PLOTS_STYLE, shot_parts(told))
+
+
+def preview_page(told: Told, plan: dict[str, Any]) -> str:
+    """Return the web page of a preview that was planned first: the plan, then the pictures.
+
+    plan: the content of plan.json.
+    """
+    return document(f"{name_of(plan)}: levels of detail", STYLE + PLOTS_STYLE, [*shot_parts(told), *parts_of(plan)])
+
+
+def shot_parts(told: Told) -> list[str]:
+    """Return the parts of the page on a planned shot, as HTML."""
     title = escape(told.title)
-    parts = [
+    return [
         f"<h1>{title}: shot plan</h1>",
         f"<p>{escape(lead(told))}</p>",
         cards(_figures(told)),
@@ -101,7 +115,6 @@ def shot_page(told: Told) -> str:
         _curve_table(told),
         "<footer>switches.csv has every switch and entry, plan.json the figures, plan.npz the LODs.</footer>",
     ]
-    return document(f"{title}: shot plan", STYLE + PLOTS_STYLE, parts)
 
 
 def lead(told: Told) -> str:

@@ -17,8 +17,9 @@ from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly, parse_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.progress import share, standing
-from ...crowd_lod.reporting import files, tables
+from ...crowd_lod.reporting import files, plan_file, tables
 from ...crowd_lod.reporting.html_report import page
+from ...crowd_lod.reporting.shot_report import preview_page
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
 from ..crowd import lights
@@ -29,11 +30,13 @@ from ..overlay.playblast import Playblast, need_gpu
 from . import lod_table, top_view
 from .preview_plan import plan_json
 from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, staged
+from .shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_levels
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
 # of the progress: LODs made or measured, the crowd built, all frames drawn
-LEVELS, PREPARED, DRAWN = 0.1, 0.02, 0.9
+LEVELS, PLANNED, PREPARED, DRAWN = 0.1, 0.1, 0.02, 0.9
+MOST_PLANNED = 30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
@@ -56,6 +59,9 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
         on = staged(scene, wanted)
         stage = on.stage
         ready = yield from _with_levels(stage)
+        planned = yield from share(_planned_shot(stage, wanted, folder), ready, ready + PLANNED)
+        ready += PLANNED * (planned is not None)
+        stage.timeline_markers.clear()  # they would take the camera back in the picture from above
         # nothing that these depend on changes from here on, and each look reads the whole map
         trajectory = trajectory_of(stage)
         shots = opened.enter_context(Playblast(stage, trajectory, on.size)) if drawn else Rendered(stage, wanted)
@@ -75,10 +81,12 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
         told = yield from told
         notes = (*shots.notes, *filter(None, [leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)]))
         plan = yield from standing(plan_json(on, command, rows, told, notes), 0.95)
+        if planned is not None:
+            plan |= {key: value for key, value in shot_json(planned).items() if key in ("made_for", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)
         (folder / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         (folder / "plan.json").write_text(tables.to_json(plan), encoding="utf-8")
-        (folder / "report.html").write_text(page(plan), encoding="utf-8")
+        (folder / "report.html").write_text(page(plan) if planned is None else preview_page(planned.told, plan), encoding="utf-8")
         image_data.save_png(folder / "contact_sheet.png", _sheet([run.pictures(number) for number in wanted.frames]))
         yield 1.0
         return plan
@@ -98,6 +106,21 @@ def _with_levels(stage: bpy.types.Scene) -> Generator[float, None, float]:
         return 0.0
     yield from share((make_levels if settings.levels is None else measure_levels)(stage), 0.0, LEVELS)
     return LEVELS
+
+
+def _planned_shot(stage: bpy.types.Scene, wanted: Preview, folder: Path) -> Generator[float, None, Planned | None]:
+    """Plan the shot of the preview's frames, unless the scene has a plan: yield the progress, return it.
+
+    The stage then shows its LODs. None if there is nothing to plan: one frame, one LOD, or too much.
+    """
+    settings = stage.crowd_lod
+    frames = range(wanted.frames[0], wanted.frames[-1] + 1)
+    if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= MOST_PLANNED / max(settings.count, 1):
+        return None
+    planned = yield from plan_shot(stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings)))
+    write_levels(folder, planned)
+    settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
+    return planned
 
 
 @dataclass

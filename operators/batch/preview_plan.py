@@ -12,6 +12,7 @@ import numpy as np
 
 from ...crowd_lod import __version__
 from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.format import printable
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import tables
@@ -113,8 +114,13 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
         "forward": settings.forward,
         "first_frame": settings.first_frame,
         "frames_per_second": 1 / trajectory.seconds_per_frame,
-        "groups": [vars(group) for group in trajectory.groups],
+        "groups": [_group_of(group) for group in trajectory.groups],
     }
+
+
+def _group_of(group: Group) -> dict[str, Any]:
+    """Return the fields of the group under the names that plan.json has had since version 1."""
+    return {{"center": "centre"}.get(name, name): value for name, value in vars(group).items()}
 
 
 def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:

@@ -26,14 +26,14 @@ class Preview:
     frames: increasing.
     width: of the pictures, pixels.
     engine: one of ENGINES.
-    colour: one of COLOR_MODES; with the engine OVERLAY, a value of the setting overlay_color.
+    color: one of COLOR_MODES; with the engine OVERLAY, a value of the setting overlay_color.
     """
 
     frames: list[int]
     folder: Path
     width: int = 960
     engine: str = "WORKBENCH"
-    colour: str = "LOD"
+    color: str = "LOD"
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,6 @@ def _stage_of(scene: bpy.types.Scene, wanted: Preview) -> bpy.types.Scene:
     """
     stage = scene.copy()
     stage.name = "Crowd LOD preview"
-    stage.timeline_markers.clear()  # they would take the camera back in the picture from above
     scene_data.let_go(stage, "build")
     for layer in stage.view_layers if leaves_out(stage) else ():
         layer.update()
@@ -122,10 +121,10 @@ def sized(render: bpy.types.RenderSettings, size: tuple[int, int]) -> Iterator[N
             setattr(render, name, value)
 
 
-def shade(stage: bpy.types.Scene, colour: str, light: str) -> None:
+def shade(stage: bpy.types.Scene, color: str, light: str) -> None:
     """Set the solid shading of `stage`: its color type and its light, by Blender's names."""
     shading = stage.display.shading
-    shading.color_type, shading.light = colour, light
+    shading.color_type, shading.light = color, light
     shading.show_shadows = shading.show_cavity = shading.show_object_outline = shading.show_xray = False
     shading.show_specular_highlight = False
 

@@ -73,7 +73,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     """
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
-    yield from share(_ready(scene), 0.0, READY)
+    yield from share(ready(scene), 0.0, READY)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
     through = yield from share(survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None), READY, SURVEYED)
@@ -102,7 +102,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     return Planned(shot, found, stored, told, exemptions)
 
 
-def _ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
+def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
     """Make or measure the LOD meshes of `scene` where they are missing."""
     cameras.active_camera(scene), characters_of(scene)
     settings = scene.crowd_lod
@@ -121,16 +121,26 @@ def write_plan(
 
     command: the command line of the run.
     """
-    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance else 0
-    rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
-    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
-    told = yield from standing(scene_json(scene, scene, command, numbers[-1], []), 1.0)
-    told |= shot_facts(planned.told, planned.stored, [each.as_json for each in planned.exemptions])
+    write_levels(folder, planned)
+    told = yield from standing(scene_json(scene, scene, command, int(planned.stored.numbers[-1]), []), 1.0)
+    told |= shot_json(planned)
     (folder / "plan.json").write_text(tables.to_json(told), encoding="utf-8")
     (folder / "frames.csv").write_text(tables.to_csv(told["frames"]), encoding="utf-8")
     (folder / "switches.csv").write_text(tables.switches_csv(planned.told.noticed), encoding="utf-8")
     (folder / "report.html").write_text(shot_page(planned.told), encoding="utf-8")
     return told
+
+
+def write_levels(folder: Path, planned: Planned) -> None:
+    """Write plan.npz into `folder`."""
+    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance else 0
+    rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
+    plan_file.write(folder / plan_file.NAME, planned.stored, rows)
+
+
+def shot_json(planned: Planned) -> dict[str, Any]:
+    """Return what plan.json tells of the shot."""
+    return shot_facts(planned.told, planned.stored, [each.as_json for each in planned.exemptions])
 
 
 def sentence(planned: Planned) -> str:

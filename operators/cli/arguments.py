@@ -24,7 +24,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_preview, _build, _verify, _plan, _sample):
+    for add in (_preview, _build, _verify, _plan, _explain, _compare, _sample):
         add(commands, program)
     about = "tables of error, run time and extreme cases"
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
@@ -121,6 +121,32 @@ def _plan(commands, program: str) -> None:
     command.add_argument("--vertices", type=float, metavar="N", help="at most so many vertices of characters in each frame")
     command.add_argument("--lod0", type=int, metavar="N", help="at most so many agents at full detail in each frame")
     command.add_argument("--memory", type=float, metavar="MB", help="at most so much memory for characters in each frame")
+
+
+def _explain(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "explain",
+        "tell every test of one agent in one frame, and what its other LODs would cost",
+        "explain plaza.blend --agent 17 --frame 60 --plan plaza_plan",
+    )
+    _scene(command, program)
+    command.add_argument("--agent", type=int, required=True, metavar="N", help="the agent's number, from 0 on")
+    command.add_argument("--frame", type=int, required=True, metavar="F", help="the frame on the timeline")
+    _with_plan(command)
+
+
+def _compare(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "compare",
+        "set two plans side by side, in total and frame by frame",
+        "compare plaza_plan plaza_plan_2px",
+    )
+    for name in ("A", "B"):
+        command.add_argument(name.lower(), type=_path, metavar=name, help="a folder with a plan, or its plan.json")
 
 
 def _sample(commands, program: str) -> None:

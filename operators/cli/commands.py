@@ -19,7 +19,7 @@ from ...crowd_lod.format import printable
 from ...crowd_lod.planning.budget import Budget
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.progress import Made, share
-from ...crowd_lod.reporting import files, interrupt, plan_file, standard_streams
+from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
 from ..batch import error_report, shot_plan
@@ -34,6 +34,7 @@ from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
 from .arguments import parser
+from .explain import explain
 
 
 def from_blender(argv: list[str]) -> int:
@@ -200,6 +201,19 @@ def _budget(args, settings) -> Budget:
     given = {"triangles": args.triangles, "vertices": args.vertices, "finest": args.lod0}
     given["memory"] = None if args.memory is None else 1e6 * args.memory
     return replace(own, **{name: value for name, value in given.items() if value is not None})
+
+
+def _explain(args, command: list[str]) -> dict:
+    scene = open_scene(args.scene)
+    _follow_plan(scene.crowd_lod, args)
+    found, unplanned = _finish(explain(scene, args.agent, args.frame), f"agent {args.agent}", args.quiet)
+    told = "\n".join(filter(None, (found.text, unplanned)))
+    return {"frame": args.frame, **found.as_json, "unplanned": unplanned, "summary": told}
+
+
+def _compare(args, command: list[str]) -> dict:
+    found = plan_comparison.compare(args.a, args.b)
+    return {**found.as_json, "summary": found.text}
 
 
 def _set(settings, args) -> None:
@@ -384,6 +398,8 @@ COMMANDS = {
     "build": _build,
     "verify": _verify,
     "plan": _plan,
+    "explain": _explain,
+    "compare": _compare,
     "sample": _sample,
     "error": _report_error,
     "extremes": _report_extremes,

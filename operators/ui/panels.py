@@ -235,20 +235,21 @@ class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         for name in ("frames", "avoid_pops", "plan_folder"):
             layout.prop(settings, name)
-        self.exceptions(layout, settings)
         layout.operator("crowd_lod.plan_shot", icon="TIME")
-        if not settings.shot_plan:
-            return
-        row = layout.row(align=True)
-        row.prop(settings, "use_shot_plan", toggle=True)
-        row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
-        if settings.use_shot_plan:
-            _say(context, layout, *self.holds(context, settings))
+        if settings.shot_plan:
+            row = layout.row(align=True)
+            row.use_property_split = False
+            row.prop(settings, "use_shot_plan", toggle=True)
+            row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
+            if settings.use_shot_plan:
+                _say(context, layout, *self.holds(context))
+        self.exceptions(layout, settings)
 
     def exceptions(self, layout, settings) -> None:
         """Draw the list of exceptions, and the settings of the selected one."""
         layout.label(text="Exceptions")
         row = layout.row()
+        row.use_property_split = False
         row.template_list("CROWDLOD_UL_exceptions", "", settings, "exceptions", settings, "exception_index", rows=3)
         column = row.column(align=True)
         column.operator("crowd_lod.add_exception", text="", icon="ADD")
@@ -273,7 +274,7 @@ class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
                 column.prop(entry, "last_frame")
         layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
 
-    def holds(self, context, settings) -> tuple[str, str]:
+    def holds(self, context) -> tuple[str, str]:
         """Return (a sentence on whether the stored plan holds, its icon), as the overlay found."""
         frame = viewport_overlay.latest(context.scene)
         if frame is None:

@@ -1,0 +1,161 @@
+"""Two plans side by side: what they were made for, and what they cost in total and frame by frame."""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..errors import CrowdError
+from ..format import aligned, number, printable
+from ..planning.planned import same_cameras
+from . import plan_file
+
+# Of the rows of frames, and of the totals of a shot, in this order.
+IN_FRAMES = ("triangles", "visible", "switches", "switch_pixels")
+IN_TOTAL = (
+    *IN_FRAMES,
+    *("memory_mb", "seconds_per_frame", "largest_switch_pixels", "largest_deviation_pixels", "most_above_optimum"),
+)
+# Of plans that do not tell what they were made for: the parts that may differ.
+PARTS = {"crowd": "the crowd", "machine": "the state machine", "camera": "the camera", "levels": "the choice of LODs"}
+Numbers = dict[str, float]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What plan.json tells of a plan, as far as it does.
+
+    path: of the plan.json.
+    frames: by number: those of IN_FRAMES.
+    total: those of IN_TOTAL.
+    content: all of the file.
+    """
+
+    path: Path
+    frames: Mapping[int, Numbers]
+    total: Numbers
+    content: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two plans. differs: what they were made for that is not the same."""
+
+    a: Plan
+    b: Plan
+    differs: tuple[str, ...]
+
+    @property
+    def as_json(self) -> dict[str, Any]:
+        """Return plain data: pairs [A's, B's] of all figures that both plans have."""
+        both = sorted(self.a.frames.keys() & self.b.frames.keys())
+        return {
+            "a": printable(self.a.path),
+            "b": printable(self.b.path),
+            "made_for_differs": list(self.differs),
+            "total": _pairs(self.a.total, self.b.total, IN_TOTAL),
+            "frames": [{"frame": f, **_pairs(self.a.frames[f], self.b.frames[f], IN_FRAMES)} for f in both],
+            "only_in_a": sorted(self.a.frames.keys() - self.b.frames.keys()),
+            "only_in_b": sorted(self.b.frames.keys() - self.a.frames.keys()),
+        }
+
+    @property
+    def text(self) -> str:
+        """Return it in lines of text; of frames those that differ."""
+        told = self.as_json
+        said = [f"A: {told['a']}", f"B: {told['b']}"]
+        said += [f"They were made for other input: {', '.join(self.differs)}."] if self.differs else []
+        said += [f"{len(told[name])} frames are only in {name[-1].upper()}." for name in ("only_in_a", "only_in_b") if told[name]]
+        rows = [(name.replace("_", " "), number(a), number(b), _change(a, b)) for name, (a, b) in told["total"].items()]
+        said += ["", *aligned(("Total", "A", "B", "B to A"), rows)] if rows else []
+        other = [row for row in told["frames"] if any(row[name][0] != row[name][1] for name in IN_FRAMES if name in row)]
+        if other:
+            names = [name for name in IN_FRAMES if any(name in row for row in other)]
+            head = ["Frame", *(f"{name.replace('_', ' ')} {which}" for name in names for which in "AB")]
+            cells = [
+                [str(row["frame"]), *(number(each) for name in names for each in row.get(name, (None, None)))] for row in other
+            ]
+            said += ["", *aligned(head, cells)]
+        elif told["frames"]:
+            said += ["", f"All {len(told['frames'])} common frames are the same."]
+        return "\n".join(said)
+
+
+def compare(a: Path, b: Path) -> Comparison:
+    """Return two plans side by side; each path is a folder with a plan.json, or that file.
+
+    CrowdError if one of them is none.
+    """
+    first, second = read_plan(a), read_plan(b)
+    return Comparison(first, second, tuple(_differs(first, second)))
+
+
+def read_plan(path: Path) -> Plan:
+    """Return the plan in a folder, or in a plan.json; CrowdError if it is none."""
+    path = path / "plan.json" if path.is_dir() else path
+    where = printable(path)
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise CrowdError(f"There is no plan {where}: give a folder that crowd-lod plan or preview wrote.") from None
+    except (ValueError, RecursionError):
+        raise CrowdError(f"The plan {where} is not JSON: give a folder that crowd-lod plan or preview wrote.") from None
+    if not isinstance(content, dict):
+        content = {}
+    rows, shot = content.get("frames"), content.get("shot")
+    frames = {}
+    for row in rows if isinstance(rows, list) else ():
+        if isinstance(row, dict) and type(row.get("frame")) is int:
+            frames[row["frame"]] = _numbers(row, IN_FRAMES)
+    total = {name: math.fsum(row.get(name, 0.0) for row in frames.values()) for name in _common(frames)}
+    if isinstance(shot, dict):
+        total |= _numbers(shot, IN_TOTAL)
+        if isinstance(shot.get("plan"), dict):
+            total |= _numbers(shot["plan"], IN_TOTAL)
+    if not total:
+        raise CrowdError(f"The plan {where} has neither frames nor a shot: give a folder that crowd-lod plan or preview wrote.")
+    return Plan(path, frames, total, content)
+
+
+def _common(frames: Mapping[int, Numbers]) -> list[str]:
+    """Return the figures that every frame has."""
+    return [name for name in IN_FRAMES if frames and all(name in row for row in frames.values())]
+
+
+def _numbers(table: Mapping[str, Any], names: tuple[str, ...]) -> Numbers:
+    """Return those of `names` that are finite numbers in the table."""
+    found = {name: table[name] for name in names if type(table.get(name)) in (int, float)}
+    return {name: value for name, value in found.items() if math.isfinite(value)}
+
+
+def _differs(a: Plan, b: Plan) -> list[str]:
+    """Return what the two plans were made for that is not the same."""
+    made = [plan.content.get("made_for") for plan in (a, b)]
+    one, other = made
+    if isinstance(one, dict) and isinstance(other, dict):
+        found = [name for name in {**one, **other} if one.get(name) != other.get(name)]
+    else:
+        found = [told for name, told in PARTS.items() if a.content.get(name) != b.content.get(name)]
+    engines = [plan.content["shot"].get("engine") if isinstance(plan.content.get("shot"), dict) else None for plan in (a, b)]
+    found += ["the engine"] * (engines[0] != engines[1])
+    stored = [plan.path.with_name(plan_file.NAME) for plan in (a, b)]
+    if all(path.is_file() for path in stored) and not _same_views(*map(plan_file.read, stored)):
+        found.append("the camera")
+    return list(dict.fromkeys(found))
+
+
+def _same_views(a: plan_file.StoredPlan, b: plan_file.StoredPlan) -> bool:
+    """Return whether all frames that both plans have are seen by the same cameras, as wide in pixels."""
+    place = {number: f for f, number in enumerate(b.numbers.tolist())}
+    pairs = [(a.cameras[f], b.cameras[place[number]]) for f, number in enumerate(a.numbers.tolist()) if number in place]
+    return all(same_cameras(one, other) and same_cameras(other, one) for one, other in pairs)
+
+
+def _pairs(a: Numbers, b: Numbers, names: tuple[str, ...]) -> dict[str, list[float]]:
+    return {name: [a[name], b[name]] for name in names if name in a and name in b}
+
+
+def _change(a: float, b: float) -> str:
+    return f"{b / a - 1:+.1%}" if a else "" if a == b else "new"

@@ -1,0 +1,31 @@
+"""The command explain: every test of one agent in one frame."""
+
+from collections.abc import Generator
+
+import bpy
+
+from ...crowd_lod.planning.explanation import Explanation, explained
+from ...crowd_lod.planning.frame_range import parse_frames
+from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.progress import share
+from ..batch.shot_plan import ready
+from ..blender import frame_stepping, scene_data
+from ..crowd import lights
+from ..crowd.scene_crowd import frame_of, trajectory_of
+
+
+def explain(scene: bpy.types.Scene, agent: int, number: int) -> Generator[float, None, tuple[Explanation, str]]:
+    """Explain an agent in the frame `number` of the timeline.
+
+    Yields the progress, returns (Explanation, why the scene's shot plan was not used, or "").
+    LOD meshes that are missing are made.
+    """
+    parse_frames(str(number))  # says what is wrong with it
+    yield from share(ready(scene), 0.0, 0.5)
+    trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
+    yield from share(approach(trajectory, time), 0.5, 0.9)
+    with frame_stepping.stepped(scene) as at:
+        eyes, around, shutter = lights.read_moment(scene, time, at)
+        frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
+    yield 1.0
+    return explained(frame, agent, scene_data.engine_of(scene)), frame.unplanned
