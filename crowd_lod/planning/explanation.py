@@ -144,7 +144,7 @@ def explained(frame: Frame, agent: int, engine: str) -> Explanation:
     crowd, g = frame.crowd, int(frame.crowd.group[agent])
     spheres, margin = frame.trajectory.spheres, frame.policy.margin
     feet = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]], np.float64)
-    centre = feet + (0.0, 0.0, spheres.centre[g])
+    center = feet + np.array([0.0, 0.0, spheres.center[g]])
     reach = float(spheres.reach[g])
     distance, factor = frame.distances[agent : agent + 1], None if frame.factors is None else frame.factors[agent : agent + 1]
     unseen = {"Its shadow falls into the picture.": frame.shadow, "A mirror shows it.": frame.mirrored}
@@ -152,37 +152,37 @@ def explained(frame: Frame, agent: int, engine: str) -> Explanation:
         account=about,
         place=(float(feet[0]), float(feet[1]), float(feet[2])),
         radius=reach,
-        away=float(np.linalg.norm(centre - frame.camera.origin)),
+        away=float(np.linalg.norm(center - frame.camera.origin)),
         distance=float(distance[0]),
         factor=1.0 if factor is None else float(factor[0]),
         by_distance=int(assign(distance, frame.begins, crowd.group[agent : agent + 1], factor)[0]),
-        eyes=tuple(sides_of(eye, centre, reach if margin is None else 0.0, margin) for eye in frame.eyes),
+        eyes=tuple(sides_of(eye, center, reach if margin is None else 0.0, margin) for eye in frame.eyes),
         unseen=" ".join(told for told, each in unseen.items() if each is not None and agent in each.order),
         engine=engine,
         alternatives=tuple(_alternative(frame, about, g, level, engine) for level in range(frame.policy.count)),
     )
 
 
-def sides_of(camera: Camera, centre: np.ndarray, radius: float, margin: float | None) -> tuple[Side, ...]:
+def sides_of(camera: Camera, center: np.ndarray, radius: float, margin: float | None) -> tuple[Side, ...]:
     """Return the tests by which `radar` decides whether the camera sees a sphere.
 
-    centre: (3,) world metres.
+    center: (3,) world metres.
     radius: metres; 0 for a fixed margin.
     margin: see RadarOptions.
     """
-    v = tuple(np.array([each]) for each in centre - camera.origin)
-    away = float(np.linalg.norm(centre - camera.origin))
+    v = tuple(np.array([each]) for each in center - camera.origin)
+    away = float(np.linalg.norm(center - camera.origin))
     reach, slack = (float(each[0]) for each in reach_of(camera, v, np.array([away]), np.array([radius])))
     if camera.kind != "PANO":
         frustum = planes(camera)
-        outside = frustum.normals @ (centre - camera.origin) - frustum.limits(margin, ROUNDING)
+        outside = frustum.normals @ (center - camera.origin) - frustum.limits(margin, ROUNDING)
         return tuple(Side(name, float(d), reach + frustum.rounding * slack) for name, d in zip(PLANES, outside, strict=True))
     found = [
         Side("near", camera.near * (1 - ROUNDING) - away, reach + slack),
         Side("far", away - camera.far * (1 + ROUNDING), reach + slack),
     ]
     if camera.cone < np.pi:
-        x, y, z = (float((centre - camera.origin) @ axis) for axis in (camera.X, camera.Y, camera.Z))
+        x, y, z = (float((center - camera.origin) @ axis) for axis in (camera.X, camera.Y, camera.Z))
         beyond = float(np.hypot(x, y) * np.cos(camera.cone) - z * np.sin(camera.cone))
         found.append(Side("cone", beyond, (reach + slack) * stretch(camera)[1]))
     return tuple(found)
