@@ -32,7 +32,7 @@ def planned(scene, folder):
     settings.frames, settings.plan_folder = "1:12", str(folder)
     assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
     stored = plan_file.read(folder / "plan.npz")
-    rows = [stored.row(f, settings.count).levels for f in range(12)]
+    rows = [stored.row(f, settings.count) for f in range(12)]
     return np.array(rows), json.loads((folder / "plan.json").read_text())
 
 
