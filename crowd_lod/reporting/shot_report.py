@@ -113,7 +113,7 @@ def shot_parts(told: Told) -> list[str]:
         _switch_table(told),
         _frame_table(told),
         _curve_table(told),
-        "<footer>switches.csv has every switch and entry, plan.json the figures, plan.npz the LODs.</footer>",
+        "<footer>switches.csv has every switch and entry, frames.csv a row of each frame, plan.json the figures, plan.npz the LODs.</footer>",
     ]
 
 
@@ -159,7 +159,7 @@ def _warnings(told: Told) -> list[str]:
     if entries := int(told.entries.sum()):
         found.append(
             f"{entries:,} {'agent appears' if entries == 1 else 'agents appear'} at once, by the near or far clip of the camera, "
-            f"in {_frames(told.numbers[told.entries > 0])}: change the clip, or start them elsewhere."
+            f"in {_frames(told.numbers[told.entries > 0])}: change the clip, or where the crowd starts."
         )
     if plan.thresholds.switches.sum() and plan.bill.switches.sum() >= plan.thresholds.switches.sum():
         found.append("The plan avoids no switch: raise Avoid Pops, or the tolerance.")
@@ -260,7 +260,8 @@ def _error_plot(curve: Curve, agents: int) -> str:
     if not errors:
         return ""  # a single LOD
     costs = ("triangles", "var(--plan)"), ("memory", "var(--held)"), ("seconds", "var(--dim)")
-    x, y = svg.across("Largest deviation, pixels", min(errors), max(errors), log=True), svg.up("% of full detail", 100.0)
+    most = max(100.0, *(100 * getattr(point, key) for point in (*sweep, *shown) for key, _ in costs))
+    x, y = svg.across("Largest deviation, pixels", min(errors), max(errors), log=True), svg.up("% of full detail", most)
     rows = [
         svg.Series(key, np.array([(point.error, 100 * getattr(point, key)) for point in sweep if point.error > 0]), color)
         for key, color in costs

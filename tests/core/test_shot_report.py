@@ -122,6 +122,18 @@ def test_shots_with_nothing_to_choose_have_a_page(more):
     assert "nan" not in text and "inf" not in text
 
 
+def test_marks_stay_inside_their_plots():
+    """Also where more LODs take more memory than full detail alone."""
+    data = told()
+    dear = [replace(point, memory=1.4) for point in data.curve.points]
+    text = shot_page(replace(data, curve=replace(data.curve, points=dear)))
+    for heading in ("Error against cost", "Switches against cost"):
+        part = section(text, heading)
+        places = [float(y) for y in re.findall(r"translate\([\d.]+,(-?[\d.]+)\)", part)]
+        places += [float(y) for y in re.findall(r"[\d.]+,(-?[\d.]+)", " ".join(re.findall(r'points="(.*?)"', part)))]
+        assert places and min(places) > 0 and max(places) < 250
+
+
 def test_what_the_user_should_know_is_said():
     data = told()
     survey = data.shot.survey
