@@ -4,6 +4,7 @@ Prints the chapter's tables, and writes CSV, JSON and figure 1.6.
 
 ./crowd-lod bench [--quick] [--out DIR] [--seed N]
 ./crowd-lod bench --worth [--quick] [--out DIR]     renders instead: worth.py
+./crowd-lod bench --shots [--quick] [--out DIR]     shot plans instead: shots.py
 ./crowd-lod bench --costs                           what things cost engines: costs.py
 
 Test 1: milliseconds of each stage for 1 K to 1 M agents that walk, under a camera that moves, beside other ways to do the
@@ -297,6 +298,7 @@ def main(arguments: list[str] | None = None) -> None:
         "--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: a quarter of an hour)"
     )
     parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: an hour")
+    parser.add_argument("--shots", action="store_true", help="instead, shot plans beside thresholds and hysteresis: ten minutes")
     parser.add_argument(
         "--costs", action="store_true", help="instead, fit what things cost engines (crowd_lod/levels/cost_model.py): about an hour"
     )
@@ -309,6 +311,10 @@ def main(arguments: list[str] | None = None) -> None:
         import worth
 
         return worth.main(files.absolute(args.out), args.quick)
+    if args.shots:
+        import shots
+
+        return shots.main(files.absolute(args.out), args.quick)
     if args.costs:
         import costs
 

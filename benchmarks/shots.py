@@ -25,7 +25,7 @@ from crowd_lod_extension.crowd_lod.planning.shot import decide
 from crowd_lod_extension.crowd_lod.planning.shot_cost import Bill, Shot, bill, meshes_of
 from crowd_lod_extension.crowd_lod.planning.survey import SEEN, Recorder, Survey, empty
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.crowd_lod.reporting import tables
+from crowd_lod_extension.crowd_lod.reporting import files, tables
 from crowd_lod_extension.sample_scenes import plaza, plaza_map
 
 PIXELS = 1920, 1080
@@ -179,8 +179,8 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
     """Seconds and memory of a plan without budget, by agents and frames."""
     rows = []
     for agents, frames in sizes:
-        started = time.perf_counter()
         trajectory = crowd_of(agents)
+        started = time.perf_counter()
         survey, _ = surveyed(trajectory, descent, frames)
         run_through = time.perf_counter()
         made = finished(decide(Shot(survey, meshes_of(GROUPS, POLICY.count), "EEVEE"), 0.05))
@@ -204,6 +204,11 @@ def growth(sizes: Sequence[tuple[int, int]]) -> list[dict]:
 
 def main(out: Path, quick: bool) -> None:
     """Write the tables shots.csv and growth.csv into `out`."""
+    with files.staged(out) as folder:
+        _tables(folder, quick)
+
+
+def _tables(out: Path, quick: bool) -> None:
     rows, trajectory = [], crowd_of(10_000)
     for name, camera in CAMERAS.items():
         survey, films = surveyed(trajectory, camera, FRAMES)
@@ -215,11 +220,3 @@ def main(out: Path, quick: bool) -> None:
     (out / "shots.csv").write_text(tables.to_csv(rows), encoding="utf-8")
     sizes = [(10_000, 120), (100_000, 250)] + ([] if quick else [(1_000_000, 240)])
     (out / "growth.csv").write_text(tables.to_csv(growth(sizes)), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    import sys
-
-    folder = Path(sys.argv[1])
-    folder.mkdir(parents=True, exist_ok=True)
-    main(folder, "--quick" in sys.argv)

@@ -1,0 +1,234 @@
+"""The stored shot plan: who shows it, when it does not hold, and what is said of wrong ones."""
+
+import json
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.planning.planned import LEVEL
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.reporting import plan_file
+from crowd_lod_extension.operators.batch import shot_survey
+from crowd_lod_extension.operators.batch.preview import preview
+from crowd_lod_extension.operators.batch.preview_stage import Preview
+from crowd_lod_extension.operators.build import bake, frame_update, render_setup
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of
+
+FRAMES = range(1, 13)
+
+
+@pytest.fixture
+def zoomed(levelled):
+    """A zoom towards the crowd: LODs must change."""
+    lens = levelled.camera.data
+    for frame, lens.lens in ((1, 15), (12, 200)):
+        lens.keyframe_insert("lens", frame=frame)
+    levelled.crowd_lod.choice, levelled.crowd_lod.tolerance, levelled.crowd_lod.avoid_pops = "BY_TOLERANCE", 4.0, 0.5
+    return levelled
+
+
+def planned(scene, folder):
+    """Press Plan Shot; return the stored plan."""
+    settings = scene.crowd_lod
+    settings.frames, settings.plan_folder = "1:12", str(folder)
+    assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
+    return plan_file.read(folder / "plan.npz")
+
+
+def frame_at(scene, number, subframe=0.0):
+    scene.frame_set(number, subframe=subframe)
+    return frame_of(scene, bpy.context.evaluated_depsgraph_get())
+
+
+def shown(frame):
+    """{agent: LOD} of the frame's buckets."""
+    return dict(zip(frame.buckets.order.tolist(), frame.buckets.levels.tolist(), strict=True))
+
+
+def test_every_frame_shows_the_plan(zoomed, tmp_path):
+    before = [shown(frame_at(zoomed, number)) for number in FRAMES]
+    stored, differ = planned(zoomed, tmp_path / "plan"), 0
+    for f, number in enumerate(FRAMES):
+        frame, row = frame_at(zoomed, number), stored.row(f, zoomed.crowd_lod.count) & LEVEL
+        assert frame.planned and not frame.unplanned
+        assert shown(frame) == {agent: row[agent] for agent in before[f]}  # who is seen stays
+        assert all(row[agent] <= level for agent, level in before[f].items())
+        differ += sum(row[agent] < level for agent, level in before[f].items())
+    assert differ > 0
+
+
+def test_build_and_bake_show_the_plan(zoomed, tmp_path):
+    stored = planned(zoomed, tmp_path / "plan")
+    finished(render_setup.build(zoomed))
+    zoomed.frame_set(6)
+    frame_update.update(zoomed, bpy.context.evaluated_depsgraph_get())
+    live = levels_of_points(zoomed, lambda ids, frames: ids)
+    row = stored.row(5, zoomed.crowd_lod.count) & LEVEL
+    assert live and all(row[agent] == level for agent, level in live.items())
+    cast = finished(bake.bake(zoomed, FRAMES))
+    assert not any("shot plan" in note for note in cast.notes)
+    baked = levels_of_points(zoomed, lambda ids, frames: zip(frames, ids, strict=True))
+    assert {frame for frame, _ in baked} == set(FRAMES)
+    rows = {number: stored.row(f, zoomed.crowd_lod.count) & LEVEL for f, number in enumerate(FRAMES)}
+    assert all(rows[frame][agent] == level for (frame, agent), level in baked.items())
+
+
+def levels_of_points(scene, keys):
+    """{key: LOD} of the build's points that the camera sees."""
+    found = {}
+    for name, item in render_setup.points_of(scene.crowd_lod.build).items():
+        if name.startswith("LOD") and len(item.data.vertices):
+            columns = [
+                [each.value for each in item.data.attributes[key].data] if key in item.data.attributes else []
+                for key in ("id", "frame")
+            ]
+            found |= dict.fromkeys(keys(*columns), int(name.split()[1]))
+    return found
+
+
+def test_between_frames_nobody_is_coarser_than_allowed(zoomed, tmp_path):
+    planned(zoomed, tmp_path / "plan")
+    frame = frame_at(zoomed, 5, 0.5)
+    zoomed.crowd_lod.use_shot_plan = False
+    allowed = shown(frame_at(zoomed, 5, 0.5))
+    assert frame.planned and all(level <= allowed[agent] for agent, level in shown(frame).items())
+
+
+CHANGES = {
+    "the camera": lambda scene: setattr(scene.camera, "delta_location", (0.5, 0, 0)),
+    "the crowd": lambda scene: setattr(scene.crowd_lod, "seed", 99),
+    "the choice of LODs": lambda scene: setattr(scene.crowd_lod, "tolerance", 2.0),
+}
+
+
+@pytest.mark.parametrize("what", CHANGES)
+def test_a_plan_that_does_not_fit_is_not_used_and_says_why(zoomed, tmp_path, what):
+    planned(zoomed, tmp_path / "plan")
+    CHANGES[what](zoomed)
+    frame = frame_at(zoomed, 6)
+    assert not frame.planned
+    assert frame.unplanned == f"The shot plan is not used, for {what} changed since it was made: press Plan Shot again."
+    zoomed.crowd_lod.use_shot_plan = False
+    assert shown(frame) == shown(frame_at(zoomed, 6))
+
+
+def test_outside_of_its_frames_thresholds_hold(zoomed, tmp_path):
+    planned(zoomed, tmp_path / "plan")
+    frame = frame_at(zoomed, 30)
+    assert not frame.planned and "covers frames 1 to 12" in frame.unplanned
+
+
+def rewritten(path, **changed):
+    with np.load(path) as file:
+        arrays = {name: file[name] for name in file.files} | changed
+    np.savez_compressed(path, **{name: value for name, value in arrays.items() if value is not None})
+
+
+WRONG = {
+    "another version": (lambda path: rewritten(path, version=np.array(1)), "of another version"),
+    "a missing array": (lambda path: rewritten(path, cameras=None), "lacks cameras"),
+    "missing levels": (lambda path: rewritten(path, levels_6=None), "lacks levels_6"),
+    "too few agents": (lambda path: rewritten(path, levels_6=np.zeros(3, np.uint8)), "does not have"),
+    "times that run backwards": (lambda path: rewritten(path, times=np.arange(12.0)[::-1]), "spoilt in times"),
+    "no zip file": (lambda path: path.write_bytes(b"PK\x03\x04 nothing"), "cannot be read"),
+    "no file": (lambda path: path.unlink(), "There is no shot plan"),
+}
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_a_spoilt_plan_is_said_in_a_sentence(zoomed, tmp_path, what):
+    planned(zoomed, tmp_path / "plan")
+    spoil, words = WRONG[what]
+    spoil(tmp_path / "plan" / "plan.npz")
+    frame = frame_at(zoomed, 6)
+    assert not frame.planned and words in frame.unplanned and "\n" not in frame.unplanned
+
+
+def test_a_killed_run_goes_on_and_gives_the_same(zoomed, tmp_path, monkeypatch):
+    whole = finished(shot_survey.survey_of(zoomed, FRAMES))
+    monkeypatch.setattr(shot_survey, "EVERY", 0.0)
+    steps = shot_survey.survey_of(zoomed, FRAMES, tmp_path)
+    while next(steps) < 0.5:
+        pass
+    steps.close()
+    assert list(tmp_path.glob(".crowd-lod-survey-*"))
+    again = shot_survey.survey_of(zoomed, FRAMES, tmp_path)
+    assert next(again) > 0.3  # it goes on, it does not begin anew
+    again = finished(again)
+    for name in (*shot_survey.KEPT, "numbers", "times"):
+        assert np.array_equal(getattr(again.survey, name), getattr(whole.survey, name)), name
+    assert np.array_equal(again.cameras, whole.cameras)
+    assert all(map(np.array_equal, again.survey.entered, whole.survey.entered))
+    zoomed.crowd_lod.seed += 1  # another crowd does not take these parts up
+    assert next(shot_survey.survey_of(zoomed, FRAMES, tmp_path)) < 0.1
+
+
+def test_a_cut_to_another_camera_hides_switches(zoomed):
+    other = zoomed.camera.copy()
+    other.data = zoomed.camera.data.copy()
+    zoomed.collection.objects.link(other)
+    for frame, camera in ((1, zoomed.camera), (7, other)):
+        zoomed.timeline_markers.new(f"{frame}", frame=frame).camera = camera
+    survey = finished(shot_survey.survey_of(zoomed, FRAMES)).survey
+    assert survey.cuts.tolist() == [number == 7 for number in FRAMES]
+    assert not survey.joined(6).any() and survey.joined(7).any()
+
+
+def test_settings_that_are_animated_are_refused(zoomed, tmp_path):
+    settings = zoomed.crowd_lod
+    for frame, settings.count in ((1, 40), (12, 60)):
+        settings.keyframe_insert("count", frame=frame)
+    settings.frames, settings.plan_folder = "1:12", str(tmp_path / "plan")
+    with pytest.raises(RuntimeError, match="The crowd's settings change at frame"):
+        bpy.ops.crowd_lod.plan_shot()
+    assert not settings.shot_plan and not (tmp_path / "plan").exists()
+
+
+@pytest.mark.parametrize(("name", "value", "words"), [("frames", "12:1", "run backwards"), ("budget_triangles", 1, "impossible")])
+def test_bad_input_leaves_the_scene_as_it_was(zoomed, tmp_path, name, value, words):
+    settings = zoomed.crowd_lod
+    settings.frames, settings.plan_folder = "1:12", str(tmp_path / "plan")
+    setattr(settings, name, value)
+    with pytest.raises(RuntimeError, match=words):
+        bpy.ops.crowd_lod.plan_shot()
+    assert not settings.shot_plan and not (tmp_path / "plan").exists()
+
+
+def test_a_budget_holds_in_every_frame(zoomed, tmp_path):
+    most = {}
+    for zoomed.crowd_lod.tolerance in (1.0, 1e6):
+        most[zoomed.crowd_lod.tolerance] = max(frame_at(zoomed, number).triangles for number in FRAMES)
+    zoomed.crowd_lod.tolerance = 1.0
+    budget = zoomed.crowd_lod.budget_triangles = int(0.5 * (most[1.0] + most[1e6]))
+    assert budget < most[1.0]
+    planned(zoomed, tmp_path / "plan")
+    assert max(frame_at(zoomed, number).triangles for number in FRAMES) <= budget
+    told = json.loads((tmp_path / "plan" / "plan.json").read_text())
+    assert told["shot"]["tolerance_raised"] and told["shot"]["tolerance"] > 1
+
+
+def test_remove_plan_takes_distances_again(zoomed, tmp_path):
+    planned(zoomed, tmp_path / "plan")
+    assert bpy.ops.crowd_lod.remove_plan() == {"FINISHED"}
+    assert not frame_at(zoomed, 6).planned and (tmp_path / "plan" / "plan.npz").exists()
+
+
+def test_preview_plans_first(zoomed, tmp_path):
+    wanted = Preview(frames=[1, 6, 12], folder=tmp_path / "preview", width=64)
+    plan = finished(preview(zoomed, wanted, []))
+    assert plan["version"] == 2 and plan["shot"]["frames"] == list(FRAMES)
+    assert "shot plan" in (tmp_path / "preview" / "report.html").read_text()
+    stored = plan_file.read(tmp_path / "preview" / "plan.npz")
+    for row in plan["frames"]:
+        levels = stored.row(row["frame"] - 1, zoomed.crowd_lod.count)
+        seen = list(shown(frame_at(zoomed, row["frame"])))
+        assert np.bincount(levels[seen], minlength=2).tolist() == [
+            row[f"lod{k}"] for k in range(len(np.bincount(levels[seen], minlength=2)))
+        ]
+    assert not zoomed.crowd_lod.shot_plan  # the user's own scene stays
+
+
+def test_no_frames_is_an_error(zoomed):
+    with pytest.raises(CrowdError, match="no frames"):
+        finished(shot_survey.survey_of(zoomed, []))
