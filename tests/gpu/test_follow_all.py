@@ -64,7 +64,7 @@ def test_an_open_shutter_is_read_outside_the_drawing_and_then_shown(scene, monke
     assert viewport_overlay._read_shutters() is None
     blurred = assert_as_planned(scene)
     assert (blurred.visible >= still.frame.visible).all() and blurred.visible.sum() > 1.05 * still.frame.visible.sum()
-    monkeypatch.setattr(viewport_overlay._faster, "plan", None)
+    monkeypatch.setattr(viewport_overlay._faster, "plan_of", None)
     assert shown(scene).frame is blurred
 
 

@@ -18,7 +18,7 @@ def scene():
 def test_nothing_is_computed_while_nothing_changes(scene, monkeypatch):
     first = shown(scene)
     assert first.problem is None and viewport_overlay.latest(scene) is first.frame
-    monkeypatch.setattr(viewport_overlay._faster, "plan", None)
+    monkeypatch.setattr(viewport_overlay._faster, "plan_of", None)
     monkeypatch.setattr(viewport_overlay, "trajectory_of", None)
     assert shown(scene) is first
 
