@@ -18,7 +18,8 @@ from ..progress import share
 from .shot_cost import NOTICED, UNSEEN, Bill, Shot, bill, shown_by, work_in
 
 TOGETHER = 8192  # agents decided together: their rows stay in the processor's cache
-SAMPLE = 2000  # agents from which the weight of switches is found, or a hundredth of many
+# agents from which the weight of switches is found, or a hundredth of many; where they share meshes
+SAMPLE, SHARING = 2000, 20_000
 STEPS = 6  # of the search for it, each by a factor of FACTOR
 FACTOR = 4.0
 NEARLY = 1e-3  # part of its share that a mesh costs which the frame shows anyway
@@ -123,7 +124,7 @@ def decide(shot: Shot, avoid: float = 0.05) -> Generator[float, None, ShotPlan]:
         where all LODs that are allowed do.
     """
     thresholds, avoid = _limit(shot, avoid)
-    weight = yield from share(_weight(shot, avoid), 0.0, 0.4)
+    weight = yield from share(_weight(shot, avoid, _matter(shot, thresholds)), 0.0, 0.4)
     for step in range(STEPS):
         levels, shared = yield from share(solved(shot, thresholds, weight), 0.4, 0.8)
         found = bill(shot, levels)
@@ -155,9 +156,12 @@ def objective(found: Bill, weight: float) -> float:
     return found.price.seconds * len(found.switches) + weight * found.noticed
 
 
-def _weight(shot: Shot, avoid: float) -> Generator[float, None, float]:
-    """Find the largest weight of switches that costs no more than `avoid`, from a sample."""
-    some, _ = sampled(shot, max(SAMPLE, len(shot.survey.group) // 100))
+def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, float]:
+    """Find the largest weight of switches that costs no more than `avoid`, from a sample.
+
+    shared: whether agents share meshes that cost much: few agents would share them less.
+    """
+    some, _ = sampled(shot, max(SHARING if shared else SAMPLE, len(shot.survey.group) // 100))
     thresholds, avoid = _limit(some, avoid)
     unit = thresholds.price.seconds * len(some.survey.times) / max(thresholds.counts.sum(), 1)
     low, high = unit * FACTOR**-STEPS, unit * FACTOR**STEPS

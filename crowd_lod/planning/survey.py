@@ -13,6 +13,7 @@ import numpy as np
 from ..animation.phase_classes import Library
 from ..culling.radar import RadarOptions, radar
 from ..errors import CrowdError
+from .blur import blur_of
 from .frame import Frame
 
 # Kinds of agents in a frame.
@@ -41,6 +42,9 @@ class Survey:
     rays: (F,) float64, samples of the pixels that agents cover (levels/cost_model.py).
     entered: for each frame the agents (m,) intp that it shows, and that the near or the far clip
         culled in the frame before, or an exception hid: they appear at once.
+    blurred: pixels of tolerance; above 0, a LOD may deviate by so many pixels and as many more as its
+        agent is blurred wide. `scale` then counts as many pixels less in proportion.
+    bounds: (G, K) metres, of the LODs, where `blurred` is above 0.
     finest, limit: (F, n) uint8, the finest and the coarsest LOD that exceptions allow seen agents,
         whatever the policy does; None without exceptions (planning/exceptions.py).
     """
@@ -56,6 +60,8 @@ class Survey:
     owner: np.ndarray
     rays: np.ndarray
     entered: list[np.ndarray]
+    blurred: float = 0.0
+    bounds: np.ndarray | None = None
     finest: np.ndarray | None = None
     limit: np.ndarray | None = None
 
@@ -163,6 +169,10 @@ def record(  # noqa: PLR0913 - what a frame tells, and what it follows
             survey.kind[f, agents], survey.coarsest[f, agents] = kind, buckets.levels
             survey.character[f, agents] = library.shown(trajectory.gaits, frame.crowd, seconds, agents)
     survey.scale[f, seen] = scale_of(frame, seen)
+    if survey.blurred:
+        sharp = survey.scale[f, seen] / (1 + blur_of(frame, seen) / survey.blurred)
+        survey.scale[f, seen] = _rounded_up(sharp)
+        survey.coarsest[f, seen] = _coarsest(survey, f, seen, survey.blurred)
     survey.rays[f], survey.cuts[f] = rays, cut
     if before is not None and not cut:
         survey.entered[f] = _unclipped(before, seen[survey.kind[f - 1, seen] != SEEN])
@@ -202,6 +212,16 @@ def _rounded_up(values: np.ndarray) -> np.ndarray:
     return found
 
 
+def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> np.ndarray:
+    """Return the coarsest LODs of `agents` (m,) that show at most `tolerance` pixels, (m,) uint8."""
+    assert survey.bounds is not None
+    group, scale = survey.group[agents], survey.scale[f, agents].astype(np.float64)
+    found = np.zeros(len(agents), np.uint8)
+    for k in range(1, survey.bounds.shape[1]):
+        found[scale * survey.bounds[group, k] <= tolerance] = k
+    return found
+
+
 def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
     """Return the survey with the coarsest LODs that show at most `tolerance` pixels, or that exceptions allow.
 
@@ -210,10 +230,7 @@ def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey
     coarsest = survey.coarsest.copy()
     for f in range(len(coarsest)):
         agents = np.flatnonzero(survey.kind[f] == SEEN)
-        group, scale = survey.group[agents], survey.scale[f, agents].astype(np.float64)
-        found = np.zeros(len(agents), np.uint8)
-        for k in range(1, bounds.shape[1]):
-            found[scale * bounds[group, k] <= tolerance] = k
+        found = _coarsest(replace(survey, bounds=bounds), f, agents, tolerance)
         if survey.finest is not None and survey.limit is not None:
             found = np.clip(found, survey.finest[f, agents], survey.limit[f, agents])
         coarsest[f, agents] = found

@@ -45,6 +45,7 @@ class Wanted:
     folder: where the plan goes.
     avoid: the part by which the shot may cost more, to avoid switches in sight.
     budget: what each frame may take.
+    blurred: whether LODs may be as many pixels coarser as their agents are blurred wide.
     keeps: whether the survey so far is kept in the folder, for a run that is killed.
     """
 
@@ -53,6 +54,7 @@ class Wanted:
     avoid: float = 0.05
     budget: Budget = Budget()
     keeps: bool = False
+    blurred: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,9 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     yield from share(ready(scene), 0.0, READY)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)
-    through = yield from share(survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None), READY, SURVEYED)
+    through = yield from share(
+        survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None, wanted.blurred), READY, SURVEYED
+    )
     survey = through.survey
     shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
     found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
@@ -133,7 +137,7 @@ def write_plan(
 
 def write_levels(folder: Path, planned: Planned) -> None:
     """Write plan.npz into `folder`."""
-    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance else 0
+    numbers, pinned = planned.stored.numbers.tolist(), PINNED if planned.plan.tolerance or planned.shot.survey.blurred else 0
     rows = [marked(row | pinned, number, planned.exemptions) for number, row in zip(numbers, planned.plan.levels, strict=True)]
     plan_file.write(folder / plan_file.NAME, planned.stored, rows)
 
@@ -173,7 +177,9 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
             )
         folder = files.absolute(Path(bpy.path.abspath(settings.plan_folder)))
         with files.staged(folder, plan_file.NAME) as part:
-            wanted = Wanted(parse_frames(settings.frames), folder, settings.avoid_pops, budget_of(settings))
+            wanted = Wanted(
+                parse_frames(settings.frames), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
+            )
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         path = str(folder / plan_file.NAME)

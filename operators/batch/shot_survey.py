@@ -6,7 +6,7 @@ import time as clock
 from collections import Counter
 from collections.abc import Generator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import bpy
@@ -18,6 +18,7 @@ from ...crowd_lod.planning.frame import Frame, plan
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import numbers_of
 from ...crowd_lod.planning.shadows import surround
+from ...crowd_lod.planning.shot_cost import meshes_of
 from ...crowd_lod.planning.survey import Recorder, Survey, empty
 from ...crowd_lod.progress import share
 from ..blender import cameras, frame_stepping, scene_data
@@ -45,9 +46,12 @@ class Surveyed:
     milliseconds: dict[str, float] = field(default_factory=dict)
 
 
-def survey_of(scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None = None) -> Generator[float, None, Surveyed]:
+def survey_of(
+    scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None = None, blurred: bool = False
+) -> Generator[float, None, Surveyed]:
     """Run through the shot: yield the progress, return it.
 
+    blurred: let LODs be as many pixels coarser as their agents are blurred wide.
     folder: keeps what is surveyed so far, for a run that is killed; None keeps nothing.
     CrowdError if the crowd or its choice of LODs changes on the way.
     """
@@ -55,7 +59,11 @@ def survey_of(scene: bpy.types.Scene, frames: Sequence[int], folder: Path | None
     policy, library = policy_of(settings), cast_of(characters_of(scene))
     times = [scene_data.remapped(scene.render, number) for number in frames]
     survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
-    parts = Parts(survey, folder, _key(scene, frames))
+    if blurred:
+        if policy.tolerance is None:
+            raise CrowdError("Coarser Where Blurred needs LODs by tolerance: set Choose LODs to By Tolerance, or switch it off.")
+        survey = replace(survey, blurred=policy.tolerance, bounds=meshes_of(trajectory.groups, policy.count).bounds)
+    parts = Parts(survey, folder, _key(scene, frames) + "b" * blurred)
     begin, before, took, saved = parts.taken_up(), None, Counter(), clock.monotonic()
     with frame_stepping.stepped(scene) as at, Recorder() as recorder:
         for f in range(max(begin - 1, 0), len(frames)):

@@ -117,6 +117,7 @@ def _plan(commands, program: str) -> None:
         metavar="PART",
         help="part by which the cost may grow to avoid switches in sight (default: the scene's)",
     )
+    command.add_argument("--blur", action="store_true", help="let LODs be as many pixels coarser as motion and focus blur them")
     command.add_argument("--triangles", type=float, metavar="N", help="at most so many triangles of characters in each frame")
     command.add_argument("--vertices", type=float, metavar="N", help="at most so many vertices of characters in each frame")
     command.add_argument("--lod0", type=int, metavar="N", help="at most so many agents at full detail in each frame")

@@ -180,6 +180,7 @@ def _plan(args, command: list[str]) -> dict:
         avoid=settings.avoid_pops if args.avoid_pops is None else args.avoid_pops,
         budget=_budget(args, settings),
         keeps=True,
+        blurred=args.blur or settings.plan_blurred,
     )
     with files.staged(folder) as part:
 

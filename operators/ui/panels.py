@@ -233,7 +233,7 @@ class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
     bl_label = "Plan Shot"
 
     def body(self, context, layout, settings) -> None:
-        for name in ("frames", "avoid_pops", "plan_folder"):
+        for name in ("frames", "avoid_pops", "budget_triangles", "budget_memory", "plan_blurred", "plan_folder"):
             layout.prop(settings, name)
         layout.operator("crowd_lod.plan_shot", icon="TIME")
         if settings.shot_plan:

@@ -351,6 +351,10 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         subtype="FACTOR",
         description="Part by which a shot's time, memory and triangles may grow so that fewer characters change their LOD in sight",
     )
+    plan_blurred: BoolProperty(
+        name="Coarser Where Blurred",
+        description="With motion blur or depth of field, LODs may deviate by as many pixels more as the character is blurred wide",
+    )
     budget_triangles: IntProperty(
         name="Triangles",
         min=0,

@@ -1,0 +1,83 @@
+"""Blur of motion and focus against points that are projected one by one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
+from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.blur import blur_of
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.survey import empty, record
+
+from ..support.cameras import straight
+from ..support.crowds import crowd_at, walker
+
+GROUP = replace(walker(), bounds=(0.0, 0.02, 0.2), deviations=(0.0, 0.02, 0.2), diagonal=2.0)
+POLICY = LevelPolicy((0.0, 0.0), "PIXELS", tolerance=1.0)
+PLACES = [(0, 10, 0), (3, 20, 0), (-6, 40, 0), (1, 80, 0)]
+
+
+@pytest.fixture
+def crowd():
+    machine = load_preset("chapter")
+    area = Area(-100, -100, 100, 100)
+    return Trajectory(crowd_at(PLACES), machine, edge_map(area, machine.labels), (GROUP,), 1 / 24)
+
+
+def panned(camera, angle):
+    """The camera, turned about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+    return replace(camera, X=turn @ camera.X, Z=turn @ camera.Z)
+
+
+def pixels(camera, place):
+    """Where a point lies in the picture, by hand: 100 pixels over 90 degrees."""
+    x, y, z = np.subtract(place, camera.origin)
+    across, depth = x * camera.X[0] + y * camera.X[1], x * camera.Z[0] + y * camera.Z[1]
+    return np.array([50 * across / depth, 50 * z / depth])
+
+
+def test_a_pan_blurs_by_the_way_over_the_picture(crowd):
+    camera = straight()
+    shutter = [(1.0, (panned(camera, angle),)) for angle in (-0.02, 0.0, 0.02)]
+    frame = plan(crowd, camera, POLICY, 1.0, shutter)
+    now = frame.crowd
+    for agent, found in enumerate(blur_of(frame, np.arange(len(PLACES)))):
+        center = now.x[agent], now.y[agent], now.z[agent] + 0.9
+        way = pixels(shutter[2][1][0], center) - pixels(shutter[0][1][0], center)
+        assert found == pytest.approx(np.hypot(*way), rel=1e-9) and found > 1
+
+
+def test_focus_blurs_by_the_circle_of_the_sharpest_part(crowd):
+    camera = lens_blur(straight(), 0.05, 20.0)
+    frame = plan(crowd, camera, POLICY, 1.0)
+    found = blur_of(frame, np.arange(len(PLACES)))
+    for agent, blur in enumerate(found):
+        depth = frame.crowd.y[agent]
+        circles = [2 * 50 * 0.05 * abs(1 / z - 1 / 20) for z in np.linspace(depth - 1, depth + 1, 2001)]
+        assert blur == pytest.approx(min(circles), abs=1e-6)
+    assert found[1] == 0 < found[0]  # its sphere holds the plane of focus
+
+
+def test_lods_are_coarser_by_the_blur_and_no_more(crowd):
+    camera = straight()
+    shutter = [(1.0, (panned(camera, angle),)) for angle in (-0.02, 0.0, 0.02)]
+    frame, library = plan(crowd, camera, POLICY, 1.0, shutter), Library(np.zeros(1, np.intp))
+    about = [1], [1.0], crowd.start.group, library.first(crowd.gaits)
+    plain, blurred = empty(*about), replace(empty(*about), blurred=1.0, bounds=np.array([GROUP.bounds]))
+    for survey in (plain, blurred):
+        record(survey, 0, frame, library)
+    blur, coarser = blur_of(frame, np.arange(len(PLACES))), 0
+    for agent in frame.buckets.order:
+        scale = float(plain.scale[0, agent])
+        allowed = [k for k, bound in enumerate(GROUP.bounds) if scale * bound <= 1.0 + blur[agent]]
+        assert blurred.coarsest[0, agent] in (max(allowed), max(allowed) - 1)
+        assert scale * GROUP.bounds[blurred.coarsest[0, agent]] <= (1.0 + blur[agent]) * 1.001
+        coarser += blurred.coarsest[0, agent] > plain.coarsest[0, agent]
+    assert coarser > 0
