@@ -1,11 +1,15 @@
 """Tables, plans and contact sheets that a run writes."""
 
 import csv
+import heapq
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 
+from ..errors import CrowdError
+from ..format import printable
 from ..planning.frame import Frame
 from ..planning.switches import NOTHING
 
@@ -44,6 +48,20 @@ def to_csv(rows: list[dict]) -> str:
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
+
+
+def largest_switches(path: Path, most: int = 100) -> list[dict[str, str]]:
+    """Return the rows of a switches.csv with the largest changes, the largest first.
+
+    CrowdError if the file cannot be read.
+    """
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return heapq.nlargest(most, csv.DictReader(file), key=lambda row: float(row["change_px"]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise CrowdError(
+            f"The switches {printable(path)} of the shot plan cannot be read ({error}): press Plan Shot again."
+        ) from None
 
 
 def switches_csv(found: np.ndarray) -> str:

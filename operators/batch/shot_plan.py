@@ -204,4 +204,29 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
         return "LODs follow from distances again."
 
 
-CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_remove_plan)
+class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
+    """Go to the frame of the largest change by a LOD switch, and mark its agent; again, to the next largest"""
+
+    bl_idname = "crowd_lod.go_to_switch"
+    bl_label = "Go to Largest Switch"
+
+    @classmethod
+    def poll(cls, context):
+        cls.poll_message_set("The scene has no shot plan: press Plan Shot.")
+        return bool(context.scene.crowd_lod.shot_plan)
+
+    def run(self, context) -> str:
+        scene, settings = context.scene, context.scene.crowd_lod
+        rows = tables.largest_switches(Path(bpy.path.abspath(settings.shot_plan)).with_name("switches.csv"))
+        if not rows:
+            return "No agent changes its LOD in sight."
+        places = [(int(row["frame"]), int(row["agent"])) for row in rows]
+        now = scene.frame_current, settings.agent
+        at = (places.index(now) + 1) % len(places) if now in places else 0
+        scene.frame_current, settings.agent = places[at]
+        own = rows[at]
+        lods = f"LOD {own['from']} to {own['to']}" if own["from"] else f"appears at LOD {own['to']}"
+        return f"Frame {places[at][0]}, agent {places[at][1]}: {lods}, changes up to {float(own['change_px']):.2f} pixels."
+
+
+CLASSES = (CROWDLOD_OT_plan_shot, CROWDLOD_OT_remove_plan, CROWDLOD_OT_go_to_switch)

@@ -241,6 +241,7 @@ class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
             row.use_property_split = False
             row.prop(settings, "use_shot_plan", toggle=True)
             row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
+            layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
             if settings.use_shot_plan:
                 _say(context, layout, *_held(context.scene))
         self.exceptions(layout, settings)

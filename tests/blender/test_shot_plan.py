@@ -1,5 +1,6 @@
 """The stored shot plan: who shows it, when it does not hold, and what is said of wrong ones."""
 
+import csv
 import json
 
 import bpy
@@ -206,6 +207,20 @@ def test_a_budget_holds_in_every_frame(zoomed, tmp_path):
     assert max(frame_at(zoomed, number).triangles for number in FRAMES) <= budget
     told = json.loads((tmp_path / "plan" / "plan.json").read_text())
     assert told["shot"]["tolerance_raised"] and told["shot"]["tolerance"] > 1
+
+
+def test_the_largest_switches_are_gone_to_in_turn(zoomed, tmp_path):
+    zoomed.crowd_lod.avoid_pops = 0.0
+    planned(zoomed, tmp_path / "plan")
+    with (tmp_path / "plan" / "switches.csv").open() as file:
+        rows = sorted(csv.DictReader(file), key=lambda row: -float(row["change_px"]))
+    assert len(rows) > 2
+    for row in rows[:3]:
+        assert bpy.ops.crowd_lod.go_to_switch() == {"FINISHED"}
+        assert (zoomed.frame_current, zoomed.crowd_lod.agent) == (int(row["frame"]), int(row["agent"]))
+    (tmp_path / "plan" / "switches.csv").unlink()
+    with pytest.raises(RuntimeError, match="press Plan Shot again"):
+        bpy.ops.crowd_lod.go_to_switch()
 
 
 def test_remove_plan_takes_distances_again(zoomed, tmp_path):
