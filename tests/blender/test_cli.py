@@ -45,7 +45,7 @@ def test_preview_of_a_sample_leaves_pictures_table_and_plan(tmp_path, capfd):
     assert result["out"] == str(out) and said.err == ""
     assert sorted(os.listdir(out)) == [
         "above_0001.png", "above_0060.png", "contact_sheet.png", "frames.csv", "levels_adult.png", "levels_child.png",
-        "levels_heavy.png", "main_0001.png", "main_0060.png", "plan.json", "report.html",
+        "levels_heavy.png", "main_0001.png", "main_0060.png", "plan.json", "plan.npz", "report.html",
     ]  # fmt: skip
     rows = list(csv.DictReader((out / "frames.csv").open()))
     assert [row["frame"] for row in rows] == ["1", "60"]
