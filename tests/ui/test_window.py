@@ -61,7 +61,9 @@ def test_the_build_holds_the_overlays_agents_and_follows_undo_redo_and_frame(see
 def test_the_preview_leaves_its_files_and_nothing_in_the_scene(seen):
     pictures = [f"{view}_{frame}.png" for view in ("above", "main") for frame in ("0001", "0060")]
     chains = [f"levels_{name}.png" for name in ("adult", "child", "heavy")]
-    assert seen["preview"]["files"] == sorted([*pictures, *chains, "contact_sheet.png", "frames.csv", "plan.json", "report.html"])
+    assert seen["preview"]["files"] == sorted(
+        [*pictures, *chains, "contact_sheet.png", "frames.csv", "plan.json", "plan.npz", "report.html"]
+    )
     assert seen["preview"]["changed"] == {}
 
 
