@@ -131,7 +131,7 @@ def _check(shot: Shot, limits: _Limits) -> None:
             )
     if not (least := _memory(shot, shown)) <= limits.memory:
         raise CrowdError(
-            f"The budget of {limits.memory / 2**20:,.1f} MB is impossible: the shot takes {least / 2**20:,.1f} MB at least, "
+            f"The budget of {limits.memory / 1e6:,.1f} MB is impossible: the shot takes {np.ceil(least / 1e5) / 10:,.1f} MB at least, "
             f"{everyone}"
         )
 

@@ -109,7 +109,7 @@ class Explanation:
             said += ["", *aligned((f"Side, eye {eye}" if len(self.eyes) > 1 else "Side", "Beyond by", "May be", ""), rows)]
         detail = "" if self.factor == 1 else f" times {number(self.factor)} by the detail map"
         said += ["", f"LOD {self.by_distance} by distance: {number(self.distance)} m{detail}."]
-        said += [f"The shot plan: {about.planned}."] if about.planned else []
+        said += [f"The shot plan: {about.planned}{'' if about.visible else ', when it is seen next'}."] if about.planned else []
         said += [
             "",
             *aligned(

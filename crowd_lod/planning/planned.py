@@ -72,7 +72,7 @@ def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:
     return np.array(
         [
             [
-                *camera.origin, *camera.X, *camera.Y, *camera.Z, *(getattr(camera.seen, each.name) for each in fields(camera.seen)),
+                *camera.origin, *camera.X, *camera.Y, *camera.Z, *(getattr(camera.window, each.name) for each in fields(camera.window)),
                 camera.near, camera.far, camera.cone, kinds.index(camera.kind), camera.pixels_per_unit,
             ]
             for camera in cameras

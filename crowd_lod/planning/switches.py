@@ -32,6 +32,7 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
     for f, number in enumerate(survey.numbers.tolist()):
         agents, change = switched(shot, levels, f)
         entered = survey.entered[f]
+        entered = entered[survey.scale[f, entered] > 0]  # seen at the frame's own time, not only at another of the shutter
         rows = np.empty(len(agents) + len(entered), ROW)
         rows["frame"] = number
         rows["agent"] = np.concatenate([agents, entered])

@@ -16,7 +16,7 @@ from . import plan_file
 IN_FRAMES = ("triangles", "visible", "switches", "switch_pixels")
 IN_TOTAL = (
     *IN_FRAMES,
-    *("memory_mb", "seconds_per_frame", "largest_switch_pixels", "largest_deviation_pixels", "most_above_optimum"),
+    *("memory_mb", "time_share", "largest_switch_pixels", "largest_deviation_pixels", "most_above_optimum"),
 )
 # Of plans that do not tell what they were made for: the parts that may differ.
 PARTS = {"crowd": "the crowd", "machine": "the state machine", "camera": "the camera", "levels": "the choice of LODs"}

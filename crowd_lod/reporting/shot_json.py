@@ -1,23 +1,25 @@
 """What plan.json tells of a shot plan, besides the scene: version 2."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ..planning.budget import BudgetPlan
-from ..planning.shot_cost import Bill
+from ..planning.curve import of_full_detail
+from ..planning.shot_cost import Bill, Shot
 from ..planning.survey import CULLED, MIRRORED, SHADOW
 from ..planning.unneeded import unneeded
 from .plan_file import StoredPlan
 from .shot_report import Told
 
 
-def shot_facts(told: Told, stored: StoredPlan, exceptions: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def shot_facts(told: Told, stored: StoredPlan, asked: Mapping[str, Any], exceptions: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return the fields `preview`, `left_out`, `frames`, `made_for` and `shot` of plan.json.
 
     Without times: two runs give the same.
+    asked: what the plan was asked for: Avoid Pops, and the budget.
     exceptions: as plain data.
     """
     plan, shot = told.plan, told.shot
@@ -33,8 +35,9 @@ def shot_facts(told: Told, stored: StoredPlan, exceptions: Sequence[dict[str, An
             "tolerance": stored.tolerance,
             "tolerance_raised": bool(plan.tolerance) if isinstance(plan, BudgetPlan) else False,
             "most_above_optimum": plan.bound if np.isfinite(plan.bound) else None,
-            "plan": _totals(plan.bill),
-            "thresholds": _totals(plan.thresholds),
+            "asked": dict(asked),
+            "plan": _totals(shot, plan.bill),
+            "thresholds": _totals(shot, plan.thresholds),
             "curve": asdict(told.curve),
             "exceptions": list(exceptions),
         },
@@ -72,13 +75,13 @@ def shot_rows(told: Told) -> list[dict[str, int | float]]:
     return rows
 
 
-def _totals(found: Bill) -> dict[str, int | float]:
+def _totals(shot: Shot, found: Bill) -> dict[str, int | float]:
     return {
         "triangles": int(found.triangles.sum()),
         "switches": int(found.switches.sum()),
         "switch_pixels": float(found.pixels.sum()),
         "largest_switch_pixels": found.most,
         "largest_deviation_pixels": found.error,
-        "seconds_per_frame": found.price.seconds,
+        "time_share": of_full_detail(shot, found)[0],
         "memory_mb": found.price.memory / 1e6,
     }

@@ -16,6 +16,7 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly, parse_frames
 from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.planning.planned import told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, plan_file, tables
 from ...crowd_lod.reporting.html_report import page
@@ -69,17 +70,22 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
         ready += PREPARED
         at = opened.enter_context(frame_stepping.stepped(scene))
         run = _Run(on, folder, shots, at, top_view.drawing_in(stage))
+        unplanned: list[tuple[int, str]] = []
         rows, first, each = [], None, (DRAWN - ready) / len(wanted.frames)
         for done, number in enumerate(wanted.frames):
             begun, way = ready + each * done, approach(trajectory, scene_data.remapped(scene.render, number))
             yield from share(way, begun, begun + BEHAVIOUR * each)
             row, frame = run.shoot(number)
             rows.append(row)
+            unplanned.append((number, frame.unplanned))
             first = first or frame
             yield ready + each * (done + 1)
         told = lod_table.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
         told = yield from told
-        notes = (*shots.notes, *filter(None, [leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)]))
+        notes = (
+            *shots.notes,
+            *filter(None, [told_unplanned(unplanned), leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)]),
+        )
         plan = yield from standing(plan_json(on, command, rows, told, notes), 0.95)
         if planned is not None:
             plan |= {key: value for key, value in shot_json(planned).items() if key in ("made_for", "shot")}

@@ -2,14 +2,14 @@
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from math import inf
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import number, printable
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.planning.curve import curve_of
@@ -65,6 +65,7 @@ class Planned:
     plan: BudgetPlan
     stored: plan_file.StoredPlan
     told: Told
+    wanted: Wanted
     exemptions: tuple[Exemption, ...] = ()
 
 
@@ -103,7 +104,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         made_for=shot_reference.made_for(scene.crowd_lod, trajectory, policy, bias),
         tolerance=max(found.tolerance, policy.tolerance or 0.0) or None,
     )
-    return Planned(shot, found, stored, told, exemptions)
+    return Planned(shot, found, stored, told, wanted, exemptions)
 
 
 def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
@@ -144,17 +145,21 @@ def write_levels(folder: Path, planned: Planned) -> None:
 
 def shot_json(planned: Planned) -> dict[str, Any]:
     """Return what plan.json tells of the shot."""
-    return shot_facts(planned.told, planned.stored, [each.as_json for each in planned.exemptions])
+    budget = {name: value for name, value in vars(planned.wanted.budget).items() if value not in (None, inf)}
+    asked = {"avoid_pops": planned.wanted.avoid, "blur": planned.wanted.blurred, "budget": budget}
+    return shot_facts(planned.told, planned.stored, asked, [each.as_json for each in planned.exemptions])
 
 
 def sentence(planned: Planned) -> str:
     """Return a sentence on the plan beside the thresholds' own."""
-    found, before = planned.plan.bill, planned.plan.thresholds
-    cost = max(found.above(before), 0.0)
+    plan, frames = planned.plan, len(planned.stored.numbers)
+    found, before = plan.bill, plan.thresholds
+    bound = f"; {plan.bound:.1%} above the least possible at most" if isfinite(plan.bound) else ""
+    raised = f" To fit in the budget, LODs deviate by up to {number(found.error)} pixels." if plan.tolerance else ""
     return (
-        f"{len(planned.stored.numbers)} frames of {len(planned.shot.survey.group):,} agents are planned: "
-        f"{int(found.switches.sum()):,} LOD switches in sight instead of {int(before.switches.sum()):,} by distance, "
-        f"for {cost:.1%} more cost at most; {planned.plan.bound:.1%} above the least possible at most."
+        f"{frames:,} frame{'s' * (frames > 1)} of {len(planned.shot.survey.group):,} agents planned. LODs change in sight "
+        f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, for "
+        f"{max(found.above(before), 0.0):.1%} more cost at most{bound}.{raised}"
     )
 
 

@@ -13,6 +13,7 @@ from ...crowd_lod.culling.stereo import EYES
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.planning.planned import told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.sorting.buckets import sort
@@ -77,7 +78,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         top, own.build = own.build, None  # it holds what is written here, not what the frame asks
         outline = outline_of(scene, top)
         add_twins(scene, top)
-        rows, sheet = [], []
+        rows, sheet, unplanned = [], [], []
         at, each = opened.enter_context(frame_stepping.stepped(scene)), 0.85 / len(wanted.frames)
         run = _Run(scene, wanted, folder, at, top, outline)
         for number in wanted.frames:
@@ -85,9 +86,16 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
             way = approach(trajectory, scene_data.remapped(scene.render, number))
             yield from share(way, begun, begun + each / (2 * len(PICTURES)))
             row, pictures = yield from _frame(run, number, len(rows))
+            unplanned.append((number, row.pop("unplanned")))
             rows.append(row)
             sheet.append(pictures)
-        result = _result(rows, wanted, command, left_out + _left_out(scene, rows, wanted), not_proved)
+        result = _result(
+            rows,
+            wanted,
+            command,
+            left_out + _left_out(scene, rows, wanted) + [told_unplanned(unplanned)] * any(why for _, why in unplanned),
+            not_proved,
+        )
         (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
         (folder / "verify.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         tiles = [picture for pictures in evenly(sheet, MOST_PROVED_IN_SHEET) for picture in pictures]
@@ -137,6 +145,7 @@ def _frame(run: _Run, number: int, done: int) -> Generator[float, None, tuple[di
     worlds = scene.world, dark_world(scene.world)
     row = {
         "frame": number,
+        "unplanned": planned.unplanned,
         "agents": len(planned.crowd),
         "visible": int(planned.visible.sum()),
         "shadow": len(planned.shadow.order),

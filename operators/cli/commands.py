@@ -230,7 +230,7 @@ def _set(settings, args) -> None:
 def _follow_plan(settings, args) -> None:
     """Use the shot plan in the folder that the command gives, if any."""
     if args.plan is not None:
-        path = files.absolute(args.plan / plan_file.NAME)
+        path = files.absolute(args.plan if args.plan.name == plan_file.NAME else args.plan / plan_file.NAME)
         plan_file.read(path)  # says what is wrong with it
         settings.shot_plan, settings.use_shot_plan = str(path), True
 
