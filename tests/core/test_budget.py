@@ -213,7 +213,7 @@ def test_impossible_budget_says_what_is_possible(worst):
         finished(decide_within(shot, Budget(triangles=worst)))
     with pytest.raises(CrowdError, match=f"vertices is impossible: frame {frame} takes {least / 2:,.0f} at least"):
         finished(decide_within(shot, Budget(vertices=worst)))
-    megabytes = f"{coarsest.price.memory / 2**20:,.1f} MB at least, with the coarsest LODs"
+    megabytes = f"{coarsest.price.memory / 1e6:,.1f} MB at least, with the coarsest LODs"
     with pytest.raises(CrowdError, match=f"MB is impossible: the shot takes {megabytes}"):
         finished(decide_within(shot, Budget(memory=worst)))
     finished(decide_within(shot, Budget(least, least / 2, 0, coarsest.price.memory)))
