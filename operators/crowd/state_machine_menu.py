@@ -3,6 +3,7 @@
 import bpy
 
 from ...crowd_lod.crowd.state_machine import load_preset, preset_names
+from ..blender.labelled_properties import EnumProperty
 from ..blender.operator import Reporting
 
 
@@ -12,7 +13,7 @@ class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
     bl_idname = "crowd_lod.machine_preset"
     bl_label = "State Machine Preset"
 
-    name: bpy.props.EnumProperty(name="Preset", items=[(n, n.capitalize(), "") for n in preset_names()])
+    name: EnumProperty(name="Preset", items=[(n, n.capitalize(), "") for n in preset_names()])
 
     def run(self, context) -> str:
         machine = load_preset(self.name)

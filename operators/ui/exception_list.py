@@ -1,9 +1,9 @@
 """The exceptions from the shot plan: their settings, their list in the sidebar, and its buttons."""
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 
 from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender.labelled_properties import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 from ..blender.operator import Reporting
 from ..crowd.shot_exceptions import REGIONS
 
