@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 import numpy as np
 
 from ..culling.camera import Camera, Window
+from ..errors import CrowdError
 from ..sorting.buckets import Buckets, sort
 from .frame import Frame, cost, tally
 
@@ -53,6 +54,13 @@ def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
     vertices, _ = cost(counted, [group.vertices for group in groups])
     triangles, _ = cost(counted, [group.triangles for group in groups])
     return replace(frame, known_levels=levels, buckets=buckets, vertices=vertices, triangles=triangles)
+
+
+def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
+    """Return what `told_unplanned` takes of a frame; CrowdError if it lacks the plan's LODs and that is `strict`."""
+    if strict and sentence:
+        raise CrowdError(f"Frame {number}: {sentence}")
+    return number, sentence
 
 
 def told_unplanned(said: Sequence[tuple[int, str]]) -> str:

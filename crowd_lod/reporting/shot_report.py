@@ -280,10 +280,8 @@ def _error_plot(curve: Curve, agents: int) -> str:
                 marks.append(
                     svg.mark(x, y, svg.Series(point.kind, np.array([[point.error, part]]), color), shapes[point.kind], [says])
                 )
-    said = (
-        f"Lines: other tolerances, frame by frame. Marks: circles the plan, squares thresholds, diamonds hysteresis that holds a LOD "
-        f"for {HELD:.0%} of its distance."
-    )
+    held = f", diamonds hysteresis that holds a LOD for {HELD:.0%} of its distance" * any(p.kind == "hysteresis" for p in shown)
+    said = f"Lines: other tolerances, frame by frame. Marks: circles the plan, squares thresholds{held}."
     if curve.agents < agents:
         said += f" From {curve.agents:,} of the agents."
     return f"<h3>Error against cost</h3><p>{said}</p>{svg.plot('Error against cost', x, y, ''.join(marks))}{_legend(rows)}"

@@ -195,3 +195,9 @@ def test_crops_are_inside_the_page_and_hold_the_pixels():
     assert [title for title in read.texts if title.startswith("Frame ") and ", agent " in title] == [
         f"Frame {rows[k][0]}, agent {rows[k][1]}: {rows[k][2]} to {rows[k][3]}" for k in (0, 2)
     ]
+
+
+def test_by_ratio_hysteresis_is_not_told():
+    data = told()
+    curve = finished(curve_of(data.shot, data.plan, None))
+    assert "diamonds" in shot_page(data) and "ysteresis" not in shot_page(replace(data, curve=curve))
