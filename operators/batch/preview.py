@@ -16,7 +16,7 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly, parse_frames
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import told_unplanned
+from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, plan_file, tables
 from ...crowd_lod.reporting.html_report import page
@@ -77,7 +77,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
             yield from share(way, begun, begun + BEHAVIOUR * each)
             row, frame = run.shoot(number)
             rows.append(row)
-            unplanned.append((number, frame.unplanned))
+            unplanned.append(noted(number, frame.unplanned, wanted.strict))
             first = first or frame
             yield ready + each * (done + 1)
         told = lod_table.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))

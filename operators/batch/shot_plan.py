@@ -17,7 +17,7 @@ from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.planning.planned import PINNED
 from ...crowd_lod.planning.shot_cost import Shot, meshes_of
-from ...crowd_lod.planning.switches import noticed
+from ...crowd_lod.planning.switches import WORST, largest, noticed
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, plan_file, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
@@ -33,8 +33,9 @@ from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
 from .preview_plan import scene_json
 from .shot_survey import survey_of
+from .switch_crops import crops_of
 
-READY, SURVEYED, DECIDED = 0.2, 0.6, 0.95  # of the progress
+READY, SURVEYED, DECIDED, CURVED = 0.2, 0.6, 0.9, 0.95  # of the progress
 
 
 @dataclass(frozen=True)
@@ -85,15 +86,17 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     survey = through.survey
     shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
     found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
+    changes = noticed(shot, found.levels, trajectory.spheres.radius)
     told = Told(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=found,
-        noticed=noticed(shot, found.levels, trajectory.spheres.radius),
-        curve=(yield from share(curve_of(shot, found, policy.tolerance or 1.0), DECIDED, 1.0)),
+        noticed=changes,
+        curve=(yield from share(curve_of(shot, found, policy.tolerance), DECIDED, CURVED)),
         names=[group.name for group in trajectory.groups],
         tints=TINTS,
         milliseconds=through.milliseconds,
+        crops=(yield from share(crops_of(scene, through, largest(changes, WORST)), CURVED, 1.0)),
     )
     bias = bias_of(scene.crowd_lod, trajectory.world.area)
     stored = plan_file.StoredPlan(

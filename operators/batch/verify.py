@@ -13,7 +13,7 @@ from ...crowd_lod.culling.stereo import EYES
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import told_unplanned
+from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.sorting.buckets import sort
@@ -86,7 +86,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
             way = approach(trajectory, scene_data.remapped(scene.render, number))
             yield from share(way, begun, begun + each / (2 * len(PICTURES)))
             row, pictures = yield from _frame(run, number, len(rows))
-            unplanned.append((number, row.pop("unplanned")))
+            unplanned.append(row.pop("unplanned"))
             rows.append(row)
             sheet.append(pictures)
         result = _result(
@@ -145,7 +145,7 @@ def _frame(run: _Run, number: int, done: int) -> Generator[float, None, tuple[di
     worlds = scene.world, dark_world(scene.world)
     row = {
         "frame": number,
-        "unplanned": planned.unplanned,
+        "unplanned": noted(number, planned.unplanned, wanted.strict),
         "agents": len(planned.crowd),
         "visible": int(planned.visible.sum()),
         "shadow": len(planned.shadow.order),

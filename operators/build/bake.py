@@ -12,7 +12,7 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import told_unplanned
+from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.ownership import remove_owned
@@ -29,12 +29,13 @@ LONGEST = 1.0
 MOST_POINTS = 200_000_000
 
 
-def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, Cast]:
+def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) -> Generator[float, None, Cast]:
     """Build `scene` with the points of all `frames` in the file.
 
     frames: increasing frames of the timeline. At other frames the build shows no agents. It renders
         without Crowd LOD. With motion blur the points also have the velocities from where each is
         when the shutter opens and closes.
+    strict: a frame without the LODs of the scene's shot plan is an error.
 
     Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
 
@@ -51,7 +52,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None
     read, rows = (yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)), None
     unplanned: list[tuple[int, str]] = []
     try:
-        rows = yield from share(_rows(scene, Library(read[0]), frames, unplanned), 0.2, 0.8)
+        rows = yield from share(_rows(scene, Library(read[0]), frames, unplanned, strict), 0.2, 0.8)
     finally:
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
@@ -125,7 +126,7 @@ def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) 
 
 
 def _rows(
-    scene: bpy.types.Scene, library: Library, frames: Sequence[int], unplanned: list[tuple[int, str]]
+    scene: bpy.types.Scene, library: Library, frames: Sequence[int], unplanned: list[tuple[int, str]], strict: bool
 ) -> Generator[float, None, dict[str, list[dict[str, np.ndarray]]]]:
     """Compute the points of each bucket, by its name, frame by frame.
 
@@ -143,7 +144,7 @@ def _rows(
             yield from share(approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames))
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
-            unplanned.append((number, frame.unplanned))
+            unplanned.append(noted(number, frame.unplanned, strict))
             held = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
                 rows[name].append(columns_in_time(trajectory, held, number, agents, library, tilt))

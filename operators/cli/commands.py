@@ -151,6 +151,7 @@ def _preview(args, command: list[str]) -> dict:
         width=args.width or settings.width,
         engine=engine,
         color=color,
+        strict=args.strict,
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
@@ -246,6 +247,7 @@ def _verify(args, command: list[str]) -> dict:
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),
         bounces=_within("number of bounces", args.bounces, 0, 64),
+        strict=args.strict,
     )
     result = _finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
     out = printable(wanted.folder)
@@ -293,6 +295,8 @@ def _build(args, command: list[str]) -> dict:
         raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
     if args.render_only and not args.bake:
         raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
+    if args.strict and not args.bake:
+        raise CrowdError("Without --bake the plan is looked up as frames are shown: leave out --strict, or add --bake.")
     frames = None if args.frames is None else parse_frames(args.frames)
     with files.staged_file(path) as part:
         scene = open_scene(args.scene)
@@ -307,7 +311,7 @@ def _build(args, command: list[str]) -> dict:
             predicted.append((yield from share(estimate(scene, scene.crowd_lod, frames or (), args.bake), 0.0, 0.3)))
             if not args.quiet:
                 print(predicted[0].sentence, file=sys.stderr)
-            return (yield from share(bake.bake(scene, frames) if args.bake else render_setup.build(scene), 0.3, 1.0))
+            return (yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0))
 
         cast = _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
