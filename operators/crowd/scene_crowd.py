@@ -326,7 +326,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     crowd = (settings.count, settings.seed, settings.first_frame, settings.tilt)
     key = (machine.text, world.area, world.labels.shape, groups, *crowd, seconds)
     relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
-    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + relief).digest()
+    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief).digest()
     if digest not in _trajectories:
         if settings.tilt and heights is not None:
             groups = leaning(groups, heights)
