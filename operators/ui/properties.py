@@ -17,6 +17,7 @@ from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..crowd.renamed_settings import renamed
 from ..crowd.scene_crowd import set_down
+from ..crowd.threshold_order import push, push_all
 from .exception_list import CrowdLodException
 
 OLD = {"options": {"HIDDEN"}, "description": "Old name of this setting, for older files and scripts"}
@@ -54,9 +55,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
     stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
-    lowest: FloatProperty(
-        name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"
-    )
+    lowest: FloatProperty(name="Lowest Point", unit="LENGTH", description="Height above the origin, over the action; 0 if near")
     on_ground: BoolProperty(
         name="Stand on Ground",
         description="Its lowest point over the whole action stands on the ground, instead of its origin",
@@ -92,6 +91,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     )
     own_thresholds: BoolProperty(name="Own Thresholds", description="This group has LOD distances of its own")
     thresholds: FloatVectorProperty(
+        update=push("thresholds"),
         name="Threshold",
         precision=3,
         size=MOST_LEVELS - 1,
@@ -101,6 +101,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         description="Part of the camera's far distance at which this group's next LOD begins",
     )
     sizes: FloatVectorProperty(
+        update=push("sizes"),
         name="Size",
         size=MOST_LEVELS - 1,
         min=0.01,
@@ -207,7 +208,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % of white at most",
     )
     level_count: IntProperty(
-        update=outdate,
+        update=push_all,
         name="Levels",
         default=3,
         min=1,
@@ -240,7 +241,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         name="Decimation", **OLD, items=[(old, *method[1:]) for old, method in zip(OLD_METHODS, METHODS, strict=True)]
     )
     thresholds: FloatVectorProperty(
-        update=outdate,
+        update=push("thresholds"),
         name="Threshold",
         precision=3,
         size=MOST_LEVELS - 1,
@@ -260,7 +261,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         ],
     )
     sizes: FloatVectorProperty(
-        update=outdate,
+        update=push("sizes"),
         name="Size",
         size=MOST_LEVELS - 1,
         min=0.01,
@@ -313,9 +314,7 @@ class CrowdLodSettings(bpy.types.PropertyGroup):
         max=MOST_LEVELS - 1,
         description="Level of detail of characters kept for their shadow or reflection alone, or the coarsest there is",
     )
-    color: renamed(
-        EnumProperty, "color", name="Color", description="Colors of the characters in the previewed pictures", items=COLORS
-    )
+    color: renamed(EnumProperty, "color", name="Color", description="Colors of the characters in previewed pictures", items=COLORS)
     colour: EnumProperty(name="Color", items=COLORS, **OLD)
     engine: EnumProperty(
         name="Engine",
