@@ -3,6 +3,7 @@
 import bpy
 
 from .renamed_settings import STORED
+from .threshold_order import note_thresholds
 
 # of the settings. 1: LODs are chosen by tolerance; before, By Ratio was the default, which Blender
 # did not save
@@ -11,7 +12,7 @@ VERSION = 1
 
 @bpy.app.handlers.persistent
 def upgrade(*_) -> None:
-    """Handle load_post: set By Ratio in settings without a version.
+    """Handle load_post: set By Ratio in settings without a version, and note all thresholds.
 
     Settings that were never used, or that store a choice, stay. By Ratio was the default then.
     Linked scenes stay as they are.
@@ -20,6 +21,8 @@ def upgrade(*_) -> None:
         settings = scene.crowd_lod
         if scene.library is None and not settings.version and not settings.is_property_set("choice") and _used(settings):
             settings.choice = "BY_RATIO"
+        if scene.library is None and _used(settings):
+            note_thresholds(settings)
     note()
 
 

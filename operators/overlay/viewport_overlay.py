@@ -188,9 +188,10 @@ def _draw_figures(context) -> None:
 def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
     """Return the texture of the frame from above, painted once per frame."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
-        what = drawing(shown.frame, Style("POINTS"), shown.colored)
+        world = shown.frame.trajectory.world
+        what = inset.with_strays(drawing(shown.frame, Style("POINTS"), shown.colored), world)
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
-        view, projection = inset.from_above(shown.frame.trajectory.world.area, what.origin, places)
+        view, projection = inset.from_above(world.area, what.origin, places)
         shown.above = inset.picture(Batches(what), view, projection, ui_scale)
     return shown.above
 

@@ -15,6 +15,7 @@ from ..blender.labelled_properties import (
 from ..crowd.outdated_estimate import outdate
 from ..crowd.renamed_settings import OLD, renamed
 from ..crowd.scene_crowd import set_down
+from ..crowd.threshold_order import push, push_all
 
 METHODS = (
     ("AUTO", "Automatic", "Make each mesh by both methods, measure how far it is off in motion, and take the closer one"),
@@ -72,6 +73,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     )
     own_thresholds: BoolProperty(name="Own Thresholds", description="This group has LOD distances of its own")
     thresholds: FloatVectorProperty(
+        update=push("thresholds"),
         name="Threshold",
         precision=3,
         size=MOST_LEVELS - 1,
@@ -81,6 +83,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         description="Part of the camera's far distance at which this group's next LOD begins",
     )
     sizes: FloatVectorProperty(
+        update=push("sizes"),
         name="Size",
         size=MOST_LEVELS - 1,
         min=0.01,
@@ -125,7 +128,7 @@ class LevelSettings:
         description="By tolerance, a LOD also begins only where its shaded picture differs by 2 % of white at most",
     )
     level_count: IntProperty(
-        update=outdate,
+        update=push_all,
         name="Levels",
         default=3,
         min=1,
@@ -158,7 +161,7 @@ class LevelSettings:
         name="Decimation", **OLD, items=[(old, *method[1:]) for old, method in zip(OLD_METHODS, METHODS, strict=True)]
     )
     thresholds: FloatVectorProperty(
-        update=outdate,
+        update=push("thresholds"),
         name="Threshold",
         precision=3,
         size=MOST_LEVELS - 1,
@@ -178,7 +181,7 @@ class LevelSettings:
         ],
     )
     sizes: FloatVectorProperty(
-        update=outdate,
+        update=push("sizes"),
         name="Size",
         size=MOST_LEVELS - 1,
         min=0.01,

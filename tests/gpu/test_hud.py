@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_HEIGHTS, STATIC
-from crowd_lod_extension.crowd_lod.crowd.maps import Area
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import Account
 from crowd_lod_extension.operators.blender.cameras import camera_from
 from crowd_lod_extension.operators.blender.color_space import encoded
@@ -122,6 +122,21 @@ def test_the_view_from_above_holds_every_agent_in_its_color():
             assert np.abs(near - tint).max(axis=1).min() < 0.01
     painted = (seen[..., :3].max(axis=-1) > 0.3).sum()
     assert 0 < painted < 100 * len(AGENTS)
+
+
+def test_off_color_pixels_of_the_map_are_magenta_over_the_agents():
+    _, what = planned()
+    what = replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])
+    (x, y, z), _, _ = AGENTS[0]
+    world = LabelMap(np.zeros((100, 100), np.uint8), Area(-50, -50, 50, 50), np.array([(int(y + 50), int(x + 50)), (90, 7)]))
+    marked = inset.with_strays(what, world)
+    view, projection = inset.from_above(world.area, marked.origin, marked.positions)
+    texture = inset.picture(Batches(marked), view, projection, 2.0)
+    seen = np.array(texture.read().to_list(), np.float32).reshape(texture.height, texture.width, 4) / 255
+    for place in zip(*world.middles(*world.strays.T), strict=True):
+        at = projection @ view @ (*place, z, 1.0)
+        row, column = int((at[1] + 1) / 2 * texture.height), int((at[0] + 1) / 2 * texture.width)
+        assert seen[row, column, :3].tolist() == pytest.approx([1, 0, 1], abs=0.01)
 
 
 @pytest.fixture
