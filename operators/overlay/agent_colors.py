@@ -68,7 +68,10 @@ def by_reason(frame: Frame) -> Colors:
     The reasons are those of crowd_lod.planning.reasons.REASONS.
     """
     return Colors(
-        reasons(frame), _opaque([*TINTS, PURPLE, BROWN]), culled=True, names=tuple(reason.capitalize() for reason in REASONS)
+        reasons(frame),
+        _opaque([*TINTS, PURPLE, BROWN]),
+        culled=True,
+        names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS),
     )
 
 

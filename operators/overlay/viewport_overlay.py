@@ -45,7 +45,7 @@ class Shown:
     cast, batches: on the GPU.
     prepared: milliseconds to upload them.
     painted: milliseconds to submit one draw of them.
-    drawn: time in seconds when it was last drawn.
+    drawn: time in seconds when its last drawing began.
     above: texture of the frame from above, once it was needed.
     notes: sentences for the user.
     problem: a sentence for the user, if nothing can be shown.
@@ -168,8 +168,9 @@ def _draw(part) -> None:
 
 def _draw_crowd(context) -> None:
     """POST_VIEW handler: draw the crowd."""
+    drawn = clock.monotonic()
     shown = _follow(context)
-    shown.drawn = clock.monotonic()
+    shown.drawn = drawn
     if shown.batches is not None and not steps_back(context):
         view, region = context.region_data, context.region
         began = clock.perf_counter()

@@ -60,7 +60,7 @@ def test_other_colors_have_a_legend_and_lods_then_no_color(by):
     names = {
         by_state: frame.trajectory.machine.states,
         by_group: ("adult", "child"),
-        by_reason: [reason.capitalize() for reason in REASONS],
+        by_reason: [reason[0].upper() + reason[1:] for reason in REASONS],
     }[by]
     lines = said[4 : 4 + len(names)]
     assert texts(lines) == [*names] and said[4 + len(names)].text == "A note."
