@@ -2,7 +2,7 @@
 void main()
 {
 #ifdef RIGID
-  int number = gl_InstanceID * BOXES + gl_VertexID / CORNERS;
+  int number = gl_InstanceID * BOXES + gl_VertexID / BOX_CORNERS;
   if (number >= count) { /* the last run has boxes to spare: out of the picture with them */
     gl_Position = vec4(0.0, 0.0, -2.0, 1.0);
     lit = vec3(0.0);
