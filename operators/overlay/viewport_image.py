@@ -35,11 +35,15 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
         view, projection, size = _seen(context, space, region)
         settings, canvas = context.scene.crowd_lod, Canvas(size)
         crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(settings, context.view_layer, space)
+        if context.window is not None:  # one call of Blender's draws it all, for seconds where there is no graphics card
+            context.window.cursor_modal_set("WAIT")
         try:
             batches = shown.batches if crowd else None
             pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), batches)
         finally:
             canvas.free()
+            if context.window is not None:
+                context.window.cursor_modal_restore()
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])
         if not bpy.app.background:
             _show(image)
