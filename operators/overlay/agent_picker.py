@@ -4,7 +4,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.planning.agent_under_cursor import nearest
-from . import viewport_overlay
+from . import redraw, viewport_overlay
 
 WITHIN = 40.0  # nominal pixels from the cursor
 
@@ -44,6 +44,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
         settings, shown = context.scene.crowd_lod, viewport_overlay.shown_of(context.scene)
         if event.type in ("ESC", "RIGHTMOUSE") or shown is None or shown.frame is None:
             settings.agent = self._before
+            redraw.viewports()
             self.cancel(context)
             return {"CANCELLED"}
         region = under(context.window.screen, event.mouse_x, event.mouse_y)
@@ -63,6 +64,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
         agent = -1 if found is None else found
         if settings.agent != agent:
             settings.agent = agent
+            redraw.viewports()
         return {"RUNNING_MODAL"}
 
     def cancel(self, context) -> None:
