@@ -66,6 +66,7 @@ def there_and_back(chosen, known: list):
     for extra in robot.windows()[1:]:  # of Render Viewport Image: till here they showed what undo took away
         with bpy.context.temp_override(window=extra):
             bpy.ops.wm.window_close()
+    yield REST  # Blender crashes where a scene is shown in the same round of its loop
 
 
 robot.perform(session(), results, FOLDER)
