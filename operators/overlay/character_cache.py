@@ -108,10 +108,11 @@ def bake_some() -> float | None:
 def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     """Bake some frames of the casting's next character."""
     levels = scene.crowd_lod.levels
-    if levels is None or any(len(level.children) != len(levels.children[0].children) for level in levels.children):
+    counts = set() if levels is None else {len(level.children) for level in levels.children}
+    number, of = len(casting.characters), max(counts, default=0)
+    if len(counts) != 1 or number >= of:  # the user has put collections in, or taken them out
         casting.characters, casting.ready = (), True
         return
-    number, of = len(casting.characters), len(levels.children[0].children)
     groups = scene.crowd_lod.groups
     home = levels.children[0].children[number]
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)

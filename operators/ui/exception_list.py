@@ -62,7 +62,8 @@ class CROWDLOD_UL_exceptions(bpy.types.UIList):
 
 def asks(item) -> str:
     """Return what an exception asks for, in few words."""
-    return {"NEVER_COARSER": f"LOD {item.level} or finer", "ALWAYS": f"LOD {item.level}", "HIDE": "hidden"}[item.kind]
+    known = {"NEVER_COARSER": f"LOD {item.level} or finer", "ALWAYS": f"LOD {item.level}", "HIDE": "hidden"}
+    return known.get(item.kind, "unknown")  # of another version's file
 
 
 class _Editing(Reporting):

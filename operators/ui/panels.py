@@ -6,6 +6,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
+from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ...crowd_lod.planning.reasons import REASONS
 from ...crowd_lod.simplification.decimate import missing_library
 from ..blender import scene_data
@@ -73,7 +74,7 @@ def _figures(layout, frame) -> None:
         ("Frame", f"{frame.time:g}", "BLANK1"),
         ("Agents", f"{agents:,}", "BLANK1"),
         ("Visible", f"{visible:,}", "HIDE_OFF"),
-        ("Culled", f"{agents - visible:,}  ({(agents - visible) / agents:.1%})", "HIDE_ON"),
+        ("Culled", f"{agents - visible:,}  ({(agents - visible) / max(agents, 1):.1%})", "HIDE_ON"),
     ]
     for level, count in enumerate(frame.buckets.counts):
         name, icon = LOD_COLORS[level]
@@ -186,9 +187,11 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 _say(context, layout, "Until its LODs are made and measured, the crowd is all LOD 0.", "INFO")
             return
         layout.operator("crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
-        shown = viewport_overlay.shown_of(context.scene)
-        begins = shown.frame.begins if shown and shown.frame else None
-        count = count_of(settings)
+        frame, names = viewport_overlay.latest(context.scene), [group.name for group in settings.groups]
+        # an undo may have brought other groups since the frame was drawn
+        current = frame is not None and [group.name for group in frame.trajectory.groups] == names
+        begins = frame.begins if current else None
+        count = min(max(count_of(settings), 1), MOST_LEVELS)  # the user may have put collections in, or taken them out
         for g, group in enumerate(settings.groups[: MOST_ROWS // count]):
             rows = []
             for k in (k for k in range(count) if group.triangles[k]):

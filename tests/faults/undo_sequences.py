@@ -13,10 +13,7 @@ from pathlib import Path
 import bpy
 
 STEPS = 9
-OPERATORS = {
-    "populate": {}, "make_levels": {}, "measure_levels": {}, "build": {}, "bake": {}, "remove_build": {}, "preview": {},
-    "machine_preset": {}, "sample": {"name": "chapter"},
-}  # fmt: skip
+IN_A_WINDOW = "inspect", "render_viewport"
 WEIGHTS = {"build": 6, "bake": 4, "make_levels": 3, "remove_build": 2}
 KINDS = "actions armatures cameras collections lights materials meshes node_groups objects scenes texts".split()
 MARK = "undo sequences"  # a world, whose property `step` tells in which step's state the file is
@@ -46,6 +43,7 @@ class Hands:
 def sequence(seed: int, hands):
     """Take STEPS random steps; yields where the `hands` have to wait."""
     chance, states = random.Random(seed), defaultdict(list)
+    names = [name for name in sorted(dir(bpy.ops.crowd_lod)) if name not in IN_A_WINDOW]
     bpy.data.worlds.new(MARK).use_fake_user = True
     print(f"sequence {seed}:", end=" ", flush=True)
     for step in range(STEPS):
@@ -59,7 +57,7 @@ def sequence(seed: int, hands):
                     now, before = state(), states[bpy.data.worlds[MARK]["step"]]
                     assert now in before, [[(a, b) for a, b in zip(now, each, strict=True) if a != b] for each in before]
         else:
-            name = chance.choices(list(OPERATORS), [WEIGHTS.get(each, 1) for each in OPERATORS])[0]
+            name = chance.choices(names, [WEIGHTS.get(each, 1) for each in names])[0]
             if not getattr(bpy.ops.crowd_lod, name).poll():
                 continue
             print(name, end=" ", flush=True)
@@ -69,23 +67,30 @@ def sequence(seed: int, hands):
             bpy.data.worlds[MARK]["step"] = step
             bpy.ops.ed.undo_push(message="settings")
             states[step] = [state()]
-            yield from hands.press(name, OPERATORS[name] or _named(name))
+            yield from hands.press(name, named(name))
             use(chance)
             states[step].append(state())
     print("held", flush=True)
 
 
-def _named(name: str) -> dict:
-    """The preset that fits the scene's map; no other operator has a name."""
+def named(name: str) -> dict:
+    """Which sample scene, and which preset fits the scene's map; no other operator has a name."""
     fits = "plaza" if bpy.context.scene.name.startswith("Plaza") else "chapter"
-    return {"name": fits} if name == "machine_preset" else {}
+    return {"sample": {"name": "chapter"}, "machine_preset": {"name": fits}}.get(name, {})
+
+
+def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
+    """Make a new sample scene quick to work with; what it writes goes to the folder, if there is one."""
+    settings = scene.crowd_lod
+    scene.frame_end, settings.way, settings.count = 5, "PRECISE", min(settings.count, 200)
+    settings.frames, settings.width = "1,5", 64
+    settings.folder, settings.plan_folder = folder or settings.folder, folder or settings.plan_folder
 
 
 def change(chance: random.Random) -> None:
-    """Another setting, now and then; a new sample scene becomes quick to work with."""
+    """Another setting, now and then."""
     settings = bpy.context.scene.crowd_lod
-    bpy.context.scene.frame_end, settings.way, settings.count = 5, "PRECISE", min(settings.count, 200)
-    settings.frames, settings.width = "1,5", 64
+    quicken(bpy.context.scene)
     which = chance.randrange(6)
     if which == 0:
         settings.level_count = chance.randint(1, 4)
@@ -126,7 +131,8 @@ def state() -> list:
 
 def _chosen(settings) -> list:
     blocks = settings.characters, settings.levels, settings.build, settings.machine
-    return [*(block and block.name for block in blocks), [group.name for group in settings.groups]]
+    lists = ([each.name for each in several] for several in (settings.groups, settings.exceptions))
+    return [*(block and block.name for block in blocks), *lists, settings.shot_plan]
 
 
 def saved(folder: str) -> str:

@@ -68,8 +68,12 @@ def perform(steps, results: dict, folder: Path):
     bpy.app.timers.register(tick, first_interval=1.0, persistent=True)
 
 
+def windows() -> list[bpy.types.Window]:
+    return [*bpy.context.window_manager.windows]
+
+
 def window() -> bpy.types.Window:
-    return bpy.context.window_manager.windows[0]
+    return windows()[0]
 
 
 def scene() -> bpy.types.Scene:
@@ -129,19 +133,19 @@ def press(button: str, /, escape_after: float | None = None, **properties):
     return "MODAL" if "RUNNING_MODAL" in status else next(iter(status))
 
 
-def until(condition, limit: float = 30.0):
-    """Wait until the condition holds; at the limit go on, the results will tell."""
+def until(condition, limit: float = 30.0, often: float = 0.2):
+    """Wait until the condition holds, and look every `often` seconds; at the limit go on, the results will tell."""
     began = time.monotonic()
     while not condition() and time.monotonic() - began < limit:
-        yield 0.2
+        yield often
 
 
-def drawn():
+def drawn(rest: float = 0.5):
     """Have the viewport drawn anew; wait until that is done, and what it left to a timer, however slow the machine."""
     before = len(_draws)
     view_3d().tag_redraw()
-    yield from until(lambda: len(_draws) > before)
-    yield 0.5  # a later round of Blender's loop than the drawing: its timers have run
+    yield from until(lambda: len(_draws) > before, often=min(rest, 0.2))
+    yield rest  # a later round of Blender's loop than the drawing: its timers have run
 
 
 def key(name: str, **held: bool):

@@ -1,0 +1,102 @@
+"""No state of file and settings makes a panel, a list, a menu or a poll raise, in a real Blender's window: panel_states.py.
+
+CROWD_LOD_TRIALS=10 takes ten times as many states.
+"""
+
+import json
+import os
+import socket
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+STATES = 25 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
+BUTTONS = "populate remove_build remove_plan add_exception remove_exception move_exception except_agent go_to_switch machine_preset".split()
+TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
+
+
+class Window:
+    """A Blender that draws what it is sent."""
+
+    def __init__(self, port: socket.socket):
+        port.settimeout(1800)
+        connection, _ = port.accept()
+        connection.settimeout(1800)
+        self._talk = connection.makefile("rw", encoding="utf-8")
+        connection.close()
+        self.knows = self._answer()
+        self.drawn: set[str] = set()
+
+    def _answer(self) -> dict:
+        line = self._talk.readline()
+        assert line, "Blender ended"
+        return json.loads(line)
+
+    def draw(self, changes: list):
+        self._talk.write(json.dumps(changes) + "\n")
+        self._talk.flush()
+        answer = self._answer()
+        assert not answer["said"], f"after {answer['after']}:\n{answer['said']}"
+        self.drawn |= set(answer["drawn"])
+
+    def close(self):
+        self._talk.close()
+
+
+@pytest.fixture(scope="module")
+def window(used):
+    with socket.create_server(("localhost", 0)) as port, ThreadPoolExecutor(1) as aside:
+        running = aside.submit(used, "panel_states.py", str(port.getsockname()[1]))
+        window = Window(port)
+        yield window
+        window.close()
+        assert running.result()["exit"] == 0
+
+
+def values(kind: str, low: float, high: float, several: int, choices: list):
+    """Any value that a setting takes; of data-blocks a number, or none."""
+    one = {
+        "ENUM": st.sampled_from(choices or [""]),
+        "BOOLEAN": st.booleans(),
+        "INT": st.integers(int(max(low, -1000)), int(min(high, 1000))),
+        "FLOAT": st.floats(low, high, width=32),
+        "STRING": st.sampled_from(TEXTS),
+        "POINTER": st.none() | st.integers(0, 9),
+    }[kind]
+    return st.lists(one, min_size=several, max_size=several) if several else one
+
+
+def changes(knows: dict):
+    """One change of the state, as panel_states.py understands it."""
+    settings = [(owner, *each) for owner, several in knows["known"].items() for each in several]
+    put = st.sampled_from(settings).flatmap(
+        lambda each: st.tuples(st.just("set"), st.just(each[0]), st.integers(0, 2), st.just(each[1]), values(*each[2:]))
+    )
+    return st.one_of(
+        put,
+        st.sampled_from(knows["done"]).map(lambda name: (name,)),
+        st.sampled_from(BUTTONS).map(lambda name: ("press", name)),
+        st.sampled_from([("undo",), ("undo",), ("redo",), ("menu",)]),
+        st.sampled_from(knows["panels"]).map(lambda name: ("popover", name)),
+    )
+
+
+def test_figures_of_groups_that_are_gone_are_not_drawn(window):
+    window.draw([("character removed",), ("press", "populate"), ("undo",), ("undo",), ("redo",)])
+
+
+@pytest.mark.parametrize("name", ["LODs emptied", "more LODs", "kind of exception unknown", "choice unknown", "map lost"])
+def test_a_state_that_raised_once_is_drawn(window, name):
+    window.draw([(name,), ("set", "settings", 0, "choice", "BY_TOLERANCE"), ("undo",)])
+
+
+def test_every_state_is_drawn(window):
+    @settings(max_examples=STATES)
+    @given(st.lists(changes(window.knows), min_size=1, max_size=8))
+    def drawn(changes):
+        window.draw(changes)
+
+    drawn()
+    assert window.drawn >= set(window.knows["panels"])
