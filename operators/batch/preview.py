@@ -14,7 +14,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.frame import Frame
-from ...crowd_lod.planning.frame_range import evenly, parse_frames
+from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share, standing
@@ -23,7 +23,7 @@ from ...crowd_lod.reporting.html_report import page
 from ...crowd_lod.reporting.shot_report import preview_page
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
-from ..crowd import lights
+from ..crowd import lights, needs
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
@@ -213,6 +213,10 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.preview"
     bl_label = "Preview"
     bl_options = {"REGISTER"}
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
@@ -221,7 +225,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
                 f"The output folder {settings.folder} is beside a file that was never saved: save it, or choose a folder."
             )
         wanted = Preview(
-            frames=parse_frames(settings.frames, settings.step),
+            frames=scene_data.frames_of(context.scene, settings.step),
             folder=files.absolute(Path(bpy.path.abspath(settings.folder))),
             width=settings.width,
             engine=settings.engine,

@@ -14,7 +14,6 @@ from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.planning.curve import curve_of
 from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
-from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.planning.planned import PINNED
 from ...crowd_lod.planning.shot_cost import Shot, meshes_of
 from ...crowd_lod.planning.switches import WORST, largest, noticed
@@ -24,7 +23,7 @@ from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..crowd import shot_reference
+from ..crowd import needs, shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import exemptions_of
@@ -176,6 +175,10 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.plan_shot"
     bl_label = "Plan Shot"
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         scene, settings = context.scene, context.scene.crowd_lod
@@ -186,7 +189,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
         folder = files.absolute(Path(bpy.path.abspath(settings.plan_folder)))
         with files.staged(folder, plan_file.NAME) as part:
             wanted = Wanted(
-                parse_frames(settings.frames), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
+                scene_data.frames_of(scene), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
             )
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
@@ -201,11 +204,7 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.remove_plan"
     bl_label = "Remove Plan"
-
-    @classmethod
-    def poll(cls, context):
-        cls.poll_message_set("The scene has no shot plan.")
-        return bool(context.scene.crowd_lod.shot_plan)
+    needs = (needs.plan,)
 
     def run(self, context) -> str:
         context.scene.crowd_lod.shot_plan = ""
@@ -217,11 +216,7 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.go_to_switch"
     bl_label = "Go to Largest Switch"
-
-    @classmethod
-    def poll(cls, context):
-        cls.poll_message_set("The scene has no shot plan: press Plan Shot.")
-        return bool(context.scene.crowd_lod.shot_plan)
+    needs = (needs.plan,)
 
     def run(self, context) -> str:
         scene, settings = context.scene, context.scene.crowd_lod

@@ -27,7 +27,7 @@ from ..batch.preview import preview
 from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
-from ..blender import console, frame_stepping
+from ..blender import console, frame_stepping, scene_data
 from ..build import bake, render_setup, view_layers
 from ..build.buttons import prepared
 from ..build.cost_estimate import estimate
@@ -124,10 +124,10 @@ def _stem(args) -> str:
     return Path(args.scene or bpy.data.filepath or "scene").stem
 
 
-def _frames(args, settings) -> list[int]:
-    """Return the frames given in the command, or else those of the scene's settings."""
-    text, step = (getattr(settings if getattr(args, name) is None else args, name) for name in ("frames", "step"))
-    return parse_frames(text, step)
+def _frames(args, scene: bpy.types.Scene) -> list[int]:
+    """Return the frames given in the command, or else those of the scene's shot."""
+    step = scene.crowd_lod.step if args.step is None else args.step
+    return scene_data.frames_of(scene, step) if args.frames is None else parse_frames(args.frames, step)
 
 
 def _preview(args, command: list[str]) -> dict:
@@ -146,7 +146,7 @@ def _preview(args, command: list[str]) -> dict:
             f"The engine {engine.lower()} has no color {color.lower()}: take --engine overlay, or --color lod or material."
         )
     wanted = Preview(
-        frames=_frames(args, settings),
+        frames=_frames(args, scene),
         folder=folder,
         width=args.width or settings.width,
         engine=engine,
@@ -176,7 +176,7 @@ def _plan(args, command: list[str]) -> dict:
     stem = _stem(args)
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
     wanted = shot_plan.Wanted(
-        frames=parse_frames(settings.frames if args.frames is None else args.frames),
+        frames=scene_data.frames_of(scene) if args.frames is None else parse_frames(args.frames),
         folder=folder,
         avoid=settings.avoid_pops if args.avoid_pops is None else args.avoid_pops,
         budget=_budget(args, settings),
@@ -242,7 +242,7 @@ def _verify(args, command: list[str]) -> dict:
     _follow_plan(settings, args)
     stem = _stem(args)
     wanted = Verify(
-        frames=_frames(args, settings),
+        frames=_frames(args, scene),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),

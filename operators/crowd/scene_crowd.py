@@ -24,6 +24,7 @@ from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.rig_dependencies import action_range
+from . import needs
 from .character_extent import bounds, frames_of, lowest, posing, unknown
 from .scene_world import bias_of, check_maps, heights_of, machine_of, world_of
 from .settings_versions import VERSION
@@ -400,6 +401,7 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.populate"
     bl_label = "Populate"
+    needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod

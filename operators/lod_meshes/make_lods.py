@@ -12,6 +12,7 @@ from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
+from ..crowd import needs
 from ..crowd.scene_crowd import GROUP, characters_of, measuring_groups, stands, store_groups, trajectory_of
 from ..crowd.scene_world import check_maps
 from . import selection
@@ -216,6 +217,7 @@ class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.make_levels"
     bl_label = "Make LOD Meshes"
+    needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
         outcome = yield from make_levels(context.scene)

@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.planning.agent_under_cursor import nearest
+from ..blender.labelled_properties import CONTEXT
 from . import redraw, viewport_overlay
 
 WITHIN = 40.0  # nominal pixels from the cursor
@@ -27,6 +28,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
     bl_idname = "crowd_lod.inspect"
     bl_label = "Inspect Agent"
     bl_options = {"REGISTER"}
+    bl_translation_context = CONTEXT
 
     @classmethod
     def poll(cls, context):

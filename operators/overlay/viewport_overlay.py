@@ -16,7 +16,7 @@ from ...crowd_lod.planning.agent_under_cursor import Account, account
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.hysteresis import held
 from ...crowd_lod.planning.request import Request
-from ..blender import frame_stepping, image_data, scene_cache, scene_data
+from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
@@ -90,7 +90,7 @@ def register() -> None:
 
 def unregister() -> None:
     _let_go()
-    for timer in (_watch, _redraw_sidebars, _read_shutters, _stop, character_cache.bake_some):
+    for timer in (_watch, sidebars.redraw, _read_shutters, _stop, character_cache.bake_some):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
 
@@ -106,7 +106,7 @@ def _let_go() -> None:
 def _stop() -> None:
     """Timer: remove the draw handlers, which must not be done while Blender draws."""
     _let_go()
-    _redraw_sidebars()
+    sidebars.redraw()
 
 
 def latest(scene: bpy.types.Scene) -> Frame | None:
@@ -374,14 +374,5 @@ def _watch() -> float:
 
 def _redraw_sidebars_soon() -> None:
     # from within a drawing Blender would forget the request
-    if not bpy.app.timers.is_registered(_redraw_sidebars):
-        bpy.app.timers.register(_redraw_sidebars)
-
-
-def _redraw_sidebars() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
+    if not bpy.app.timers.is_registered(sidebars.redraw):
+        bpy.app.timers.register(sidebars.redraw)

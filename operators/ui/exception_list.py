@@ -5,6 +5,7 @@ import bpy
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender.labelled_properties import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 from ..blender.operator import Reporting
+from ..crowd import needs
 from ..crowd.shot_exceptions import REGIONS
 
 
@@ -67,10 +68,7 @@ def asks(item) -> str:
 
 
 class _Editing(Reporting):
-    @classmethod
-    def poll(cls, context) -> bool:
-        cls.poll_message_set("There are no exceptions.")
-        return len(context.scene.crowd_lod.exceptions) > 0
+    needs = (needs.exceptions,)
 
 
 class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):

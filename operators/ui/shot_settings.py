@@ -23,7 +23,13 @@ COLORS = (
 class FrameSettings:
     """The frames of the shot."""
 
-    frames: StringProperty(name="Frames", default="1:120", description="Frames to preview: a range 1:120 or a list 1,40,80")
+    own_frames: BoolProperty(name="Own Frame Range", description="Plan, preview and verify other frames than the scene's own range")
+    frame_start: IntProperty(name="Start", default=1, subtype="TIME", description="First frame of the shot")
+    frame_end: IntProperty(name="End", default=250, subtype="TIME", description="Last frame of the shot")
+    frames: StringProperty(
+        name="Frame List",
+        description="Frames as text, a range 1:120 or a list 1,40,80, in place of the range above; empty takes the range",
+    )
 
 
 class PlanSettings:
