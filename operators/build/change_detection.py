@@ -64,14 +64,13 @@ def _properties(item: bpy.types.Object) -> list:
 
 
 def cast_digest(items: Iterable[bpy.types.Object]) -> str:
-    """Return a hash of characters: what they hold, how they stand and play, and some of their vertices.
+    """Return a hash of characters: what they hold and play, and some of their vertices.
 
-    It is quick, to be asked while one works. A change of few vertices may escape it.
+    It is quick, to be asked while one works. A change of few vertices or keys may escape it.
     """
     items = list(items)
-    return text_digest(
-        [_holds(item) for item in items], [_slots(item) for item in items], stance(*items), list(map(_sampled, items))
-    )
+    played = [(player.action.name_full, *player.action.frame_range) for player in players_of(items) if player.action is not None]
+    return text_digest([(_holds(item), _slots(item), _sampled(item)) for item in items], played)
 
 
 def cameras_digest(cameras: Iterable[Camera]) -> str:
