@@ -2,7 +2,7 @@
 
 import bpy
 
-from .batch import preview, shot_plan
+from .batch import open_report, preview, shot_plan, verify_button
 from .blender import collection_caches, main_thread, scene_cache
 from .build import buttons, cost_estimate, frame_update, render_setup
 from .cli import commands
@@ -23,6 +23,8 @@ MODULES = (
     cost_estimate,
     preview,
     shot_plan,
+    verify_button,
+    open_report,
     viewport_image,
     buttons,
     agent_picker,
