@@ -20,7 +20,7 @@ from ..planning.switches import NOTHING, WORST, largest
 from ..planning.unneeded import unneeded
 from . import svg_plots as svg
 from . import switch_figures
-from .html_report import STYLE, cards, css_of, document, name_of, parts_of, table_of
+from .html_report import STYLE, cards, css_of, document, list_of, name_of, parts_of, table_of
 
 OF_A_FRAME = 3  # switches that the table tells of each frame
 STRIP = 1180, 90  # pixels of the strip over the timeline
@@ -106,13 +106,13 @@ def shot_parts(told: Told) -> list[str]:
         f"<h1>{title}: shot plan</h1>",
         f"<p>{escape(lead(told))}</p>",
         cards(_figures(told)),
-        _list("Warnings", _warnings(told)),
+        list_of("Warnings", _warnings(told)),
         _strip(told),
         '<div class="plots">',
         *(f"<section>{one}</section>" for one in _plots(told) if one),
         "</div>",
         _worst(told),
-        _list("What the shot does not need", unneeded(told.shot, told.plan.bill.shown, told.names)),
+        list_of("What the shot does not need", unneeded(told.shot, told.plan.bill.shown, told.names)),
         "<h2>Tables</h2>",
         _switch_table(told),
         _frame_table(told),
@@ -180,12 +180,6 @@ def _frames(numbers: np.ndarray) -> str:
     told = [str(n) for n in numbers[:5].tolist()]
     more = f" and {len(numbers) - 5:,} more" if len(numbers) > 5 else ""
     return f"frame{'s' if len(numbers) > 1 else ''} {', '.join(told)}{more}"
-
-
-def _list(title: str, sentences: Sequence[str]) -> str:
-    if not sentences:
-        return ""
-    return f"<h2>{title}</h2><ul>" + "".join(f"<li>{escape(each)}</li>" for each in sentences) + "</ul>"
 
 
 def _legend(rows: Sequence[svg.Series]) -> str:

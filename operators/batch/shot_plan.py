@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number, printable
+from ...crowd_lod.format import number
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.planning.curve import curve_of
@@ -23,6 +23,7 @@ from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
+from ..blender.output_folders import output_folder, place_of
 from ..crowd import needs, shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
@@ -182,11 +183,7 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         scene, settings = context.scene, context.scene.crowd_lod
-        if settings.plan_folder.startswith("//") and not bpy.data.filepath:
-            raise CrowdError(
-                f"The plan folder {settings.plan_folder} is beside a file that was never saved: save it, or choose a folder."
-            )
-        folder = files.absolute(Path(bpy.path.abspath(settings.plan_folder)))
+        folder = output_folder(settings.plan_folder)
         with files.staged(folder, plan_file.NAME) as part:
             wanted = Wanted(
                 scene_data.frames_of(scene), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
@@ -194,9 +191,9 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         path = str(folder / plan_file.NAME)
-        settings.shot_plan = bpy.path.relpath(path) if settings.plan_folder.startswith("//") else path
+        settings.shot_plan = bpy.path.relpath(path) if settings.plan_folder.startswith("//") and bpy.data.filepath else path
         settings.use_shot_plan = True
-        return f"{sentence(planned)} The plan is in {printable(folder)}."
+        return f"{sentence(planned)} The plan is in {place_of(settings.plan_folder)}."
 
 
 class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):

@@ -6,7 +6,7 @@ from ..blender.labelled_properties import CollectionProperty, FloatProperty, Int
 from .crowd_settings import BehaviorSettings, CameraSettings, CrowdSettings
 from .level_settings import CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
-from .shot_settings import FrameSettings, PlanSettings, PreviewSettings
+from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifySettings
 
 
 class CrowdLodSettings(
@@ -17,6 +17,7 @@ class CrowdLodSettings(
     FrameSettings,
     PlanSettings,
     PreviewSettings,
+    VerifySettings,
     OverlaySettings,
     bpy.types.PropertyGroup,
 ):

@@ -113,3 +113,20 @@ class PreviewSettings:
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Folder for the preview's pictures, table and plan",
     )
+
+
+class VerifySettings:
+    """The renders of a proof."""
+
+    verify_count: IntProperty(name="Frames", default=3, min=1, description="Frames that are rendered, evenly chosen")
+    verify_width: IntProperty(
+        name="Width", default=320, min=16, max=8192, subtype="PIXEL", description="Width of the pictures that are compared"
+    )
+    verify_samples: IntProperty(name="Samples", default=4, min=1, max=4096, description="Samples of each pixel that are rendered")
+    verify_folder: StringProperty(
+        name="Verify Folder",
+        default="//crowd_lod_verify",
+        subtype="DIR_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="Folder for the pictures that are compared, and their report",
+    )

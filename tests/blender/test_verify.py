@@ -72,7 +72,7 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
     assert [int(row["b_pixels"]) for row in rows] == [0, 0]
     names = ("a", "b", "bare", "c", "a_b", "a_bare", "a_c")
     pictures = {f"frame_{n:04d}_{name}.png" for n in (1, 30) for name in names}
-    assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png"}
+    assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png", "report.html"}
     assert not image_data.load_pixels(out / "frame_0001_a_b.png")[..., :3].any()
     assert image_data.load_pixels(out / "frame_0001_a_bare.png")[..., :3].any()
 
