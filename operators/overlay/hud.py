@@ -72,7 +72,6 @@ def figures(
         )
     if frame.dropped:
         said.append(Line(f"{frame.dropped:,} agents at NaN or infinity are left out."))
-    said += [Line(f"{STAGES.get(item.stage, 'Plan')}: {item.reason}") for item in frame.left_out]
     return tuple(said)
 
 

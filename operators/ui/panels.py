@@ -369,20 +369,29 @@ class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
 
 class CROWDLOD_PT_build(_Step, bpy.types.Panel):
     bl_label = "Build"
-    main = ("crowd_lod.build", "Build")
+
+    def draw_header_preset(self, context) -> None:
+        text = "Update" if staleness.changed(context.scene) else "Build"
+        button(self.layout, _build_of(context.scene), text, following=steps.following(context.scene))
 
     def body(self, context, layout, settings) -> None:
-        changed, baked = staleness.changed(context.scene), settings.build is not None and BAKED in settings.build
-        names = [f"Update {name}" if changed and own else name for name, own in (("Build", not baked), ("Bake", baked))]
+        changed, own = staleness.changed(context.scene), _build_of(context.scene)
         row = layout.row(align=True)
-        following = steps.following(context.scene)
-        button(row, "crowd_lod.build", names[0], "GEOMETRY_NODES", "" if baked else following)
-        button(row, "crowd_lod.bake", names[1], "FREEZE", "crowd_lod.bake" * (baked and bool(changed)))
+        for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):
+            operator = f"crowd_lod.{name.lower()}"
+            text = f"Update {name}" if changed and operator == own else name
+            button(row, operator, text, icon, steps.following(context.scene))
         row.operator("crowd_lod.remove_build", text="", icon="TRASH")
         label(
             layout, f"Changed: {', '.join(changed)}" if changed else _built(settings.build), "FILE_REFRESH" if changed else "INFO"
         )
         layout.prop(settings, "keep_characters")
+
+
+def _build_of(scene: bpy.types.Scene) -> str:
+    """Return the operator that made the scene's build, or that makes one."""
+    build = scene.crowd_lod.build
+    return "crowd_lod.bake" if build is not None and BAKED in build else "crowd_lod.build"
 
 
 def _built(build: bpy.types.Collection | None) -> str:

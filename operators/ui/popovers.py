@@ -54,6 +54,10 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
             label(split, name, icon)
             label(split, value)
         self.levels(context, context.scene.crowd_lod, frame)
+        if frame.left_out:
+            label(self.layout, "What this scene does not need")
+            for item in frame.left_out:
+                paragraph(self.layout, f"{STAGES.get(item.stage, 'Plan')}: {item.reason}", "DOT", LETTERS)
 
     def levels(self, context, settings, frame) -> None:
         """Draw what is known of each group's LODs, and where each begins."""

@@ -4,6 +4,7 @@ import bpy
 
 from ...crowd_lod.simplification.decimate import missing_library
 from ..build import staleness
+from ..build.render_setup import BAKED
 from ..crowd import needs
 from ..lod_meshes.made_for import outdated
 from ..overlay import viewport_overlay
@@ -15,6 +16,7 @@ LABELS = {
     "crowd_lod.plan_shot": "Plan Shot",
     "crowd_lod.build": "Build",
     "crowd_lod.verify": "Verify",
+    "crowd_lod.bake": "Bake",
 }
 
 
@@ -28,7 +30,8 @@ def following(scene: bpy.types.Scene) -> str:
         bool(settings.shot_plan),
         settings.build is not None and not staleness.changed(scene),
     )
-    return next((name for name, made in zip(LABELS, done, strict=False) if not made), "crowd_lod.verify")
+    name = next((name for name, made in zip(LABELS, done, strict=False) if not made), "crowd_lod.verify")
+    return "crowd_lod.bake" if name == "crowd_lod.build" and settings.build is not None and BAKED in settings.build else name
 
 
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
