@@ -31,7 +31,9 @@ def test_a_few_frames_of_the_shot_are_proved_and_reported(levelled, tmp_path, ca
     path = report_path(levelled, "VERIFY")
     assert path == tmp_path / "crowd_lod_verify" / "report.html"
     result = json.loads(path.with_name("verify.json").read_text())
-    assert result["ok"] and [row["frame"] for row in result["frames"]] == [1, 30] and result["width"] == 64 and result["samples"] == 1
+    assert (
+        result["ok"] and [row["frame"] for row in result["frames"]] == [1, 30] and result["width"] == 64 and result["samples"] == 1
+    )
     read = Reader(path.read_text(encoding="utf-8"))
     said = next(text for text in read.texts if text.startswith("OK: culling changes no pixel in 2 frames; LODs shift "))
     assert f"{said} The report is in {path.parent}." in capfd.readouterr().out
