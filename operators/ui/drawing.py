@@ -50,6 +50,13 @@ def greyed(layout, active: bool) -> bpy.types.UILayout:
     return column
 
 
+def wide(layout, settings, name: str) -> None:
+    """Draw a setting over the whole width, where its label is too long for half of it."""
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(settings, name)
+
+
 def length(context, units: float) -> str:
     return bpy.utils.units.to_string(
         context.scene.unit_settings.system, "LENGTH", units * scene_data.metres(context.scene), precision=3
@@ -64,12 +71,12 @@ def distance(context, units: float | None) -> str:
 
 
 def table(layout, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    box = layout.box().column(align=True)
-    cells(box, head)
+    column = layout.column(align=True)  # the text of boxes is hard to read in the light theme
+    cells(column, head)
     for row in rows[:MOST_ROWS]:
-        cells(box, row)
+        cells(column, row)
     if len(rows) > MOST_ROWS:
-        label(box, f"and {len(rows) - MOST_ROWS} more")
+        label(column, f"and {len(rows) - MOST_ROWS} more")
 
 
 def cells(layout, texts: Sequence[str], icon: str = "NONE", columns: int = 0) -> bpy.types.UILayout:

@@ -14,7 +14,7 @@ from ..build.view_layers import layers_of
 from ..lod_meshes.made_for import outdated
 from ..overlay import viewport_overlay
 from . import steps
-from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table
+from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
 
 
 class _Sidebar:
@@ -151,8 +151,8 @@ class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
     step = "camera"
 
     def body(self, context, layout, settings) -> None:
-        layout.prop(context.scene, "camera", text="Active Camera")
-        layout.prop(settings, "shadows")
+        layout.prop(context.scene, "camera", text="Active Camera", translate=False)
+        wide(layout, settings, "shadows")
         greyed(layout, settings.shadows).prop(settings, "mirrors")
 
 
@@ -163,8 +163,8 @@ class CROWDLOD_PT_culling(_Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         layout.prop(settings, "margin_kind")
         greyed(layout, settings.margin_kind == "FIXED").prop(settings, "margin", text="Distance", translate=False)
-        greyed(layout, context.scene.render.use_border).prop(settings, "cull_to_border")
-        layout.prop(settings, "drop_lost")
+        wide(greyed(layout, context.scene.render.use_border), settings, "cull_to_border")
+        wide(layout, settings, "drop_lost")
         greyed(layout, settings.shadows).prop(settings, "unseen_level")
 
 
@@ -173,10 +173,12 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
     step, main = "levels", ("crowd_lod.make_levels", "Make")
 
     def body(self, context, layout, settings) -> None:
-        layout.row().prop(settings, "choice", expand=True)
+        row = layout.row()
+        row.use_property_split = False
+        row.prop(settings, "choice", expand=True)
         if settings.choice == "BY_TOLERANCE":
             layout.prop(settings, "tolerance")
-            layout.prop(settings, "memory", text="Memory")
+            layout.prop(settings, "memory", text="Memory", translate=False)
         else:
             layout.prop(settings, "level_count")
             layout.prop(settings, "metric")
@@ -279,6 +281,7 @@ class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
         _with_report(layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.following(context.scene))
         row = layout.row(align=True)
         row.use_property_split = False
+        row.enabled = bool(settings.shot_plan)
         row.prop(settings, "use_shot_plan", toggle=True)
         row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
         layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
@@ -309,8 +312,9 @@ class CROWDLOD_PT_budget(_Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        for name in ("budget_triangles", "budget_memory", "plan_blurred"):
-            layout.prop(settings, name)
+        layout.prop(settings, "budget_triangles")
+        layout.prop(settings, "budget_memory")
+        wide(layout, settings, "plan_blurred")
 
 
 class CROWDLOD_PT_exceptions(_Step, bpy.types.Panel):

@@ -41,13 +41,14 @@ def session():
 def listen():
     """Note the frame of the figures whenever the sidebar draws them."""
     panels = sys.modules[f"{robot.MODULE}.operators.ui.panels"]
-    draw = panels._figures
+    line = panels._line
 
-    def figures(layout, frame):
-        results["sidebar"] = frame.time
-        draw(layout, frame)
+    def noted(scene):
+        frame = overlay().latest(scene)
+        results["sidebar"] = frame and frame.time
+        return line(scene)
 
-    panels._figures = figures
+    panels._line = noted
 
 
 def after(change):
