@@ -86,7 +86,14 @@ def _presets(layout, step: str) -> None:
 class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
     bl_label = "Crowd"
     bl_options = set()
-    step, main = "crowd", ("crowd_lod.populate", "Populate")
+    step = "crowd"
+
+    def draw_header_preset(self, context) -> None:
+        following = steps.following(context.scene)
+        if context.scene.crowd_lod.characters is None:
+            button(self.layout, "crowd_lod.characters_from_selection", "From Selection", following=following)
+        else:
+            button(self.layout, "crowd_lod.populate", "Populate", following=following)
 
     def body(self, context, layout, settings) -> None:
         following = steps.following(context.scene)
