@@ -7,8 +7,8 @@ from .threshold_order import note_thresholds
 
 # By the version of the settings that brought another default: the setting, and its default before.
 # Blender does not save a setting that has its default.
-BEFORE = {1: ("choice", "BY_RATIO"), 2: ("frames", "1:120")}
-VERSION = max(BEFORE)
+DEFAULTS_BEFORE = {1: ("choice", "BY_RATIO"), 2: ("frames", "1:120")}
+VERSION = max(DEFAULTS_BEFORE)
 
 
 @bpy.app.handlers.persistent
@@ -41,7 +41,7 @@ def note(*_) -> None:
 
 def _keep_defaults(settings) -> None:
     """Set what was a default in the settings' own version and is none now."""
-    for version, (name, value) in BEFORE.items():
+    for version, (name, value) in DEFAULTS_BEFORE.items():
         if settings.version < version and not settings.is_property_set(name):
             setattr(settings, name, value)
 
