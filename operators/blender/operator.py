@@ -27,17 +27,13 @@ def left_words(progress: float, seconds: float) -> str:
     return f", about {left / unit:,.0f} {words} left"
 
 
-class Reporting:
-    """Mix-in for operators that report their result or an error.
-
-    `run(context)` does the work and returns the message for the status bar. One of FAULTS is
-    reported, and the operator is canceled.
+class Needing:
+    """Mix-in for operators that need something of a scene.
 
     needs: functions that return a sentence on what a scene lacks, or "". The tooltip of the grayed
         button says it.
     """
 
-    bl_options = {"REGISTER", "UNDO"}
     bl_translation_context = CONTEXT
     needs: tuple[Callable[[bpy.types.Scene], str], ...] = ()
 
@@ -49,6 +45,16 @@ class Reporting:
         if lack:
             cls.poll_message_set(lack)
         return not lack
+
+
+class Reporting(Needing):
+    """Mix-in for operators that report their result or an error.
+
+    `run(context)` does the work and returns the message for the status bar. One of FAULTS is
+    reported, and the operator is canceled.
+    """
+
+    bl_options = {"REGISTER", "UNDO"}
 
     def execute(self, context) -> set[str]:
         try:

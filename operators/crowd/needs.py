@@ -26,6 +26,10 @@ def overlay(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.overlay else "Switch the overlay on first"
 
 
+def picked(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.agent >= 0 else "Pick an agent in the viewport first, with the eyedropper beside Agent"
+
+
 def plan(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.shot_plan else "The scene has no shot plan: press Plan Shot"
 

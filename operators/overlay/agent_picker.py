@@ -4,7 +4,8 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.planning.agent_under_cursor import nearest
-from ..blender.labelled_properties import CONTEXT
+from ..blender.operator import Needing
+from ..crowd import needs
 from . import redraw, viewport_overlay
 
 WITHIN = 40.0  # nominal pixels from the cursor
@@ -22,18 +23,13 @@ def under(screen: bpy.types.Screen, x: int, y: int) -> bpy.types.Region | None:
     return None
 
 
-class CROWDLOD_OT_inspect(bpy.types.Operator):
+class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
     """Pick an agent in the viewport: see why it is shown or culled, its LOD and cost"""
 
     bl_idname = "crowd_lod.inspect"
     bl_label = "Inspect Agent"
     bl_options = {"REGISTER"}
-    bl_translation_context = CONTEXT
-
-    @classmethod
-    def poll(cls, context):
-        cls.poll_message_set("Switch the overlay on first.")
-        return viewport_overlay.latest(context.scene) is not None
+    needs = (needs.overlay, viewport_overlay.undrawn)
 
     def invoke(self, context, event) -> set[str]:
         self._before = context.scene.crowd_lod.agent

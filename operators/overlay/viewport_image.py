@@ -9,6 +9,7 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ..blender import cameras, image_data
 from ..blender.operator import Reporting
+from ..crowd import needs
 from . import viewport_overlay, visibility
 from .playblast import Canvas, camera_matrices
 
@@ -18,14 +19,14 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.render_viewport"
     bl_label = "Render Viewport Image"
+    needs = (needs.overlay, viewport_overlay.undrawn)
 
     @classmethod
     def poll(cls, context):
         if context.area is None or context.area.type != "VIEW_3D":
             cls.poll_message_set("Put the mouse over a 3D viewport.")
             return False
-        cls.poll_message_set("Switch the overlay on first.")
-        return viewport_overlay.latest(context.scene) is not None
+        return super().poll(context)
 
     def run(self, context) -> str:
         shown, space = viewport_overlay.shown_of(context.scene), context.space_data

@@ -129,6 +129,11 @@ def problem(scene: bpy.types.Scene) -> str | None:
     return _failure or (shown and shown.problem)
 
 
+def undrawn(scene: bpy.types.Scene) -> str:
+    """Return a sentence that says why the viewport shows no frame of `scene`; "" if it does."""
+    return "" if latest(scene) is not None else problem(scene) or "The overlay was not drawn yet"
+
+
 def account_of(scene: bpy.types.Scene) -> Account | None:
     """Return the account of the agent picked in the scene's settings, or None."""
     shown, agent = shown_of(scene), scene.crowd_lod.agent

@@ -58,7 +58,7 @@ class CROWDLOD_UL_exceptions(bpy.types.UIList):
         part = row.row(align=True)
         part.active = item.use
         part.prop(item, "name", text="", emboss=False)
-        part.label(text=asks(item))
+        part.label(text=asks(item), translate=False)
 
 
 def asks(item) -> str:
@@ -86,11 +86,7 @@ class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.except_agent"
     bl_label = "Add Exception for Picked Agent"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        cls.poll_message_set("Pick an agent in the viewport first, with the eyedropper beside Agent.")
-        return context.scene.crowd_lod.agent >= 0
+    needs = (needs.picked,)
 
     def run(self, context) -> str:
         agent = context.scene.crowd_lod.agent

@@ -11,7 +11,9 @@ from bl_ui.utils import PresetPanel
 
 from ..blender.labelled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
+from ..crowd.outdated_estimate import outdate
 from ..crowd.renamed_settings import STORED
+from ..crowd.threshold_order import note_thresholds
 from .crowd_settings import BehaviorSettings, CameraSettings, CrowdSettings
 from .level_settings import LevelSettings
 from .overlay_settings import OverlaySettings
@@ -53,9 +55,12 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
     step: EnumProperty(name="Step", items=[(step, step.capitalize(), "") for step in STEPS], default="all")
 
     def run(self, context) -> str:
-        names = names_of(self.step)
+        names, settings = names_of(self.step), context.scene.crowd_lod
         for name in names:
-            context.scene.crowd_lod.property_unset(STORED.get(name, name))
+            settings.property_unset(STORED.get(name, name))
+        # no setting's update callback is called
+        note_thresholds(settings)
+        outdate(settings, context)
         return f"{len(names)} settings are at their defaults."
 
 
@@ -64,6 +69,7 @@ class _Adding(AddPresetBase):
 
     preset_defines = ["settings = bpy.context.scene.crowd_lod"]
     bl_options = {"REGISTER", "INTERNAL"}
+    bl_translation_context = CONTEXT
 
     def pre_cb(self, context) -> None:
         # known once the settings are registered
