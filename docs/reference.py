@@ -17,7 +17,7 @@ from bl_operators.presets import AddPresetBase
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.crowd.renamed_settings import STORED
-from crowd_lod_extension.operators.ui import panels, presets
+from crowd_lod_extension.operators.ui import panels, presets, shot_panels
 from crowd_lod_extension.operators.ui.exception_list import CrowdLodException
 from crowd_lod_extension.operators.ui.properties import CrowdLodGroup, CrowdLodSettings
 
@@ -81,7 +81,7 @@ def section(title: str, about: str, names: Iterable[str], kind: type) -> str:
 
 def settings_page() -> str:
     """Return the page of the settings and of the operators, which must be registered."""
-    labels = {panel.step: panel.bl_label for panel in panels.CLASSES if getattr(panel, "step", "")}
+    labels = {panel.step: panel.bl_label for panel in (*panels.CLASSES, *shot_panels.CLASSES) if getattr(panel, "step", "")}
     parts = [f"# Settings and operators, for scripts\n\n{WRITTEN}\n"]
     parts += [
         "The settings are properties of `scene.crowd_lod`, in the order of the work.\n"

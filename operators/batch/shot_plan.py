@@ -24,6 +24,7 @@ from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import output_folder, place_of
+from ..build.render_setup import check_levels
 from ..crowd import needs, shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
@@ -120,6 +121,7 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(make_levels(scene), 0.1, 1.0)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
         yield from share(measure_levels(scene), 0.1, 1.0)
+    check_levels(scene)  # those of other settings may be fewer
 
 
 def write_plan(

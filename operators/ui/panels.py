@@ -1,4 +1,4 @@
-"""The panels of the sidebar, a step of the work each. They only draw.
+"""The panels of the crowd and its LODs, a step of the work each. They only draw.
 
 Their height does not change while one works: figures, messages and the account of an agent are in
 popovers and in the viewport; what does not apply is grayed.
@@ -6,29 +6,18 @@ popovers and in the viewport; what does not apply is grayed.
 
 import bpy
 
-from ...crowd_lod.errors import CrowdError
-from ..blender.labelled_properties import CONTEXT
-from ..build import staleness
-from ..build.render_setup import BAKED, baked_of
-from ..build.view_layers import layers_of
 from ..lod_meshes.made_for import outdated
 from ..overlay import viewport_overlay
 from . import steps
 from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
+from .step_panel import Sidebar, Step, presets_button
 
 
-class _Sidebar:
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "Crowd LOD"
-    bl_translation_context = CONTEXT
-
-
-class CROWDLOD_PT_main(_Sidebar, bpy.types.Panel):
+class CROWDLOD_PT_main(Sidebar, bpy.types.Panel):
     bl_label = "Crowd LOD"
 
     def draw_header_preset(self, context) -> None:
-        _presets(self.layout, "all")
+        presets_button(self.layout, "all")
 
     def draw(self, context) -> None:
         column, scene = self.layout.column(align=True), context.scene
@@ -50,43 +39,17 @@ def _line(scene: bpy.types.Scene) -> str:
     return f"{seen}, {frame.triangles / frame.full_triangles:.0%} triangles" if frame.full_triangles else seen
 
 
-class _Step(_Sidebar):
-    """The panel of one step of the work; `body(context, layout, settings)` draws it.
-
-    step: of ui.presets.STEPS; "" for a panel without presets.
-    main: (operator, text) of the button in the header; () for none.
-    """
-
-    bl_parent_id = "CROWDLOD_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}
-    step = ""
-    main: tuple[str, ...] = ()
-
-    def draw_header_preset(self, context) -> None:
-        if self.main:
-            button(self.layout, *self.main, following=steps.following(context.scene))
-
-    def draw(self, context) -> None:
-        layout = self.layout
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        if self.step:
-            row = layout.row()
-            row.alignment = "RIGHT"
-            _presets(row, self.step)
-        self.body(context, layout, context.scene.crowd_lod)
-
-
-def _presets(layout, step: str) -> None:
-    row = layout.row()
-    row.emboss = "NONE"
-    row.popover(f"CROWDLOD_PT_{step}_presets", text="", icon="PRESET")
-
-
-class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
+class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
     bl_label = "Crowd"
     bl_options = set()
-    step, main = "crowd", ("crowd_lod.populate", "Populate")
+    step = "crowd"
+
+    def draw_header_preset(self, context) -> None:
+        following = steps.following(context.scene)
+        if context.scene.crowd_lod.characters is None:
+            button(self.layout, "crowd_lod.characters_from_selection", "From Selection", following=following)
+        else:
+            button(self.layout, "crowd_lod.populate", "Populate", following=following)
 
     def body(self, context, layout, settings) -> None:
         following = steps.following(context.scene)
@@ -97,7 +60,7 @@ class CROWDLOD_PT_crowd(_Step, bpy.types.Panel):
         button(layout, "crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD", following=following)
 
 
-class CROWDLOD_PT_groups(_Step, bpy.types.Panel):
+class CROWDLOD_PT_groups(Step, bpy.types.Panel):
     bl_label = "Character Groups"
     bl_parent_id = "CROWDLOD_PT_crowd"
 
@@ -108,7 +71,7 @@ class CROWDLOD_PT_groups(_Step, bpy.types.Panel):
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
 
 
-class CROWDLOD_PT_samples(_Step, bpy.types.Panel):
+class CROWDLOD_PT_samples(Step, bpy.types.Panel):
     bl_label = "Sample Scenes"
     bl_parent_id = "CROWDLOD_PT_crowd"
 
@@ -118,7 +81,7 @@ class CROWDLOD_PT_samples(_Step, bpy.types.Panel):
             row.operator("crowd_lod.sample", text=name.capitalize(), translate=False).name = name
 
 
-class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
+class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
     bl_label = "Behavior"
     step = "behavior"
 
@@ -135,7 +98,7 @@ class CROWDLOD_PT_behaviour(_Step, bpy.types.Panel):
         label(layout, told, "INFO")
 
 
-class CROWDLOD_PT_heights(_Step, bpy.types.Panel):
+class CROWDLOD_PT_heights(Step, bpy.types.Panel):
     bl_label = "Height Map"
     bl_parent_id = "CROWDLOD_PT_behaviour"
 
@@ -146,7 +109,7 @@ class CROWDLOD_PT_heights(_Step, bpy.types.Panel):
         column.prop(settings, "tilt")
 
 
-class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
+class CROWDLOD_PT_camera(Step, bpy.types.Panel):
     bl_label = "Camera"
     step = "camera"
 
@@ -156,7 +119,7 @@ class CROWDLOD_PT_camera(_Step, bpy.types.Panel):
         greyed(layout, settings.shadows).prop(settings, "mirrors")
 
 
-class CROWDLOD_PT_culling(_Step, bpy.types.Panel):
+class CROWDLOD_PT_culling(Step, bpy.types.Panel):
     bl_label = "Culling"
     bl_parent_id = "CROWDLOD_PT_camera"
 
@@ -168,7 +131,7 @@ class CROWDLOD_PT_culling(_Step, bpy.types.Panel):
         greyed(layout, settings.shadows).prop(settings, "unseen_level")
 
 
-class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
+class CROWDLOD_PT_levels(Step, bpy.types.Panel):
     bl_label = "Levels of Detail"
     step, main = "levels", ("crowd_lod.make_levels", "Make")
 
@@ -209,7 +172,7 @@ class CROWDLOD_PT_levels(_Step, bpy.types.Panel):
                 label(row, length(context, far * settings.thresholds[level - 1]) if far else "?")
 
 
-class CROWDLOD_PT_own_thresholds(_Step, bpy.types.Panel):
+class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
     bl_label = "Thresholds of Groups"
     bl_parent_id = "CROWDLOD_PT_levels"
 
@@ -228,7 +191,7 @@ class CROWDLOD_PT_own_thresholds(_Step, bpy.types.Panel):
                 row.prop(group, "sizes" if settings.metric == "PIXELS" else "thresholds", index=level, text="")
 
 
-class CROWDLOD_PT_decimation(_Step, bpy.types.Panel):
+class CROWDLOD_PT_decimation(Step, bpy.types.Panel):
     bl_label = "Decimation and Textures"
     bl_parent_id = "CROWDLOD_PT_levels"
 
@@ -240,7 +203,7 @@ class CROWDLOD_PT_decimation(_Step, bpy.types.Panel):
         button(layout, "crowd_lod.measure_levels", icon="DRIVER_DISTANCE")
 
 
-class CROWDLOD_PT_overlay(_Step, bpy.types.Panel):
+class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
     bl_label = "Overlay"
     step = "overlay"
 
@@ -258,7 +221,7 @@ class CROWDLOD_PT_overlay(_Step, bpy.types.Panel):
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
 
 
-class CROWDLOD_PT_drawing(_Step, bpy.types.Panel):
+class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
     bl_label = "Drawing"
     bl_parent_id = "CROWDLOD_PT_overlay"
 
@@ -266,179 +229,6 @@ class CROWDLOD_PT_drawing(_Step, bpy.types.Panel):
         column = greyed(layout, settings.overlay)
         for name in ("overlay_culled", "overlay_fade", "hysteresis"):
             column.prop(settings, name)
-
-
-class CROWDLOD_PT_plan(_Step, bpy.types.Panel):
-    bl_label = "Plan Shot"
-    step, main = "plan", ("crowd_lod.plan_shot", "Plan")
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "own_frames")
-        column = greyed(layout, settings.own_frames and not settings.frames).column(align=True)
-        column.prop(settings, "frame_start")
-        column.prop(settings, "frame_end")
-        layout.prop(settings, "avoid_pops")
-        _with_report(layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.following(context.scene))
-        row = layout.row(align=True)
-        row.use_property_split = False
-        row.enabled = bool(settings.shot_plan)
-        row.prop(settings, "use_shot_plan", toggle=True)
-        row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
-        layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
-        label(layout, *_held(context.scene))
-
-
-def _with_report(layout, name: str, icon: str, which: str, following: str) -> None:
-    """Draw the button of a step, and beside it the one that opens its report."""
-    row = layout.row(align=True)
-    button(row, name, icon=icon, following=following)
-    row.operator("crowd_lod.open_report", text="", icon="URL").which = which
-
-
-def _held(scene: bpy.types.Scene) -> tuple[str, str]:
-    """Return (whether the stored plan holds in the frame that the overlay shows, its icon)."""
-    if not scene.crowd_lod.shot_plan:
-        return "No plan: LODs by distance", "INFO"
-    frame = viewport_overlay.latest(scene) if scene.crowd_lod.use_shot_plan else None
-    if frame is None:
-        return "Switched off" if not scene.crowd_lod.use_shot_plan else "The overlay tells if it holds", "INFO"
-    if frame.planned:
-        return f"Frame {frame.time:g} is as planned", "CHECKMARK"
-    return ("Does not hold: see above", "ERROR") if frame.unplanned else ("The viewport's view has no plan", "INFO")
-
-
-class CROWDLOD_PT_budget(_Step, bpy.types.Panel):
-    bl_label = "Budget"
-    bl_parent_id = "CROWDLOD_PT_plan"
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "budget_triangles")
-        layout.prop(settings, "budget_memory")
-        wide(layout, settings, "plan_blurred")
-
-
-class CROWDLOD_PT_exceptions(_Step, bpy.types.Panel):
-    bl_label = "Exceptions"
-    bl_parent_id = "CROWDLOD_PT_plan"
-
-    def body(self, context, layout, settings) -> None:
-        row = layout.row()
-        row.use_property_split = False
-        row.template_list("CROWDLOD_UL_exceptions", "", settings, "exceptions", settings, "exception_index", rows=4)
-        column = row.column(align=True)
-        column.operator("crowd_lod.add_exception", text="", icon="ADD")
-        column.operator("crowd_lod.remove_exception", text="", icon="REMOVE")
-        for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
-            column.operator("crowd_lod.move_exception", text="", icon=icon).by = by
-        layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
-        if settings.exception_index < len(settings.exceptions):
-            self.entry(layout, settings.exceptions[settings.exception_index])
-
-    def entry(self, layout, entry) -> None:
-        """Draw the settings of the selected exception."""
-        column = greyed(layout, entry.use)
-        column.prop(entry, "kind")
-        greyed(column, entry.kind != "HIDE").prop(entry, "level")
-        column.prop(entry, "chosen_by")
-        column.prop(entry, {"MAP": "map_image", "NUMBERS": "agents", "REGION": "region"}[entry.chosen_by])
-        column.prop(entry, "all_frames")
-        frames = greyed(column, not entry.all_frames)
-        frames.prop(entry, "first_frame")
-        frames.prop(entry, "last_frame")
-
-
-class CROWDLOD_PT_plan_output(_Step, bpy.types.Panel):
-    bl_label = "Output"
-    bl_parent_id = "CROWDLOD_PT_plan"
-
-    def body(self, context, layout, settings) -> None:
-        layout.prop(settings, "frames")
-        layout.prop(settings, "plan_folder")
-        layout.prop(settings, "shot_plan")
-
-
-class CROWDLOD_PT_preview(_Step, bpy.types.Panel):
-    bl_label = "Preview"
-    step, main = "preview", ("crowd_lod.preview", "Preview")
-
-    def body(self, context, layout, settings) -> None:
-        for name in ("step", "width", "engine"):
-            layout.prop(settings, name)
-        # else its color is the overlay's
-        greyed(layout, settings.engine != "OVERLAY").prop(settings, "color")
-        layout.prop(settings, "above", text="From Above", translate=False)
-        layout.prop(settings, "folder")
-        _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
-
-
-class CROWDLOD_PT_build(_Step, bpy.types.Panel):
-    bl_label = "Build"
-
-    def draw_header_preset(self, context) -> None:
-        text = "Update" if staleness.changed(context.scene) else "Build"
-        button(self.layout, _build_of(context.scene), text, following=steps.following(context.scene))
-
-    def body(self, context, layout, settings) -> None:
-        changed, own = staleness.changed(context.scene), _build_of(context.scene)
-        row = layout.row(align=True)
-        for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):
-            operator = f"crowd_lod.{name.lower()}"
-            text = f"Update {name}" if changed and operator == own else name
-            button(row, operator, text, icon, steps.following(context.scene))
-        row.operator("crowd_lod.remove_build", text="", icon="TRASH")
-        label(
-            layout, f"Changed: {', '.join(changed)}" if changed else _built(settings.build), "FILE_REFRESH" if changed else "INFO"
-        )
-        layout.prop(settings, "keep_characters")
-
-
-def _build_of(scene: bpy.types.Scene) -> str:
-    """Return the operator that made the scene's build, or that makes one."""
-    build = scene.crowd_lod.build
-    return "crowd_lod.bake" if build is not None and BAKED in build else "crowd_lod.build"
-
-
-def _built(build: bpy.types.Collection | None) -> str:
-    """Return what the build is."""
-    if build is None:
-        return "Not built"
-    try:
-        return "Baked: frames {2:g} to {3:g}".format(*baked_of(build)) if BAKED in build else "Follows frame and camera"
-    except CrowdError as error:
-        return str(error)
-
-
-class CROWDLOD_PT_cost(_Step, bpy.types.Panel):
-    bl_label = "Cost"
-    bl_parent_id = "CROWDLOD_PT_build"
-
-    def body(self, context, layout, settings) -> None:
-        button(layout, "crowd_lod.estimate", icon="MEMORY")
-        head, *rows = (line.split("\t") for line in settings.estimate.splitlines()) if settings.estimate else (("Not estimated",),)
-        table(layout, head, rows)
-
-
-class CROWDLOD_PT_view_layers(_Step, bpy.types.Panel):
-    bl_label = "View Layers"
-    bl_parent_id = "CROWDLOD_PT_build"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        return context.scene.crowd_lod.build is not None and len(context.scene.view_layers) > 1
-
-    def body(self, context, layout, settings) -> None:
-        for name, place in layers_of(context.scene).items():
-            layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
-
-
-class CROWDLOD_PT_verify(_Step, bpy.types.Panel):
-    bl_label = "Verify"
-    step, main = "verify", ("crowd_lod.verify", "Verify")
-
-    def body(self, context, layout, settings) -> None:
-        for name in ("verify_count", "verify_width", "verify_samples", "verify_folder"):
-            layout.prop(settings, name)
-        _with_report(layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.following(context.scene))
 
 
 CLASSES = (
@@ -455,13 +245,4 @@ CLASSES = (
     CROWDLOD_PT_decimation,
     CROWDLOD_PT_overlay,
     CROWDLOD_PT_drawing,
-    CROWDLOD_PT_plan,
-    CROWDLOD_PT_budget,
-    CROWDLOD_PT_exceptions,
-    CROWDLOD_PT_plan_output,
-    CROWDLOD_PT_preview,
-    CROWDLOD_PT_build,
-    CROWDLOD_PT_cost,
-    CROWDLOD_PT_view_layers,
-    CROWDLOD_PT_verify,
 )

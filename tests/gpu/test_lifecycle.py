@@ -5,6 +5,7 @@ import weakref
 
 import bpy
 from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.blender import sidebars
 from crowd_lod_extension.operators.overlay import character_cache, shader_programs, viewport_overlay
 
 from .test_frame_update import scene, shown  # noqa: F401  a fixture
@@ -23,7 +24,7 @@ def left():
             bpy.app.timers.is_registered(f)
             for f in (
                 viewport_overlay._watch,
-                viewport_overlay._redraw_sidebars,
+                sidebars.redraw,
                 viewport_overlay._read_shutters,
                 viewport_overlay._stop,
                 character_cache.bake_some,
