@@ -41,9 +41,12 @@ def archive(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def used(archive, tmp_path_factory):
-    """(script, word ...) -> the results that the script wrote, what Blender printed, and its exit status."""
+    """(script, word ...) -> the results that the script wrote, what Blender printed, and its exit status.
 
-    def use(script: str, *words: str) -> dict:
+    small: in a small window, which software OpenGL draws several times as fast.
+    """
+
+    def use(script: str, *words: str, small: bool = False) -> dict:
         user = tmp_path_factory.mktemp("user")
         folder = Path(os.environ.get("CROWD_LOD_PICTURES") or tmp_path_factory.mktemp("window")).resolve()
         folder.mkdir(parents=True, exist_ok=True)
@@ -54,7 +57,8 @@ def used(archive, tmp_path_factory):
         environment = os.environ | own
         install = [BLENDER, "--command", "extension", "install-file", "-r", "user_default", "--enable", archive]
         subprocess.run(install, check=True, env=environment)
-        command = [*in_a_window(), "--enable-event-simulate", "--python", HERE / script, "--", folder, *words]
+        size = ["--window-geometry", "0", "0", "800", "600"] if small else []
+        command = [*in_a_window(), *size, "--enable-event-simulate", "--python", HERE / script, "--", folder, *words]
         output = subprocess.PIPE
         run = subprocess.run(command, env=environment, timeout=LIMIT, text=True, stdout=output, stderr=subprocess.STDOUT)
         (folder / "console.txt").write_text(run.stdout, encoding="utf-8")

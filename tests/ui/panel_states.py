@@ -144,7 +144,8 @@ def renamed():
 
 def unknown(owner, name: str):
     """A number that is no choice, as another version of Crowd LOD may leave it in a file."""
-    owner.bl_system_properties_get(do_create=True)[name] = 77
+    raw = owner.bl_system_properties_get(do_create=True) if bpy.app.version >= (5, 0, 0) else owner
+    raw[name] = 77
 
 
 def marked(value):

@@ -28,6 +28,7 @@ def opened(path: str):
 def saved(path: str, folder: str):
     """Save a small plaza with all that our buttons need, whose shot plan and previews are in the folder."""
     rough.use(robot.MODULE)
+    bpy.context.preferences.system.viewport_aa = "OFF"  # software OpenGL draws sixteen samples a pixel otherwise
     yield from robot.press("crowd_lod.sample", name="plaza")
     settings = robot.settings()
     settings.count, settings.choice, settings.level_count, settings.agent = AGENTS, "BY_RATIO", 2, 7

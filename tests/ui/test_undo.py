@@ -8,7 +8,7 @@ import os
 
 def test_no_buttons_undo_and_redo_crash_blender(used):
     tenths = min(10, int(os.environ.get("CROWD_LOD_TRIALS", "1")))
-    seen = used("undo_keys.py", "0", str(tenths))
+    seen = used("undo_keys.py", "0", str(tenths), small=True)
     operators = len(seen["operators"])
     assert seen["pairs"] == operators * len([by for by in range(operators) if by % 10 < tenths])
     assert seen["triples"] == 5 * tenths
