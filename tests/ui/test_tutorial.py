@@ -37,8 +37,8 @@ def test_the_page_names_the_buttons_that_were_blue_and_shows_what_came_of_them(s
 def test_each_step_ends_with_what_the_page_says(seen):
     characters, crowd, lods, plan, build, _ = seen["after"].values()
     assert characters["characters"] == ["adult rig"] and characters["agents"] == 0
-    assert crowd["agents"] == 1000 and 0 < crowd["visible"] < 1000
-    assert sum(count > 0 for count in lods["lods"]) > 1 and lods["triangles"] < 0.5
+    assert crowd["agents"] == 500 and 0 < crowd["visible"] < 500
+    assert sum(count > 0 for count in lods["lods"]) > 1 and lods["triangles"] < 0.25
     assert plan["planned"] and not lods["planned"]
     assert build["points"] == build["visible"] and plan["points"] == 0
     assert seen["verified"]

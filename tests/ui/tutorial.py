@@ -15,7 +15,6 @@ import numpy as np
 
 sys.path[:0] = map(str, Path(__file__).parents[:2])
 import robot  # noqa: E402
-import rough  # noqa: E402
 from robot import scene, settings  # noqa: E402
 
 FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
@@ -27,8 +26,6 @@ results = {"pressed": [], "after": {}}
 
 def session():
     """Yields the seconds to wait before going on."""
-    for (module, name), value in rough.levels(robot.MODULE).items():
-        setattr(module, name, value)
     own_scene()
     area = robot.view_3d()
     area.spaces[0].show_region_ui = True
@@ -61,6 +58,7 @@ def own_scene():
     rig.rotation_euler.z = -pi / 2  # it faces +X, and Blender's front is -Y
     scenery.aim(scene().camera, (-9, -24, 3.2), (1, 0, 0.5))
     scene().frame_end, scene().render.resolution_x, scene().render.resolution_y = 24, 960, 540
+    settings().count, settings().verify_count, settings().verify_width = 500, 1, 160
     for name in ("plan_folder", "verify_folder"):
         setattr(settings(), name, str(FOLDER / name))
 
