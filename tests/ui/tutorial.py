@@ -46,7 +46,7 @@ def session():
 
 
 def own_scene():
-    """In the default scene, in place of the cube: a rigged, walking character, selected; a camera that sees far; a second."""
+    """In the default scene, in place of the cube: a rigged, walking character, selected. Few frames, agents and proofs, to be quick."""
     bpy.data.objects.remove(bpy.data.objects["Cube"])
     characters, scenery = (import_module(f"{robot.MODULE}.sample_scenes.{name}") for name in ("characters", "scenery"))
     (group,) = characters.make_characters(scene().collection, builds=characters.BUILDS[:1])
