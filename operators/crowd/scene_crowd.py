@@ -417,7 +417,12 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
         for warning in warnings:
             self.report({"WARNING"}, warning)
         said = [] if troubles.found else [troubles.sentence]
-        return " ".join(filter(None, (f"{len(trajectory.start):,} agents in {len(groups)} character groups.", *warnings, *said)))
+        return " ".join(
+            filter(
+                None,
+                (f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}.", *warnings, *said),
+            )
+        )
 
 
 CLASSES = (CROWDLOD_OT_populate,)

@@ -3,6 +3,7 @@
 import bpy
 
 from ...crowd_lod.simplification.decimate import missing_library
+from ..batch.verify_button import verdict_of
 from ..build import staleness
 from ..build.render_setup import BAKED
 from ..crowd import needs
@@ -21,30 +22,37 @@ LABELS = {
 
 
 def following(scene: bpy.types.Scene) -> str:
-    """Return the operator that comes next in the work."""
-    settings = scene.crowd_lod
-    done = (
-        settings.characters is not None,
-        len(settings.groups) > 0,
-        settings.levels is not None and not outdated(scene),
-        bool(settings.shot_plan),
-        settings.build is not None and not staleness.changed(scene),
-    )
-    name = next((name for name, made in zip(LABELS, done, strict=False) if not made), "crowd_lod.verify")
-    return "crowd_lod.bake" if name == "crowd_lod.build" and settings.build is not None and BAKED in settings.build else name
+    """Return the operator that comes next in the work; "" once the shot is proved."""
+    settings, frame = scene.crowd_lod, viewport_overlay.latest(scene)
+    done = {
+        "crowd_lod.characters_from_selection": settings.characters is not None,
+        "crowd_lod.populate": len(settings.groups) > 0,
+        "crowd_lod.make_levels": settings.levels is not None and not outdated(scene),
+        "crowd_lod.plan_shot": bool(settings.shot_plan) and not (frame and frame.unplanned),
+        _built_by(settings): settings.build is not None and not staleness.changed(scene),
+        "crowd_lod.verify": verdict_of(scene).startswith("OK"),
+    }
+    return next((name for name, made in done.items() if not made), "")
+
+
+def _built_by(settings) -> str:
+    """Return the operator that made the build, or that makes one."""
+    return "crowd_lod.bake" if settings.build is not None and BAKED in settings.build else "crowd_lod.build"
 
 
 def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
     """Return (sentence, icon) of all that the user should know, the most urgent first."""
     settings, shown = scene.crowd_lod, viewport_overlay.shown_of(scene)
-    problem, library = viewport_overlay.problem(scene), missing_library()
-    errors = [problem, library]
+    errors = [viewport_overlay.problem(scene), missing_library()]
     if settings.characters is not None:
         errors += [needs.camera(scene), settings.trouble]
     found = [(sentence, "ERROR") for sentence in errors if sentence]
-    found += [(note, "INFO") for note in (shown.notes if shown else ())]
+    if following(scene):
+        found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
     if changed := staleness.changed(scene):
         found.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
     if lods := outdated(scene):
         found.append((lods, "FILE_REFRESH"))
-    return [*found, (f"Next: {LABELS[following(scene)]}", "FORWARD")]
+    if said := verdict_of(scene):
+        found.append((said, "CHECKMARK" if said.startswith("OK") else "ERROR"))
+    return [*found, *((note, "INFO") for note in (shown.notes if shown else ()))]
