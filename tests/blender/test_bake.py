@@ -126,6 +126,7 @@ def test_the_command_bakes_a_file_and_says_its_size(levelled, tmp_path, capfd):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["crowd.blend", "out.blend"]
 
 
+@pytest.mark.once
 def test_a_file_for_renders_alone_shows_the_same_without_characters_and_lods(built, tmp_path, capfd):
     characters = built.crowd_lod.characters
     characters.hide_render = False  # the command hides them, and a file without them shows the same

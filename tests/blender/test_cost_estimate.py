@@ -59,6 +59,7 @@ def test_the_button_fills_the_table_and_asks_for_lod_meshes(scene):
     assert scene.crowd_lod.estimate == ""
 
 
+@pytest.mark.once
 def test_lods_that_fit_in_memory_are_built_and_the_others_are_not(scene, tmp_path):
     settings = scene.crowd_lod
     settings.choice, settings.tolerance, settings.frames = "BY_TOLERANCE", 0.2, "1:20"

@@ -30,6 +30,7 @@ def told(scene, folder):
             return end.value, frame
 
 
+@pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("choice, kind", [("BY_TOLERANCE", "PERSP"), ("BY_RATIO", "PERSP"), ("BY_TOLERANCE", "ORTHO")])
 def test_rendered_silhouettes_stay_within_what_the_deviation_predicts(scene, tmp_path, monkeypatch, choice, kind):
@@ -102,6 +103,7 @@ def test_the_picture_tints_by_the_distance_to_the_source():
     assert (len(bpy.data.curves), len(bpy.data.objects), len(bpy.data.meshes)) == before
 
 
+@pytest.mark.once
 def test_a_preview_by_tolerance_leaves_the_report(scene, tmp_path, capfd):
     settings, scene.render.resolution_x, scene.render.resolution_y = scene.crowd_lod, 640, 360
     settings.characters.children.unlink(settings.characters.children["child"])

@@ -58,6 +58,7 @@ def test_what_nothing_deforms_has_no_skin():
     assert list(skin_of(source, [1.0, 2.0])) == [] and source.skin is None
 
 
+@pytest.mark.once
 def test_lods_bend_as_the_character_does():
     item = arm()
     settings = bpy.context.scene.crowd_lod
@@ -99,6 +100,7 @@ def bowed(keyed=True):
     return item
 
 
+@pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
 def test_a_shape_key_that_bends_counts_as_a_pose():
     bowed()
@@ -112,6 +114,7 @@ def test_a_shape_key_that_bends_counts_as_a_pose():
     assert all("away in motion" in item["crowd_lod_why"] for level in settings.levels.children[1:] for item in level.all_objects)
 
 
+@pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", ["FAST", "PRECISE"])
 def test_offsets_of_shape_keys_are_those_at_the_place_of_each_point(way):

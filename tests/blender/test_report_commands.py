@@ -35,6 +35,7 @@ def test_error_report_leaves_tables_and_plots(tmp_path, capfd):
     assert float(listing[-1]) == pytest.approx(listing[0] / 64, rel=0.1)  # of first order, over 6 halvings
 
 
+@pytest.mark.once
 def test_extremes_and_audit_are_tables_without_a_missed_agent(capfd):
     assert run("report", "extremes", "--most", "10000", "--quiet") == 0
     lines = capfd.readouterr().out.strip().splitlines()

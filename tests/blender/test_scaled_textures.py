@@ -84,6 +84,7 @@ def made():
     return sorted(block.name for kind in kinds for block in kind if block.name != "Render Result")
 
 
+@pytest.mark.once
 def test_far_lods_show_scaled_images_and_look_the_same(crowd, tmp_path):
     before = made()
     finished(render_setup.build(crowd))
@@ -125,6 +126,7 @@ def test_images_are_in_what_builds_are_said_to_cost(crowd):
         assert works[FULL].images == 4 * SIZE**2 and works["By Ratio"].images == cast.images[1]
 
 
+@pytest.mark.once
 @pytest.mark.skipif(sys.platform != "linux", reason="reads a process's peak memory from Linux's /proc")
 def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
     """Peak memory of a render in a process of its own, of an image of 4096 x 4096, 64 MB. The file is without the characters and LOD

@@ -48,6 +48,7 @@ def shift(scene, level, by):
     layer.foreach_set("vector", (uvs + (0, by)).astype(np.float32).ravel())
 
 
+@pytest.mark.once
 def test_a_lod_that_shades_differently_begins_farther_off(striped):
     settings = striped.crowd_lod
     before = begins(striped)

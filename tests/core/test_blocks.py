@@ -93,6 +93,7 @@ def random_surroundings(random, camera):
     return Surroundings(tuple(random.permutation(lights)), tuple(mirrors), box)
 
 
+@pytest.mark.once
 def test_shadows_and_reflections_of_any_shot_are_those_of_testing_every_agent():
     found = np.zeros(2, int)
 

@@ -36,6 +36,7 @@ def shown(points, triangles, samples):
     return found
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("ratio", [0.06, 0.03])
 def test_a_robot_of_many_parts_shows_as_much(ratio):
     points, triangles = robot()

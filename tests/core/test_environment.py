@@ -85,6 +85,7 @@ def test_an_environment_that_is_a_link_is_left_alone(checkout, tmp_path):
     assert (other / "kept").exists()
 
 
+@pytest.mark.once
 def test_failed_installation_names_the_log_and_is_not_taken_for_a_whole_one(checkout):
     offline = {**os.environ, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": str(checkout)}
     result = run(sys.executable, checkout / "environment.py", "test", **offline)

@@ -30,6 +30,7 @@ def peak(job) -> float:
 HILLS = HeightMap(np.random.default_rng(1).uniform(0, 5, (9, 9)).astype(np.float32), AREA)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("groups, edge, heights", [(1, "clamp", None), (3, "clamp", None), (3, "wrap", None), (1, "clamp", HILLS)])
 def test_state_blocks_and_results_stay_within_their_bytes(groups, edge, heights):
     trajectory = shot(walking(edge), groups=(walker(),) * groups, count=COUNT, heights=heights)

@@ -32,6 +32,7 @@ def left(trajectory, camera, policy=POLICY, time=9, *more):
     return set(short.left_out)
 
 
+@pytest.mark.once
 def test_any_shot_is_the_full_pipelines_to_the_bit():
     found = set()
 

@@ -119,6 +119,7 @@ def test_copies_lie_apart_and_what_all_of_them_ask_for_comes_back_to_rest():
     np.testing.assert_array_equal(copies.every(np.array([2, -1])), [6, 7, 8, -1, -1, -1])
 
 
+@pytest.mark.once
 def test_moves_bring_a_lod_nearer_in_all_its_poses():
     points, triangles = tube()
     some, lod = tube(14, 8)

@@ -46,6 +46,7 @@ def stadium(machine):
 CLOSED = {"market": ("wall", "stall"), "evacuation": ("wall",), "stadium": ("wall", "pitch")}
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("make", [market, evacuation, stadium])
 def test_agents_keep_out_of_walls_and_out_of_trouble(make):
     machine = load_preset(make.__name__)

@@ -85,6 +85,7 @@ def test_who_does_not_come_back_to_where_it_was_stands_after_so_many_turns(edge,
         assert np.isfinite(exact.x).all() and (caught.all() or away > 1e-3 or back)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("more", [{}, {"after": [3, 9], "then": {"out": 1, "back": 1}}])
 @pytest.mark.parametrize("edge", ["clamp", "wrap"])
 def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypatch):
