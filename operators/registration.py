@@ -2,14 +2,14 @@
 
 import bpy
 
-from .batch import preview, shot_plan
+from .batch import open_report, preview, shot_plan, verify_button
 from .blender import collection_caches, main_thread, scene_cache
 from .build import buttons, cost_estimate, frame_update, render_setup
 from .cli import commands
-from .crowd import sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
+from .crowd import characters_from_selection, sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import exception_list, panels, properties
+from .ui import exception_list, menus, panels, popovers, presets, properties, shot_panels
 
 MODULES = (
     exception_list,
@@ -17,15 +17,22 @@ MODULES = (
     sample_menu,
     state_machine_menu,
     scene_crowd,
+    characters_from_selection,
     make_lods,
     deviation,
     cost_estimate,
     preview,
     shot_plan,
+    verify_button,
+    open_report,
     viewport_image,
     buttons,
     agent_picker,
+    presets,
+    popovers,
+    menus,
     panels,
+    shot_panels,
 )
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
@@ -54,6 +61,7 @@ def register() -> None:
         for function in functions:
             getattr(bpy.app.handlers, name).append(function)
     main_thread.register()
+    menus.register()
     viewport_overlay.register()
     _commands.append(bpy.utils.register_cli_command("crowd_lod", commands.from_blender))
 
@@ -62,6 +70,7 @@ def unregister() -> None:
     while _commands:
         bpy.utils.unregister_cli_command(_commands.pop())
     viewport_overlay.unregister()
+    menus.unregister()
     main_thread.unregister()
     for name, functions in HANDLERS.items():
         handlers = getattr(bpy.app.handlers, name)

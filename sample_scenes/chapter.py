@@ -39,7 +39,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.center, settings.size = (0, 0, 0), (SIZE, SIZE)
     settings.map_image = image_data.write_image("Chapter map", table.label_colors[labels])
     settings.machine = machine
-    settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
+    settings.first_frame, settings.frames, settings.step, settings.width = 1, "", 10, 960
     settings.choice, settings.level_count = "BY_RATIO", 3
     settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.3, 0.6)
     settings.metric, settings.margin_kind, settings.color = "AXIS", "DERIVED", "LOD"

@@ -49,7 +49,7 @@ def make(scene: bpy.types.Scene) -> None:
     settings.center, settings.size = (0, 0, 0), (site.SIZE, site.SIZE)
     settings.map_image = image_data.write_image("Plaza map", table.label_colors[world.labels])
     settings.machine = machine
-    settings.first_frame, settings.frames, settings.step, settings.width = 1, "1:120", 10, 960
+    settings.first_frame, settings.frames, settings.step, settings.width = 1, "", 10, 960
     settings.level_count = 3
     settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.16, 0.4)
     settings.metric, settings.margin_kind, settings.color = "AXIS", "DERIVED", "LOD"

@@ -1,7 +1,17 @@
-/* A vertex of a LOD mesh, or of a box, of one instance; lit at the vertex: sky above, ground below, a key by the viewer. */
+/* A vertex of a LOD mesh of one instance, or of one box of a run of BOXES instances; lit at the vertex: sky above, ground below, a key by the viewer. */
 void main()
 {
-  Agent a = agent(base + gl_InstanceID);
+#ifdef RIGID
+  int number = gl_InstanceID * BOXES + gl_VertexID / BOX_CORNERS;
+  if (number >= count) { /* the last run has boxes to spare: out of the picture with them */
+    gl_Position = vec4(0.0, 0.0, -2.0, 1.0);
+    lit = vec3(0.0);
+    return;
+  }
+#else
+  int number = gl_InstanceID;
+#endif
+  Agent a = agent(base + number);
 #if defined(JOINTS) || defined(FRAMES)
   Posed here = posed_at(a.phase);
 #else

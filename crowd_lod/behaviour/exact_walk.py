@@ -206,5 +206,4 @@ def _places(kind: str, caught: np.ndarray, crowd: Crowd, world: LabelMap) -> Tro
     cells, counts = np.unique(row * columns + column, return_counts=True)
     most = np.argsort(-counts, kind="stable")
     row, column = np.divmod(cells[most], columns)
-    x, y = world.area.x_min + (column + 0.5) * world.cell[0], world.area.y_min + (row + 0.5) * world.cell[1]
-    return Trouble(kind, agents, x, y, column, row, counts[most])
+    return Trouble(kind, agents, *world.middles(row, column), column, row, counts[most])

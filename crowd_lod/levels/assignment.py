@@ -1,6 +1,7 @@
 """LOD from distance: a sum of unit steps (chapter eq 1.7, listing 1.4)."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,9 @@ from ..errors import CrowdError
 
 MOST_LEVELS = 8
 METRICS = ("AXIS", "RADIAL", "PIXELS")
+# Of thresholds that push each other along: how far they keep apart, and the least and the greatest
+PUSHED_PARTS = 0.001, (0.001, 1.0)
+PUSHED_PIXELS = 0.1, (-1e6, -0.01)  # with a minus, so that they rise too
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,26 @@ class LevelPolicy:
     def count(self) -> int:
         """The number of LODs."""
         return len(self.thresholds) + 1
+
+
+def pushed(values: Sequence[float], kept: int, metric: str) -> np.ndarray:
+    """Return thresholds (k,) float64 that LevelPolicy takes, as near as can be to `values` (k,).
+
+    The value at index `kept` stays, and pushes the others along as far as it must, each a little
+    from the next (PUSHED_PARTS, PUSHED_PIXELS). Where no room is left for them, it stops itself. Values that are in order
+    stay to the bit.
+
+    metric: one of METRICS, as in LevelPolicy.
+    """
+    with suppress(CrowdError):
+        LevelPolicy(tuple(round(value, 6) for value in values), metric)
+        return np.array(values, np.float64)
+    sign, step, (low, high) = (-1, *PUSHED_PIXELS) if metric == "PIXELS" else (1, *PUSHED_PARTS)
+    steps = step * np.arange(len(values))
+    rising = sign * np.array(values, np.float64) - steps
+    rising[kept:] = np.maximum.accumulate(rising[kept:])
+    rising[kept::-1] = np.minimum.accumulate(rising[kept::-1])
+    return sign * (rising.clip(low, high - steps[-1]) + steps)
 
 
 def limits(policy: LevelPolicy, camera: Camera, radius: np.ndarray, deviation: np.ndarray | None = None) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Error against cost of a whole shot: what other tolerances, and other ways to choose LODs, would cost."""
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -48,10 +48,12 @@ class Curve:
     points: list[Point]
 
 
-def curve_of(shot: Shot, plan: ShotPlan, tolerance: float) -> Generator[float, None, Curve]:
+def curve_of(shot: Shot, plan: ShotPlan, tolerance: float | None) -> Generator[float, None, Curve]:
     """Find the curve of a planned shot: yield the progress, return it.
 
-    tolerance: pixels, in the middle of the sweep. Hysteresis has it, too.
+    tolerance: pixels, in the middle of the sweep. Hysteresis has it, too. None where LODs are chosen otherwise: the middle is then
+        one pixel, and no hysteresis is told.
+    A plan with another weight that is the same as one before has no point.
     """
     some, agents = sampled(shot, max(MOST_LOOKED_AT // len(shot.survey.times), 1))
     survey, bounds = some.survey, some.meshes.bounds
@@ -65,16 +67,19 @@ def curve_of(shot: Shot, plan: ShotPlan, tolerance: float) -> Generator[float, N
     points = [
         point("plan", plan.levels[:, agents]),
         point("thresholds", survey.coarsest),
-        point("hysteresis", hysteresis(survey, bounds, tolerance), tolerance),
     ]
-    for pixels in (factor * tolerance for factor in TOLERANCES):
+    if tolerance is not None:
+        points.append(point("hysteresis", hysteresis(survey, bounds, tolerance), tolerance))
+    for pixels in (factor * (tolerance or 1.0) for factor in TOLERANCES):
         points.append(point("tolerance", at_tolerance(survey, bounds, pixels).coarsest, pixels))
     begun = 0.3
     yield begun
     for step, factor in enumerate(WEIGHTS, 1):
         done = begun + (1 - begun) * step / len(WEIGHTS)
         levels, _ = yield from share(solved(some, thresholds, factor * plan.weight), begun, done)
-        points.append(point("avoid", levels))
+        made = point("avoid", levels)
+        if made not in points and replace(made, kind="plan") not in points:
+            points.append(made)
         begun = done
     return Curve(len(survey.group), points)
 

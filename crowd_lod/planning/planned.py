@@ -5,13 +5,15 @@ from dataclasses import fields, replace
 
 import numpy as np
 
-from ..culling.camera import Camera
+from ..culling.camera import Camera, Window
+from ..errors import CrowdError
 from ..sorting.buckets import Buckets, sort
 from .frame import Frame, cost, tally
 
 # Parts of a byte of the plan: the LOD; whether it holds although it is coarser than the tolerance
 # allows, or finer; whether an exception asks for that; whether the agent is hidden.
 LEVEL, EXCEPTED, PINNED, HIDDEN = 0x0F, 0x20, 0x40, 0x80
+CAMERA_KINDS = "PERSP", "ORTHO", "PANO"  # of cameras, by their number in a plan
 SAME = 1e-4  # parts of a metre, a slope or a pixel by which two cameras that count as one may differ
 
 
@@ -54,6 +56,13 @@ def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
     return replace(frame, known_levels=levels, buckets=buckets, vertices=vertices, triangles=triangles)
 
 
+def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
+    """Return what `told_unplanned` takes of a frame; CrowdError if it lacks the plan's LODs and that is `strict`."""
+    if strict and sentence:
+        raise CrowdError(f"Frame {number}: {sentence}")
+    return number, sentence
+
+
 def told_unplanned(said: Sequence[tuple[int, str]]) -> str:
     """Return sentences on frames without the shot plan: `said` are (frame, its sentence or "")."""
     found: dict[str, list[int]] = {}
@@ -68,16 +77,23 @@ def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:
 
     Origin, axes, window, near, far, cone, kind; last the pixels per unit of the window.
     """
-    kinds = "PERSP", "ORTHO", "PANO"
     return np.array(
         [
             [
                 *camera.origin, *camera.X, *camera.Y, *camera.Z, *(getattr(camera.window, each.name) for each in fields(camera.window)),
-                camera.near, camera.far, camera.cone, kinds.index(camera.kind), camera.pixels_per_unit,
+                camera.near, camera.far, camera.cone, CAMERA_KINDS.index(camera.kind), camera.pixels_per_unit,
             ]
             for camera in cameras
         ]
     )  # fmt: skip
+
+
+def camera_of(numbers: np.ndarray) -> Camera:
+    """Return the camera of a row (21,) of `numbers_of`; all else of it has its default."""
+    origin, X, Y, Z = numbers[:12].reshape(4, 3)
+    film, (near, far, cone, kind, density) = Window(*numbers[12:16].tolist()), numbers[16:].tolist()
+    pixels = round(density * (film.right - film.left)), round(density * (film.top - film.bottom))
+    return Camera(CAMERA_KINDS[int(kind)], origin, X, Y, Z, film, near, far, pixels, cone, density=density)
 
 
 def same_cameras(planned: np.ndarray, now: np.ndarray) -> bool:

@@ -5,6 +5,7 @@ import numpy as np
 from .shot_cost import Shot, switched
 
 NOTHING = -1  # the LOD before an entry: none
+WORST = 3  # of the largest changes, which the report shows
 ROW = np.dtype(
     [
         ("frame", np.int64),
@@ -42,3 +43,8 @@ def noticed(shot: Shot, levels: np.ndarray, radius: np.ndarray) -> np.ndarray:
         rows["change"] = np.concatenate([change, rows["size"][len(agents) :]])
         parts.append(rows[rows["agent"].argsort()])
     return np.concatenate(parts)
+
+
+def largest(found: np.ndarray, most: int) -> np.ndarray:
+    """Return the `most` rows of ROW with the largest change; of equal ones the first."""
+    return found[np.argsort(-found["change"], kind="stable")[:most]]

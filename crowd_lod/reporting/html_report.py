@@ -159,6 +159,12 @@ def _character(entry: dict, tints: Sequence[str]) -> str:
     return f"<section><h3>{name}</h3>{picture}{table_of(head, rows)}</section>"
 
 
+def list_of(title: str, sentences: Sequence[str]) -> str:
+    """Return the HTML of a heading and a list, or "" without sentences; `sentences` are text."""
+    items = "".join(f"<li>{escape(each)}</li>" for each in sentences)
+    return f"<h2>{title}</h2><ul>{items}</ul>" if items else ""
+
+
 def table_of(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return an HTML table; `rows` are HTML, `head` is text."""
     top = "".join(f"<th>{escape(text)}</th>" for text in head)

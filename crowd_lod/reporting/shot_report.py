@@ -16,13 +16,13 @@ from ..planning.curve import Curve, of_full_detail
 from ..planning.shot import ShotPlan
 from ..planning.shot_cost import Shot
 from ..planning.survey import CULLED, MIRRORED, SEEN, SHADOW
-from ..planning.switches import NOTHING
+from ..planning.switches import NOTHING, WORST, largest
 from ..planning.unneeded import unneeded
 from . import svg_plots as svg
-from .html_report import STYLE, cards, css_of, document, name_of, parts_of, table_of
+from . import switch_figures
+from .html_report import STYLE, cards, css_of, document, list_of, name_of, parts_of, table_of
 
 OF_A_FRAME = 3  # switches that the table tells of each frame
-WORST = 3
 STRIP = 1180, 90  # pixels of the strip over the timeline
 PLOTS_STYLE = """
 :root { --plan: #2a6fdb; --old: #d55e00; --entry: #a0348f; --held: #12805c; --faint: #c3c9d2; --grid: #e6e9ee }
@@ -49,6 +49,7 @@ class Told:
     names: of the G groups.
     tints: (r, g, b) linear, of each LOD.
     milliseconds: of each stage of the survey, the mean of a frame; empty if they were not taken.
+    crops: of the largest changes, see switch_figures.figures; empty if none were drawn.
     """
 
     title: str
@@ -59,6 +60,7 @@ class Told:
     names: list[str]
     tints: Sequence[Sequence[float]]
     milliseconds: Mapping[str, float]
+    crops: Sequence[tuple[np.ndarray, np.ndarray] | None] = ()
 
     @property
     def numbers(self) -> np.ndarray:
@@ -84,7 +86,7 @@ class Told:
 
 def shot_page(told: Told) -> str:
     """Return the web page on a planned shot; all text is escaped."""
-    return document(f"{escape(told.title)}: shot plan", STYLE + PLOTS_STYLE, shot_parts(told))
+    return document(f"{escape(told.title)}: shot plan", STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE, shot_parts(told))
 
 
 def preview_page(told: Told, plan: dict[str, Any]) -> str:
@@ -92,7 +94,9 @@ def preview_page(told: Told, plan: dict[str, Any]) -> str:
 
     plan: the content of plan.json.
     """
-    return document(f"{name_of(plan)}: levels of detail", STYLE + PLOTS_STYLE, [*shot_parts(told), *parts_of(plan)])
+    return document(
+        f"{name_of(plan)}: levels of detail", STYLE + PLOTS_STYLE + switch_figures.CROPS_STYLE, [*shot_parts(told), *parts_of(plan)]
+    )
 
 
 def shot_parts(told: Told) -> list[str]:
@@ -102,13 +106,13 @@ def shot_parts(told: Told) -> list[str]:
         f"<h1>{title}: shot plan</h1>",
         f"<p>{escape(lead(told))}</p>",
         cards(_figures(told)),
-        _list("Warnings", _warnings(told)),
+        list_of("Warnings", _warnings(told)),
         _strip(told),
         '<div class="plots">',
         *(f"<section>{one}</section>" for one in _plots(told) if one),
         "</div>",
         _worst(told),
-        _list("What the shot does not need", unneeded(told.shot, told.plan.bill.shown, told.names)),
+        list_of("What the shot does not need", unneeded(told.shot, told.plan.bill.shown, told.names)),
         "<h2>Tables</h2>",
         _switch_table(told),
         _frame_table(told),
@@ -176,12 +180,6 @@ def _frames(numbers: np.ndarray) -> str:
     told = [str(n) for n in numbers[:5].tolist()]
     more = f" and {len(numbers) - 5:,} more" if len(numbers) > 5 else ""
     return f"frame{'s' if len(numbers) > 1 else ''} {', '.join(told)}{more}"
-
-
-def _list(title: str, sentences: Sequence[str]) -> str:
-    if not sentences:
-        return ""
-    return f"<h2>{title}</h2><ul>" + "".join(f"<li>{escape(each)}</li>" for each in sentences) + "</ul>"
 
 
 def _legend(rows: Sequence[svg.Series]) -> str:
@@ -276,10 +274,8 @@ def _error_plot(curve: Curve, agents: int) -> str:
                 marks.append(
                     svg.mark(x, y, svg.Series(point.kind, np.array([[point.error, part]]), color), shapes[point.kind], [says])
                 )
-    said = (
-        f"Lines: other tolerances, frame by frame. Marks: circles the plan, squares thresholds, diamonds hysteresis that holds a LOD "
-        f"for {HELD:.0%} of its distance."
-    )
+    held = f", diamonds hysteresis that holds a LOD for {HELD:.0%} of its distance" * any(p.kind == "hysteresis" for p in shown)
+    said = f"Lines: other tolerances, frame by frame. Marks: circles the plan, squares thresholds{held}."
     if curve.agents < agents:
         said += f" From {curve.agents:,} of the agents."
     return f"<h3>Error against cost</h3><p>{said}</p>{svg.plot('Error against cost', x, y, ''.join(marks))}{_legend(rows)}"
@@ -330,14 +326,11 @@ def _cells(row: np.void) -> list[str]:
     return [f"{row['frame']}", f"{row['agent']}", before, f"LOD {row['after']}", *sizes]
 
 
-def _largest(found: np.ndarray, most: int) -> np.ndarray:
-    """Return the `most` rows of the largest change; of equal ones the first."""
-    return found[np.argsort(-found["change"], kind="stable")[:most]]
-
-
 def _worst(told: Told) -> str:
-    rows = [_cells(row) for row in _largest(told.noticed, WORST)]
-    return f"<h2>The largest changes</h2>{table_of(HEAD, rows)}" if rows else ""
+    rows = [_cells(row) for row in largest(told.noticed, WORST)]
+    titles = [f"Frame {frame}, agent {agent}: {before} to {after}" for frame, agent, before, after, *_ in rows]
+    shown = switch_figures.figures(titles, told.crops)
+    return f"<h2>The largest changes</h2>{table_of(HEAD, rows)}{shown}" if rows else ""
 
 
 def _switch_table(told: Told) -> str:
@@ -347,7 +340,7 @@ def _switch_table(told: Told) -> str:
     rows = []
     begins = np.flatnonzero(np.diff(found["frame"], prepend=found["frame"][0] - 1))
     for frame_rows in np.split(found, begins[1:]):
-        for place, row in enumerate(_largest(frame_rows, OF_A_FRAME)):
+        for place, row in enumerate(largest(frame_rows, OF_A_FRAME)):
             cells = _cells(row)
             if not place:
                 cells[0] = f'<span id="f{row["frame"]}">{row["frame"]}</span>'

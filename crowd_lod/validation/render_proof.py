@@ -6,6 +6,30 @@ def to_text(result: dict) -> str:
     return "\n".join((_culling(result["frames"], result["bounces"]), _levels(result["frames"]), _left_open(result)))
 
 
+def verdict(result: dict) -> str:
+    """Return in one sentence whether the proof of verify.json holds: culling, then silhouettes."""
+    rows = result["frames"]
+    differ, wrong = sum(row["b_pixels"] for row in rows), [row["frame"] for row in rows if not row["culling_ok"]]
+    culling = f"culling changes {differ:,} {'pixel' if differ == 1 else 'pixels'}" if differ else "culling changes no pixel"
+    where = _frames(wrong or rows) if wrong or not differ else f"{_frames(rows)}, by rounding alone"
+    return f"{'OK' if result['ok'] else 'Not OK'}: {culling} in {where}; {_shift(rows)}."
+
+
+def _shift(rows: list[dict]) -> str:
+    """Return by how many pixels LODs shift silhouettes, of which frame if that is too many."""
+    judged = [row for row in rows if row["predicted_shift"] is not None]
+    wrong = [row for row in judged if not row["lod_ok"]]
+    if not judged:
+        return "silhouettes were not judged"
+    if wrong:
+        row = max(wrong, key=lambda row: row["silhouette_shift"] - row["predicted_shift"])
+        found, told, where = row["silhouette_shift"], row["predicted_shift"], f" in frame {row['frame']}"
+    else:
+        found, told = (max(row[key] for row in judged) for key in ("silhouette_shift", "predicted_shift"))
+        where = ""
+    return f"LODs shift silhouettes by at most {found:.1f} pixels{where}, {told:.2f} were predicted"
+
+
 def _culling(rows: list[dict], bounces: int) -> str:
     """Return how many pixels the culling changes.
 

@@ -15,12 +15,12 @@ import numpy as np
 from ...crowd_lod import __version__
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.planning.frame_range import evenly, parse_frames
+from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.reporting import files as outputs
 from ...crowd_lod.reporting import tables as report
 from ...crowd_lod.validation import culling_audit, error_vs_runtime, extreme_cases
-from ..blender import cameras
+from ..blender import cameras, scene_data
 from ..crowd.scene_crowd import measure_groups, policy_of, store_groups, trajectory_of
 
 MOST_AGENTS = 10_000  # of a larger crowd so many, evenly taken, are measured
@@ -40,7 +40,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
         cameras.active_camera(scene)
         store_groups(scene.crowd_lod, measure_groups(scene))
         trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
-        frames = parse_frames(scene.crowd_lod.frames, scene.crowd_lod.step)
+        frames = scene_data.frames_of(scene, scene.crowd_lod.step)
         chosen = evenly(frames, VIEWS)
         seen = cameras.cameras_at(scene, chosen)
         begun = 0.0

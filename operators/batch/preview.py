@@ -10,20 +10,19 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.frame import Frame
-from ...crowd_lod.planning.frame_range import evenly, parse_frames
+from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import told_unplanned
+from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, plan_file, tables
 from ...crowd_lod.reporting.html_report import page
 from ...crowd_lod.reporting.shot_report import preview_page
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
-from ..crowd import lights
+from ..blender.output_folders import output_folder, place_of
+from ..crowd import lights, needs
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
@@ -77,7 +76,7 @@ def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Gene
             yield from share(way, begun, begun + BEHAVIOUR * each)
             row, frame = run.shoot(number)
             rows.append(row)
-            unplanned.append((number, frame.unplanned))
+            unplanned.append(noted(number, frame.unplanned, wanted.strict))
             first = first or frame
             yield ready + each * (done + 1)
         told = lod_table.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
@@ -213,22 +212,22 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
     bl_idname = "crowd_lod.preview"
     bl_label = "Preview"
     bl_options = {"REGISTER"}
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
-        if settings.folder.startswith("//") and not bpy.data.filepath:
-            raise CrowdError(
-                f"The output folder {settings.folder} is beside a file that was never saved: save it, or choose a folder."
-            )
         wanted = Preview(
-            frames=parse_frames(settings.frames, settings.step),
-            folder=files.absolute(Path(bpy.path.abspath(settings.folder))),
+            frames=scene_data.frames_of(context.scene, settings.step),
+            folder=output_folder(settings.folder),
             width=settings.width,
             engine=settings.engine,
             color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
-        said = f"{len(wanted.frames)} frames are in {printable(wanted.folder)}."
+        said = f"{len(wanted.frames)} frames are in {place_of(settings.folder)}."
         return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
 
 

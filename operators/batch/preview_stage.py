@@ -27,6 +27,7 @@ class Preview:
     width: of the pictures, pixels.
     engine: one of ENGINES.
     color: one of COLOR_MODES; with the engine OVERLAY, a value of the setting overlay_color.
+    strict: a frame without the LODs of the scene's shot plan is an error.
     """
 
     frames: list[int]
@@ -34,6 +35,7 @@ class Preview:
     width: int = 960
     engine: str = "WORKBENCH"
     color: str = "LOD"
+    strict: bool = False
 
 
 @dataclass(frozen=True)

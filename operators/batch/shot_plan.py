@@ -9,22 +9,23 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number, printable
+from ...crowd_lod.format import number
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.planning.curve import curve_of
 from ...crowd_lod.planning.exceptions import Exemption, excepted, marked
-from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.planning.planned import PINNED
 from ...crowd_lod.planning.shot_cost import Shot, meshes_of
-from ...crowd_lod.planning.switches import noticed
+from ...crowd_lod.planning.switches import WORST, largest, noticed
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import files, plan_file, tables
 from ...crowd_lod.reporting.shot_json import shot_facts
 from ...crowd_lod.reporting.shot_report import Told, shot_page
 from ..blender import cameras, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..crowd import shot_reference
+from ..blender.output_folders import output_folder, place_of
+from ..build.render_setup import check_levels
+from ..crowd import needs, shot_reference
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import exemptions_of
@@ -33,8 +34,9 @@ from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
 from .preview_plan import scene_json
 from .shot_survey import survey_of
+from .switch_crops import crops_of
 
-READY, SURVEYED, DECIDED = 0.2, 0.6, 0.95  # of the progress
+READY, SURVEYED, DECIDED, CURVED = 0.2, 0.6, 0.9, 0.95  # of the progress
 
 
 @dataclass(frozen=True)
@@ -85,15 +87,17 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     survey = through.survey
     shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
     found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
+    changes = noticed(shot, found.levels, trajectory.spheres.radius)
     told = Told(
         title=Path(bpy.data.filepath).stem or scene.name,
         shot=shot,
         plan=found,
-        noticed=noticed(shot, found.levels, trajectory.spheres.radius),
-        curve=(yield from share(curve_of(shot, found, policy.tolerance or 1.0), DECIDED, 1.0)),
+        noticed=changes,
+        curve=(yield from share(curve_of(shot, found, policy.tolerance), DECIDED, CURVED)),
         names=[group.name for group in trajectory.groups],
         tints=TINTS,
         milliseconds=through.milliseconds,
+        crops=(yield from share(crops_of(scene, through, largest(changes, WORST)), CURVED, 1.0)),
     )
     bias = bias_of(scene.crowd_lod, trajectory.world.area)
     stored = plan_file.StoredPlan(
@@ -117,6 +121,7 @@ def ready(scene: bpy.types.Scene) -> Generator[float, None, None]:
         yield from share(make_levels(scene), 0.1, 1.0)
     elif deviations(groups_of(settings), policy_of(settings)) is None:
         yield from share(measure_levels(scene), 0.1, 1.0)
+    check_levels(scene)  # those of other settings may be fewer
 
 
 def write_plan(
@@ -173,24 +178,24 @@ class CROWDLOD_OT_plan_shot(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.plan_shot"
     bl_label = "Plan Shot"
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         scene, settings = context.scene, context.scene.crowd_lod
-        if settings.plan_folder.startswith("//") and not bpy.data.filepath:
-            raise CrowdError(
-                f"The plan folder {settings.plan_folder} is beside a file that was never saved: save it, or choose a folder."
-            )
-        folder = files.absolute(Path(bpy.path.abspath(settings.plan_folder)))
+        folder = output_folder(settings.plan_folder)
         with files.staged(folder, plan_file.NAME) as part:
             wanted = Wanted(
-                parse_frames(settings.frames), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
+                scene_data.frames_of(scene), folder, settings.avoid_pops, budget_of(settings), blurred=settings.plan_blurred
             )
             planned = yield from share(plan_shot(scene, wanted), 0.0, 0.99)
             yield from standing(write_plan(scene, part, planned, ["sidebar"]), 0.99)
         path = str(folder / plan_file.NAME)
-        settings.shot_plan = bpy.path.relpath(path) if settings.plan_folder.startswith("//") else path
+        settings.shot_plan = bpy.path.relpath(path) if settings.plan_folder.startswith("//") and bpy.data.filepath else path
         settings.use_shot_plan = True
-        return f"{sentence(planned)} The plan is in {printable(folder)}."
+        return f"{sentence(planned)} The plan is in {place_of(settings.plan_folder)}."
 
 
 class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
@@ -198,11 +203,7 @@ class CROWDLOD_OT_remove_plan(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.remove_plan"
     bl_label = "Remove Plan"
-
-    @classmethod
-    def poll(cls, context):
-        cls.poll_message_set("The scene has no shot plan.")
-        return bool(context.scene.crowd_lod.shot_plan)
+    needs = (needs.plan,)
 
     def run(self, context) -> str:
         context.scene.crowd_lod.shot_plan = ""
@@ -214,11 +215,7 @@ class CROWDLOD_OT_go_to_switch(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.go_to_switch"
     bl_label = "Go to Largest Switch"
-
-    @classmethod
-    def poll(cls, context):
-        cls.poll_message_set("The scene has no shot plan: press Plan Shot.")
-        return bool(context.scene.crowd_lod.shot_plan)
+    needs = (needs.plan,)
 
     def run(self, context) -> str:
         scene, settings = context.scene, context.scene.crowd_lod

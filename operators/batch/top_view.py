@@ -9,6 +9,7 @@ from ...crowd_lod.planning.frame import Frame
 from ..blender import mesh_data, scene_data
 from ..lod_meshes.make_lods import TINTS
 from ..overlay.draw_data import frustum_lines
+from ..overlay.inset import STRAY
 
 CULLED = (0.25, 0.25, 0.25)
 ARROW_PIXELS, LINE_PIXELS = 5.0, 2.0
@@ -41,8 +42,8 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
 
 def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
     """Make `mesh` the drawing of `frame` for the camera `view`: agents in the tint of their LOD, those culled in grey,
-    all at their spheres' centers. Sizes are in the picture's pixels."""
-    arrows, tints = _arrows(frame, view)
+    all at their spheres' centers, and over them the map's off-color pixels. Sizes are in the picture's pixels."""
+    arrows, tints = map(np.concatenate, zip(_arrows(frame, view), _strays(frame, view), strict=True))
     lines, line_tints = _frustum(frame, view)
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])
     count = len(arrows)
@@ -82,6 +83,16 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
         corners[:, i, :2] += size[:, None] * (ahead * forward + aside * left)
     tints = np.where(frame.visible[:, None], np.array(TINTS)[frame.levels], np.array(CULLED))
     return corners, tints
+
+
+def _strays(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Return corners (k, 3, 3) float64 and color (k, 3) of a triangle on each off-color pixel of the map."""
+    world, height = frame.trajectory.world, float(frame.trajectory.spheres.center.max())
+    x, y = world.middles(*world.strays.T)
+    at = np.column_stack([x, y, np.full(len(x), world.area.z + height)]) - view.Z
+    size = np.maximum(max(world.cell), ARROW_PIXELS * _pixel(view, at))[:, None]
+    around = np.array([(-0.5, -0.5, 0), (0.5, -0.5, 0), (0, 0.5, 0)])
+    return at[:, None] + size[..., None] * around, np.tile(STRAY[:3], (len(x), 1))
 
 
 def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:

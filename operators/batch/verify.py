@@ -10,12 +10,14 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.culling.stereo import EYES
+from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import told_unplanned
+from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import file_checks, files, tables
+from ...crowd_lod.reporting.verify_report import verify_page
 from ...crowd_lod.sorting.buckets import sort
 from ...crowd_lod.validation import image_difference
 from ..blender import cameras, cleanup, console, frame_stepping, image_data, mesh_data, scene_data
@@ -49,6 +51,8 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
 
     command: the command line of the run, for verify.json.
     """
+    if not hasattr(scene, "cycles"):
+        raise CrowdError("The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the preferences.")
     own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
     with ExitStack() as opened:
         folder = opened.enter_context(files.staged(wanted.folder))
@@ -86,7 +90,7 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
             way = approach(trajectory, scene_data.remapped(scene.render, number))
             yield from share(way, begun, begun + each / (2 * len(PICTURES)))
             row, pictures = yield from _frame(run, number, len(rows))
-            unplanned.append((number, row.pop("unplanned")))
+            unplanned.append(row.pop("unplanned"))
             rows.append(row)
             sheet.append(pictures)
         result = _result(
@@ -98,6 +102,8 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         )
         (folder / "verify.json").write_text(tables.to_json(result), encoding="utf-8")
         (folder / "verify.csv").write_text(tables.to_csv(rows), encoding="utf-8")
+        title = Path(bpy.data.filepath).stem or scene.name
+        (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
         tiles = [picture for pictures in evenly(sheet, MOST_PROVED_IN_SHEET) for picture in pictures]
         image_data.save_png(folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3))
         yield 1.0
@@ -145,7 +151,7 @@ def _frame(run: _Run, number: int, done: int) -> Generator[float, None, tuple[di
     worlds = scene.world, dark_world(scene.world)
     row = {
         "frame": number,
-        "unplanned": planned.unplanned,
+        "unplanned": noted(number, planned.unplanned, wanted.strict),
         "agents": len(planned.crowd),
         "visible": int(planned.visible.sum()),
         "shadow": len(planned.shadow.order),

@@ -27,6 +27,7 @@ class Verify:
     samples: per pixel.
     bounces: above 0, each picture is rendered a second time, with the light of the sky and this
         many bounces of light and reflections.
+    strict: a frame without the LODs of the scene's shot plan is an error.
     """
 
     frames: list[int]
@@ -34,6 +35,7 @@ class Verify:
     width: int = 320
     samples: int = 4
     bounces: int = 0
+    strict: bool = False
 
 
 def set_up_cycles(scene: bpy.types.Scene, wanted: Verify) -> None:

@@ -1,11 +1,26 @@
 """The objects of a character group that have a shape."""
 
+from collections.abc import Sequence
+
 import bpy
 
 from ...crowd_lod.errors import CrowdError
 
 # kinds of objects whose shape may be a mesh
 GEOMETRY = {"MESH", "CURVE", "SURFACE", "FONT", "CURVES"}
+
+# kinds of objects that stand beside characters
+STAGE = {"LIGHT", "CAMERA", "EMPTY", "SPEAKER", "LIGHT_PROBE", "LATTICE"}
+
+
+def is_stage(objects: Sequence[bpy.types.Object]) -> bool:
+    """Return whether `objects`, at least one, are lamps, cameras and the like alone: no character.
+
+    Instances of collections and missing objects may be characters.
+    """
+    return bool(objects) and not any(
+        item.type not in STAGE or item.is_missing or item.instance_collection is not None for item in objects
+    )
 
 
 def parts(owner: bpy.types.Collection | bpy.types.Object, objects: list[bpy.types.Object]) -> list[bpy.types.Object]:

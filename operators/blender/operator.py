@@ -1,11 +1,18 @@
 """Base classes of the operators."""
 
 import time as clock
+from collections.abc import Callable
+
+import bpy
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
+from . import sidebars
+from .labelled_properties import CONTEXT
 
 TICK = 0.1  # seconds of work between two drawings of the window
+# by the bl_idname of an operator at work: its progress, 0 to 1
+at_work: dict[str, float] = {}
 
 
 def left_words(progress: float, seconds: float) -> str:
@@ -20,7 +27,27 @@ def left_words(progress: float, seconds: float) -> str:
     return f", about {left / unit:,.0f} {words} left"
 
 
-class Reporting:
+class Needing:
+    """Mix-in for operators that need something of a scene.
+
+    needs: functions that return a sentence on what a scene lacks, or "". The tooltip of the grayed
+        button says it.
+    """
+
+    bl_translation_context = CONTEXT
+    needs: tuple[Callable[[bpy.types.Scene], str], ...] = ()
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        if context.scene is None:  # a window that closes
+            return False
+        lack = next(filter(None, (need(context.scene) for need in cls.needs)), "")
+        if lack:
+            cls.poll_message_set(lack)
+        return not lack
+
+
+class Reporting(Needing):
     """Mix-in for operators that report their result or an error.
 
     `run(context)` does the work and returns the message for the status bar. One of FAULTS is
@@ -47,6 +74,13 @@ class Stepwise(Reporting):
     cleanup must then leave the scene as it was. Without a window the steps run in one go.
     """
 
+    @classmethod
+    def poll(cls, context) -> bool:
+        if at_work:
+            cls.poll_message_set("Another step is at work: wait for its end, or press Esc")
+            return False
+        return super().poll(context)
+
     def run(self, context) -> str:
         return finished(self.steps(context))
 
@@ -56,6 +90,7 @@ class Stepwise(Reporting):
         context.window_manager.progress_begin(0, 100)
         context.window_manager.modal_handler_add(self)
         context.workspace.status_text_set(f"{self.bl_label}: Esc to cancel")
+        at_work[type(self).bl_idname] = 0.0
         return {"RUNNING_MODAL"}
 
     def modal(self, context, event) -> set[str]:
@@ -82,6 +117,8 @@ class Stepwise(Reporting):
         except BaseException:
             self._end(context)
             raise
+        at_work[type(self).bl_idname] = progress
+        sidebars.redraw()
         context.window_manager.progress_update(100 * progress)
         left = left_words(progress, clock.monotonic() - self._started)
         context.workspace.status_text_set(f"{self.bl_label}: {100 * progress:.0f} %{left}, Esc to cancel")
@@ -92,6 +129,7 @@ class Stepwise(Reporting):
         self._end(context)
 
     def _end(self, context) -> None:
+        at_work.clear()
         self._steps.close()
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()

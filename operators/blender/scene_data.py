@@ -5,6 +5,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.planning.frame_range import parse_frames
 
 EEVEE = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 
@@ -28,6 +29,18 @@ def time_of(scene: bpy.types.Scene) -> float:
     Keyframes are evaluated at these frames.
     """
     return remapped(scene.render, scene.frame_current + scene.frame_subframe)
+
+
+def frames_of(scene: bpy.types.Scene, step: int = 1) -> list[int]:
+    """Return the frames of the shot: those that the settings list, their own range, or the scene's.
+
+    step: every so many frames of a range.
+    """
+    own = scene.crowd_lod
+    if own.frames:
+        return parse_frames(own.frames, step)
+    first, last = (own.frame_start, own.frame_end) if own.own_frames else (scene.frame_start, scene.frame_end)
+    return parse_frames(f"{first}:{last}", step)
 
 
 def metres(scene: bpy.types.Scene) -> float:

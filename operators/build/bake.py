@@ -3,6 +3,7 @@
 Node groups show those of the scene's frame.
 """
 
+import json
 from collections.abc import Generator, Sequence
 
 import bpy
@@ -12,16 +13,17 @@ from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import told_unplanned
+from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.ownership import remove_owned
 from ..crowd import lights
 from ..crowd.scene_crowd import frame_of, policy_of, trajectory_of
+from .change_detection import cameras_digest
 from .frame_update import Held, columns_of, held_by, members, opening
 from .hidden_characters import HIDDEN, shows_characters
 from .phase_characters import Cast, make_cast, read_library
-from .render_setup import BAKED, buckets_of, check_build, check_levels, dress_all, install, points_of
+from .render_setup import BAKED, CAMERAS, buckets_of, check_build, check_levels, dress_all, install, points_of
 
 # frames: shutters of this length and longer overlap, and baked points show one frame at a time
 LONGEST = 1.0
@@ -29,12 +31,13 @@ LONGEST = 1.0
 MOST_POINTS = 200_000_000
 
 
-def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None, Cast]:
+def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) -> Generator[float, None, Cast]:
     """Build `scene` with the points of all `frames` in the file.
 
     frames: increasing frames of the timeline. At other frames the build shows no agents. It renders
         without Crowd LOD. With motion blur the points also have the velocities from where each is
         when the shutter opens and closes.
+    strict: a frame without the LODs of the scene's shot plan is an error.
 
     Yields the progress and returns the Cast. Closed early, it leaves the scene as it was.
 
@@ -50,8 +53,9 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None
         )
     read, rows = (yield from share(read_library(scene, scene.crowd_lod), 0.0, 0.2)), None
     unplanned: list[tuple[int, str]] = []
+    filmed: dict[int, str] = {}
     try:
-        rows = yield from share(_rows(scene, Library(read[0]), frames, unplanned), 0.2, 0.8)
+        rows = yield from share(_rows(scene, Library(read[0]), frames, (unplanned, filmed), strict), 0.2, 0.8)
     finally:
         if rows is None:
             bpy.data.batch_remove(list(read[-1]))
@@ -59,6 +63,7 @@ def bake(scene: bpy.types.Scene, frames: Sequence[int]) -> Generator[float, None
     top = install(scene, cast)
     cast.notes.extend(filter(None, [told_unplanned(unplanned)]))
     mark(scene, frames)
+    top[CAMERAS] = json.dumps(filmed)
     for name, item in points_of(top).items():
         columns = rows[name][0].keys()
         mesh_data.write_points(item.data, {column: np.concatenate([each[column] for each in rows[name]]) for column in columns})
@@ -125,12 +130,17 @@ def _kept(scene: bpy.types.Scene, rows: dict[str, list[dict[str, np.ndarray]]]) 
 
 
 def _rows(
-    scene: bpy.types.Scene, library: Library, frames: Sequence[int], unplanned: list[tuple[int, str]]
+    scene: bpy.types.Scene,
+    library: Library,
+    frames: Sequence[int],
+    told: tuple[list[tuple[int, str]], dict[int, str]],
+    strict: bool,
 ) -> Generator[float, None, dict[str, list[dict[str, np.ndarray]]]]:
     """Compute the points of each bucket, by its name, frame by frame.
 
     library: the characters that the points show.
-    unplanned: gets (frame, why the shot plan does not hold there, or "").
+    told: two containers. The first gets (frame, why the shot plan does not hold there, or ""). The
+        second gets a digest of each frame's cameras.
 
     Yields the progress.
     """
@@ -143,7 +153,8 @@ def _rows(
             yield from share(approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames))
             film, around, shutter = lights.read_moment(scene, time, at)
             frame = frame_of(scene, None, time, film, trajectory, around, shutter)
-            unplanned.append((number, frame.unplanned))
+            told[0].append(noted(number, frame.unplanned, strict))
+            told[1][number] = cameras_digest(film)
             held = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
                 rows[name].append(columns_in_time(trajectory, held, number, agents, library, tilt))

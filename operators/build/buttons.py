@@ -8,13 +8,14 @@ from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
-from ..crowd import lights
+from ..crowd import lights, needs
 from ..crowd.scene_crowd import frame_of, groups_of, measure_groups, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
 from .bake import bake
 from .frame_update import update
 from .hidden_characters import hide_characters, told_of_characters
 from .render_setup import build, remove_build, told_of_cast
+from .staleness import note_build
 
 
 def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]]) -> Generator[float, None, Made]:
@@ -44,6 +45,7 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, M
             found = yield from share(work(), 0.3 if made else 0.0, 1.0)
             hide_characters(scene)
             update(scene, layer.depsgraph)
+            note_build(scene)
             done = True
             return found
     finally:
@@ -57,6 +59,10 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.build"
     bl_label = "Build"
+    needs = (
+        needs.crowd,
+        needs.camera,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         scene = context.scene
@@ -73,6 +79,10 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.bake"
     bl_label = "Bake"
+    needs = (
+        needs.characters,
+        needs.camera,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         scene = context.scene
@@ -87,11 +97,7 @@ class CROWDLOD_OT_remove_build(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.remove_build"
     bl_label = "Remove Build"
-
-    @classmethod
-    def poll(cls, context):
-        cls.poll_message_set("The scene has no build.")
-        return context.scene.crowd_lod.build is not None
+    needs = (needs.build,)
 
     def run(self, context) -> str:
         remove_build(context.scene.crowd_lod)

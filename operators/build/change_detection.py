@@ -5,11 +5,14 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.planning.planned import numbers_of
 from ..blender import mesh_data
 from ..blender.rig_dependencies import curves_of, custom, players_of, read_columns, stance
 from ..lod_meshes.source_mesh import text_digest
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
+SAMPLED = 200  # vertices of a mesh, roughly
 
 
 def made_of(homes: Iterable[bpy.types.Collection], played: list[float]) -> str:
@@ -58,3 +61,25 @@ def _properties(item: bpy.types.Object) -> list:
     linked = [home and home.name_full for home in (item.light_linking.receiver_collection, item.light_linking.blocker_collection)]
     inputs = [(key, repr(m[key])) for m in item.modifiers if m.type == "NODES" for key in m.keys()]
     return [*custom(item), item.lightgroup, linked, inputs]
+
+
+def cast_digest(items: Iterable[bpy.types.Object]) -> str:
+    """Return a hash of characters: what they hold and play, and some of their vertices.
+
+    It is quick, to be asked while one works. A change of few vertices or keys may escape it.
+    """
+    items = list(items)
+    played = [(player.action.name_full, *player.action.frame_range) for player in players_of(items) if player.action is not None]
+    return text_digest([(_holds(item), _slots(item), _sampled(item)) for item in items], played)
+
+
+def cameras_digest(cameras: Iterable[Camera]) -> str:
+    """Return a hash of a frame's cameras."""
+    return text_digest(numbers_of(tuple(cameras)).round(5).tolist())[:8]
+
+
+def _sampled(item: bpy.types.Object) -> list:
+    if item.type != "MESH" or not len(item.data.vertices):
+        return []
+    vertices = item.data.vertices
+    return [tuple(vertices[k].co) for k in range(0, len(vertices), max(1, len(vertices) // SAMPLED))]

@@ -21,7 +21,7 @@ from ...crowd_lod.planning.shadows import surround
 from ...crowd_lod.progress import share
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
-from ..crowd import lights
+from ..crowd import lights, needs
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of
@@ -228,6 +228,10 @@ class CROWDLOD_OT_estimate(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.estimate"
     bl_label = "Estimate Cost"
+    needs = (
+        needs.crowd,
+        needs.camera,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         found = yield from estimate(context.scene, context.scene.crowd_lod)

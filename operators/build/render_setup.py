@@ -39,6 +39,7 @@ POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"
 MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
 # of the build's collection: Rate and Opens (build/nodes/baked.py), the first and the last frame
 BAKED = "crowd_lod_baked"
+CAMERAS = "crowd_lod_cameras"  # of a bake: a digest for each frame
 
 REMEDY = "press Remove Build, then Build again"  # where one of these is spoilt
 
@@ -203,7 +204,7 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
         top[OWNED] = True
         scene.collection.children.link(top)
     top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), _played(trajectory_of(scene))
-    for key in (BAKED, MADE_OF):
+    for key in (BAKED, CAMERAS, MADE_OF):
         top.pop(key, None)
     if cast.collections:
         _shelve(scene, top, cast)

@@ -49,7 +49,7 @@ def _preview(commands, program: str) -> None:
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
     command.add_argument("--tolerance", type=float, metavar="PX", help="choose LODs by how many pixels they may deviate")
     command.add_argument("--width", type=int, metavar="PIXELS", help="width of the pictures (default: the scene's)")
-    _with_plan(command)
+    _with_strict_plan(command)
     command.add_argument("--engine", choices=[name.lower() for name in ENGINES], help="what draws them (default: the scene's)")
     command.add_argument(
         "--color",
@@ -78,7 +78,7 @@ def _build(commands, program: str) -> None:
         "--view-layer", action="append", metavar="NAME", help="show the crowd only there; repeat for more (default: all)"
     )
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
-    _with_plan(command)
+    _with_strict_plan(command)
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
 
 
@@ -94,7 +94,7 @@ def _verify(commands, program: str) -> None:
     command.add_argument("--out", type=_path, metavar="DIR", help="the folder for pictures and tables (default: SCENE_verify)")
     command.add_argument("--width", type=int, default=320, metavar="PIXELS", help="width of the pictures (default: 320)")
     command.add_argument("--samples", type=int, default=4, metavar="N", help="samples of each pixel (default: 4)")
-    _with_plan(command)
+    _with_strict_plan(command)
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")
 
 
@@ -216,6 +216,11 @@ def _scene(command: argparse.ArgumentParser, program: str) -> None:
 
 def _with_plan(command: argparse.ArgumentParser) -> None:
     command.add_argument("--plan", type=_path, metavar="DIR", help="show the LODs of the shot plan in this folder")
+
+
+def _with_strict_plan(command: argparse.ArgumentParser) -> None:
+    _with_plan(command)
+    command.add_argument("--strict", action="store_true", help="end with an error at a frame where the shot plan does not hold")
 
 
 def _shot(command: argparse.ArgumentParser, program: str) -> None:

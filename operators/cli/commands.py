@@ -27,7 +27,7 @@ from ..batch.preview import preview
 from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
-from ..blender import console, frame_stepping
+from ..blender import console, frame_stepping, scene_data
 from ..build import bake, render_setup, view_layers
 from ..build.buttons import prepared
 from ..build.cost_estimate import estimate
@@ -124,10 +124,10 @@ def _stem(args) -> str:
     return Path(args.scene or bpy.data.filepath or "scene").stem
 
 
-def _frames(args, settings) -> list[int]:
-    """Return the frames given in the command, or else those of the scene's settings."""
-    text, step = (getattr(settings if getattr(args, name) is None else args, name) for name in ("frames", "step"))
-    return parse_frames(text, step)
+def _frames(args, scene: bpy.types.Scene) -> list[int]:
+    """Return the frames given in the command, or else those of the scene's shot."""
+    step = scene.crowd_lod.step if args.step is None else args.step
+    return scene_data.frames_of(scene, step) if args.frames is None else parse_frames(args.frames, step)
 
 
 def _preview(args, command: list[str]) -> dict:
@@ -146,11 +146,12 @@ def _preview(args, command: list[str]) -> dict:
             f"The engine {engine.lower()} has no color {color.lower()}: take --engine overlay, or --color lod or material."
         )
     wanted = Preview(
-        frames=_frames(args, settings),
+        frames=_frames(args, scene),
         folder=folder,
         width=args.width or settings.width,
         engine=engine,
         color=color,
+        strict=args.strict,
     )
     plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
@@ -175,7 +176,7 @@ def _plan(args, command: list[str]) -> dict:
     stem = _stem(args)
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
     wanted = shot_plan.Wanted(
-        frames=parse_frames(settings.frames if args.frames is None else args.frames),
+        frames=scene_data.frames_of(scene) if args.frames is None else parse_frames(args.frames),
         folder=folder,
         avoid=settings.avoid_pops if args.avoid_pops is None else args.avoid_pops,
         budget=_budget(args, settings),
@@ -241,11 +242,12 @@ def _verify(args, command: list[str]) -> dict:
     _follow_plan(settings, args)
     stem = _stem(args)
     wanted = Verify(
-        frames=_frames(args, settings),
+        frames=_frames(args, scene),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
         width=_within("width", args.width, 16, 8192),
         samples=_within("number of samples", args.samples, 1, 4096),
         bounces=_within("number of bounces", args.bounces, 0, 64),
+        strict=args.strict,
     )
     result = _finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
     out = printable(wanted.folder)
@@ -293,6 +295,8 @@ def _build(args, command: list[str]) -> dict:
         raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
     if args.render_only and not args.bake:
         raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
+    if args.strict and not args.bake:
+        raise CrowdError("Without --bake the plan is looked up as frames are shown: leave out --strict, or add --bake.")
     frames = None if args.frames is None else parse_frames(args.frames)
     with files.staged_file(path) as part:
         scene = open_scene(args.scene)
@@ -307,7 +311,7 @@ def _build(args, command: list[str]) -> dict:
             predicted.append((yield from share(estimate(scene, scene.crowd_lod, frames or (), args.bake), 0.0, 0.3)))
             if not args.quiet:
                 print(predicted[0].sentence, file=sys.stderr)
-            return (yield from share(bake.bake(scene, frames) if args.bake else render_setup.build(scene), 0.3, 1.0))
+            return (yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0))
 
         cast = _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:

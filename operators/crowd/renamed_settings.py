@@ -3,8 +3,10 @@
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from bpy.props import EnumProperty
+from ..blender.labelled_properties import EnumProperty
 
+# how the older name is made
+OLD: dict[str, Any] = {"options": {"HIDDEN"}, "description": "Old name of this setting, for older files and scripts"}
 # by what files call each
 STORED = {"center": "centre", "color": "colour", "overlay_color": "overlay_colour", "method": "way"}
 

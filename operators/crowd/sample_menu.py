@@ -3,6 +3,7 @@
 import bpy
 
 from ... import sample_scenes
+from ..blender.labelled_properties import EnumProperty
 from ..blender.operator import Reporting
 
 
@@ -12,7 +13,7 @@ class CROWDLOD_OT_sample(Reporting, bpy.types.Operator):
     bl_idname = "crowd_lod.sample"
     bl_label = "Sample Scene"
 
-    name: bpy.props.EnumProperty(name="Sample", items=[(n, n.capitalize(), "") for n in sample_scenes.NAMES])
+    name: EnumProperty(name="Sample", items=[(n, n.capitalize(), "") for n in sample_scenes.NAMES])
 
     def run(self, context) -> str:
         scene = bpy.data.scenes.new(self.name.capitalize())

@@ -20,10 +20,11 @@ from ...crowd_lod.planning.shadows import Surroundings, surround
 from ...crowd_lod.progress import aside, finished, share
 from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..blender.cameras import read_cameras, read_shutter
-from ..blender.character_objects import may_have_faces, parts
+from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.rig_dependencies import action_range
+from . import needs
 from .character_extent import bounds, frames_of, lowest, posing, unknown
 from .scene_world import bias_of, check_maps, heights_of, machine_of, world_of
 from .settings_versions import VERSION
@@ -54,7 +55,7 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     """Return (name, objects, origin) of each character group, sorted by name.
 
     A group is a child collection of the characters' collection, or one of its objects with all that
-    is parented to it. CrowdError if there is no usable group.
+    is parented to it. What is_stage is left out. CrowdError if there is no usable group.
 
     objects: those with a shape.
     origin: world metres.
@@ -65,15 +66,18 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
         raise CrowdError(
             f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
         )
-    groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in top.children]
+    kept = [child for child in top.children if not is_stage(child.all_objects)]
+    groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in kept]
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
             # LODs hang on the same armature
             below = [item for item in root.children_recursive if not item.get(OWNED)]
-            groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
+            if not is_stage([root, *below]):
+                groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
     if not groups:
-        raise CrowdError(f"The collection {top.name} is empty: put the characters in it, one child collection or object each.")
+        state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
+        raise CrowdError(f"The collection {top.name} {state}: put the characters in it, one child collection or object each.")
     names = [name for name, _, _ in groups]
     for name, objects, _ in groups:
         if names.count(name) > 1:
@@ -326,7 +330,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
     crowd = (settings.count, settings.seed, settings.first_frame, settings.tilt)
     key = (machine.text, world.area, world.labels.shape, groups, *crowd, seconds)
     relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
-    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + relief).digest()
+    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief).digest()
     if digest not in _trajectories:
         if settings.tilt and heights is not None:
             groups = leaning(groups, heights)
@@ -397,6 +401,7 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.populate"
     bl_label = "Populate"
+    needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
@@ -412,7 +417,12 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
         for warning in warnings:
             self.report({"WARNING"}, warning)
         said = [] if troubles.found else [troubles.sentence]
-        return " ".join(filter(None, (f"{len(trajectory.start):,} agents in {len(groups)} character groups.", *warnings, *said)))
+        return " ".join(
+            filter(
+                None,
+                (f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}.", *warnings, *said),
+            )
+        )
 
 
 CLASSES = (CROWDLOD_OT_populate,)

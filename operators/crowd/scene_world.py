@@ -20,7 +20,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     """Return the label map of the settings.
 
     Without an image it is edge_map's. CrowdError if it lies too far from the world's origin, or if
-    the image's colors are not those of the labels.
+    too many of the image's colors are not those of the labels.
     """
     (x, y, z), (width, depth) = settings.center, settings.size
     area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
@@ -28,7 +28,8 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     if settings.map_image is None:
         return edge_map(area, machine.labels)
     pixels = image_data.read_pixels(settings.map_image)[..., :3]
-    return LabelMap(labels_from_colors(pixels, machine.label_colors, machine.labels, settings.map_image.name), area)
+    labels, strays = labels_from_colors(pixels, machine.label_colors, machine.labels, settings.map_image.name)
+    return LabelMap(labels, area, strays)
 
 
 def heights_of(settings, area: Area) -> HeightMap | None:

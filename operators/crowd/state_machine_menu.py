@@ -3,6 +3,7 @@
 import bpy
 
 from ...crowd_lod.crowd.state_machine import load_preset, preset_names
+from ..blender.labelled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
 
 
@@ -12,7 +13,7 @@ class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
     bl_idname = "crowd_lod.machine_preset"
     bl_label = "State Machine Preset"
 
-    name: bpy.props.EnumProperty(name="Preset", items=[(n, n.capitalize(), "") for n in preset_names()])
+    name: EnumProperty(name="Preset", items=[(n, n.capitalize(), "") for n in preset_names()])
 
     def run(self, context) -> str:
         machine = load_preset(self.name)
@@ -24,10 +25,11 @@ class CROWDLOD_OT_machine_preset(Reporting, bpy.types.Operator):
 
 class CROWDLOD_MT_machine_presets(bpy.types.Menu):
     bl_label = "Presets"
+    bl_translation_context = CONTEXT
 
     def draw(self, context) -> None:
         for name in preset_names():
-            self.layout.operator("crowd_lod.machine_preset", text=name.capitalize()).name = name
+            self.layout.operator("crowd_lod.machine_preset", text=name.capitalize(), translate=False).name = name
 
 
 CLASSES = (CROWDLOD_OT_machine_preset, CROWDLOD_MT_machine_presets)

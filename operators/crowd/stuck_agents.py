@@ -1,4 +1,4 @@
-"""Agents that chatter or get stuck, found ahead of time at a bounded cost."""
+"""Agents that chatter or get stuck, found ahead of time at a bounded cost, and off-color pixels of the map."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -7,6 +7,8 @@ import numpy as np
 from ...crowd_lod.behaviour.courant_number import courant
 from ...crowd_lod.behaviour.exact_walk import Trouble, trouble
 from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.crowd.maps import LabelMap
+from ...crowd_lod.crowd.state_machine import StateMachine
 
 SECONDS = 60.0  # how far ahead is looked
 MOST_AGENTS = 200_000
@@ -15,16 +17,52 @@ MOST_READS, MOST_BORDERS = 4_000_000, 4_000
 
 
 @dataclass(frozen=True)
+class OffColor:
+    """Pixels of the label map that are of no label's color: LabelMap.strays, at least one.
+
+    They have the same fields as a Trouble of agents.
+
+    label: that the pixels have for want of another.
+    x, y: (k,) float64 world metres, of their middles.
+    column, row: (k,) intp; row 0 lies at y_min.
+    counts: how many pixels there are.
+    """
+
+    label: str
+    x: np.ndarray
+    y: np.ndarray
+    column: np.ndarray
+    row: np.ndarray
+    counts: tuple[int]
+    kind: str = "off-color"
+    agents: tuple[int, ...] = ()
+
+    def __str__(self) -> str:
+        count = self.counts[0]
+        many = f"{count:,} pixels of the label map are" if count > 1 else "A pixel of the label map is"
+        return (
+            f"{many} far from every label's color and taken for {self.label}, the first at x {self.x[0]:.2f} m, "
+            f"y {self.y[0]:.2f} m (map column {self.column[0]}, row {self.row[0]} from the bottom): paint over."
+        )
+
+
+def off_color(world: LabelMap, machine: StateMachine) -> tuple[OffColor, ...]:
+    """Return the OffColor of the map, () if it has no such pixels."""
+    row, column = world.strays.T
+    return (OffColor(machine.labels[0], *world.middles(row, column), column, row, (len(row),)),) if len(row) else ()
+
+
+@dataclass(frozen=True)
 class Troubles:
     """What was found.
 
-    found: a Trouble for each kind.
+    found: a Trouble for each kind; first an OffColor if the map has such pixels.
     agents: how many agents were checked, the first ones of the crowd.
     count: all agents of the crowd.
     seconds: how far ahead of the first frame was checked.
     """
 
-    found: tuple[Trouble, ...]
+    found: tuple[OffColor | Trouble, ...]
     agents: int
     count: int
     seconds: float
@@ -68,4 +106,5 @@ def find(trajectory: Trajectory) -> Troubles:
     count = min(len(crowd), MOST_AGENTS, max(1, int(MOST_READS / (borders * seconds))))
     if count < len(crowd):
         crowd = replace(crowd, **{each.name: np.ascontiguousarray(getattr(crowd, each.name)[:count]) for each in fields(crowd)})
-    return Troubles(trouble(crowd, machine, world, seconds), count, len(trajectory.start), seconds)
+    found = *off_color(world, machine), *trouble(crowd, machine, world, seconds)
+    return Troubles(found, count, len(trajectory.start), seconds)

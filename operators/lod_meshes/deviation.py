@@ -15,6 +15,7 @@ from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
 from ..blender.render_evaluation import as_rendered
 from ..blender.rig_dependencies import action_range, armatures_of
+from ..crowd import needs
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, store_groups
 from .shaded_pictures import bodies_of, within
 from .surface import Surface, has_area, moving, same_faces, spread
@@ -341,6 +342,10 @@ class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.measure_levels"
     bl_label = "Measure LOD Meshes"
+    needs = (
+        needs.crowd,
+        needs.lods,
+    )
 
     def steps(self, context) -> Generator[float, None, str]:
         yield from measure_levels(context.scene)

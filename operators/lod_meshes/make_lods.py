@@ -12,10 +12,12 @@ from ...crowd_lod.progress import share, standing
 from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
+from ..crowd import needs
 from ..crowd.scene_crowd import GROUP, characters_of, measuring_groups, stands, store_groups, trajectory_of
 from ..crowd.scene_world import check_maps
 from . import selection
 from .candidates import CANDIDATE, TINTS, Ladder
+from .made_for import note_shot
 
 
 @dataclass(frozen=True)
@@ -84,6 +86,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels, settings.dropped = top, "\n".join(_told(ladders, chosen.dropped))
+    note_shot(scene)
     settings.memory_tolerance, settings.memory_made, settings.estimate = chosen.tolerance, settings.memory, ""
     columns = [ladder.columns([home[CANDIDATE] for home in own]) for ladder, own in zip(ladders, homes, strict=True)]
     store_groups(settings, tuple(replace(group, **_padded(own, len(levels))) for group, own in zip(groups, columns, strict=True)))
@@ -216,6 +219,7 @@ class CROWDLOD_OT_make_levels(Stepwise, bpy.types.Operator):
 
     bl_idname = "crowd_lod.make_levels"
     bl_label = "Make LOD Meshes"
+    needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
         outcome = yield from make_levels(context.scene)

@@ -13,7 +13,7 @@ from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.levels.selection import LADDER, Shot, View, cheapest, choose, counting, priced, within
-from ...crowd_lod.planning.frame_range import evenly, parse_frames
+from ...crowd_lod.planning.frame_range import evenly
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
 from ..blender.rig_dependencies import action_range
@@ -45,7 +45,7 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
     settings: of the crowd that `trajectory` is. There is one Shot for each group, from up to MOST_FRAMES of the shot's frames. A group that no
     frame shows counts as anywhere within the camera's clip range.
     """
-    frames = parse_frames(settings.frames, settings.step)
+    frames = scene_data.frames_of(scene, settings.step)
     chosen = evenly(frames, MOST_FRAMES)
     bias, cameras = bias_of(settings, trajectory.world.area), cameras_at(scene, chosen)
     center, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("center", "radius"))

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...crowd_lod.planning.frame import Frame
-from ...crowd_lod.planning.reasons import reasons
+from ...crowd_lod.planning.reasons import REASONS, reasons
 from ..blender.color_space import linear
 from ..lod_meshes.make_lods import TINTS
 from .skinned_characters import Character
@@ -22,28 +22,44 @@ class Colors:
     index: (n,) uint8, each agent's color in `palette`.
     palette: (p, 4) float32, linear RGBA.
     culled: whether culled agents show their color too; if not, their index has no meaning.
+    names: what the colors mean, in the palette's order, which starts again where there are more
+        names than colors; () if there is nothing to tell.
+    by_lod: whether the colors are those of the LODs.
     """
 
     index: np.ndarray
     palette: np.ndarray
     culled: bool = False
+    names: tuple[str, ...] = ()
+    by_lod: bool = False
+
+    def of_name(self, k: int) -> tuple[float, float, float]:
+        """Return the linear color of names[k]."""
+        red, green, blue, _ = self.palette[k % len(self.palette)].tolist()
+        return red, green, blue
+
+    def of_agent(self, agent: int, visible: bool) -> tuple[float, float, float] | None:
+        """Return the linear color of an agent; None if it is culled and has none."""
+        return self.of_name(int(self.index[agent])) if visible or self.culled else None
 
 
 def by_level(frame: Frame) -> Colors:
     """Color agents by LOD."""
     index = np.zeros(len(frame.crowd), np.uint8)  # frame.levels would be measured for all agents
     index[frame.buckets.order] = frame.buckets.levels
-    return Colors(index, _opaque(TINTS))
+    return Colors(index, _opaque(TINTS), names=tuple(f"LOD {k}" for k in range(len(frame.buckets.counts))), by_lod=True)
 
 
 def by_state(frame: Frame) -> Colors:
     """Color agents by state, in the state machine's colors."""
-    return Colors(frame.crowd.state, _opaque(linear(frame.trajectory.machine.state_colors / 255)))
+    machine = frame.trajectory.machine
+    return Colors(frame.crowd.state, _opaque(linear(machine.state_colors / 255)), names=machine.states)
 
 
 def by_group(frame: Frame) -> Colors:
     """Color agents by character group; colors repeat after the last of TINTS."""
-    return Colors(frame.crowd.group % np.uint8(len(TINTS)), _opaque(TINTS))
+    names = tuple(group.name for group in frame.trajectory.groups)
+    return Colors(frame.crowd.group % np.uint8(len(TINTS)), _opaque(TINTS), names=names)
 
 
 def by_reason(frame: Frame) -> Colors:
@@ -51,7 +67,12 @@ def by_reason(frame: Frame) -> Colors:
 
     The reasons are those of crowd_lod.planning.reasons.REASONS.
     """
-    return Colors(reasons(frame), _opaque([*TINTS, PURPLE, BROWN]), culled=True)
+    return Colors(
+        reasons(frame),
+        _opaque([*TINTS, PURPLE, BROWN]),
+        culled=True,
+        names=tuple(reason[:1].upper() + reason[1:] for reason in REASONS),
+    )
 
 
 def by_material(frame: Frame, characters: Sequence[Character]) -> Colors:

@@ -4,7 +4,9 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.planning.agent_under_cursor import nearest
-from . import viewport_overlay
+from ..blender.operator import Needing
+from ..crowd import needs
+from . import redraw, viewport_overlay
 
 WITHIN = 40.0  # nominal pixels from the cursor
 
@@ -21,17 +23,13 @@ def under(screen: bpy.types.Screen, x: int, y: int) -> bpy.types.Region | None:
     return None
 
 
-class CROWDLOD_OT_inspect(bpy.types.Operator):
+class CROWDLOD_OT_inspect(Needing, bpy.types.Operator):
     """Pick an agent in the viewport: see why it is shown or culled, its LOD and cost"""
 
     bl_idname = "crowd_lod.inspect"
     bl_label = "Inspect Agent"
     bl_options = {"REGISTER"}
-
-    @classmethod
-    def poll(cls, context):
-        cls.poll_message_set("Switch the overlay on first.")
-        return viewport_overlay.latest(context.scene) is not None
+    needs = (needs.overlay, viewport_overlay.undrawn)
 
     def invoke(self, context, event) -> set[str]:
         self._before = context.scene.crowd_lod.agent
@@ -44,6 +42,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
         settings, shown = context.scene.crowd_lod, viewport_overlay.shown_of(context.scene)
         if event.type in ("ESC", "RIGHTMOUSE") or shown is None or shown.frame is None:
             settings.agent = self._before
+            redraw.viewports()
             self.cancel(context)
             return {"CANCELLED"}
         region = under(context.window.screen, event.mouse_x, event.mouse_y)
@@ -63,6 +62,7 @@ class CROWDLOD_OT_inspect(bpy.types.Operator):
         agent = -1 if found is None else found
         if settings.agent != agent:
             settings.agent = agent
+            redraw.viewports()
         return {"RUNNING_MODAL"}
 
     def cancel(self, context) -> None:

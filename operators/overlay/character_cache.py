@@ -19,6 +19,7 @@ from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
 from ..crowd.scene_crowd import GROUP
+from . import redraw
 from .skinned_characters import Character, baking
 
 
@@ -99,7 +100,7 @@ def bake_some() -> float | None:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:
             _bake_on(scene, casting)
-            _redraw()
+            redraw.viewports()
             return 0.0
     return None
 
@@ -136,13 +137,6 @@ def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
     """
     levels = next(each for each in bpy.data.scenes if each.session_uid == scene).crowd_lod.levels
     return [level.children[number] for level in levels.children]
-
-
-def _redraw() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
 
 
 def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:

@@ -183,12 +183,15 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
                 shader.uniform_sampler("palette", batches.palette)
         if cast.characters:
             cast.bind(shader, level, group)
+        else:
+            shader.uniform_int("count", count)
         if materials:
             shader.uniform_sampler("images", cast.images[group])
         closed = not cast.characters or cast.characters[group].meshes[level].closed
         gpu.state.face_culling_set("BACK" if closed else "NONE")
         shader.uniform_int("base", first)
-        batch.draw_instanced(shader, instance_start=0, instance_count=count)
+        instances = count if cast.characters else -(-count // shader_programs.BOXES)
+        batch.draw_instanced(shader, instance_start=0, instance_count=instances)
     gpu.state.face_culling_set("NONE")
 
 
@@ -360,9 +363,10 @@ def _batch(columns: dict[str, np.ndarray], triangles: np.ndarray | None = None, 
 
 
 def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Return (columns, triangles) of a box inscribed in the group's bounding sphere.
+    """Return (columns, triangles) of a run of BOXES boxes inscribed in the group's bounding sphere.
 
-    The box stands on the ground: eight vertices, no floor, smooth normals.
+    A box stands on the ground: eight vertices, no floor, smooth normals. They are drawn in runs
+    because an instance so small costs more than its triangles.
     """
     half = np.sqrt(max(group.radius**2 - group.center**2, (0.2 * group.radius) ** 2) / 2)
     corners = np.array([(x, y, z) for z in (0, 1) for y in (-1, 1) for x in (-1, 1)], np.float32)
@@ -370,4 +374,6 @@ def _box(group: Group) -> tuple[dict[str, np.ndarray], np.ndarray]:
     triangles = [(0, 1, 5), (0, 5, 4), (1, 3, 7), (1, 7, 5), (3, 2, 6), (3, 6, 7), (2, 0, 4), (2, 4, 6), (4, 5, 7), (4, 7, 6)]
     normals = (normals / np.linalg.norm(normals, axis=1, keepdims=True)).astype(np.float32)
     points = (corners * (half, half, 2 * group.center)).astype(np.float32)
-    return {"position": points, "normal": normals}, np.array(triangles, np.uint32)
+    run = shader_programs.BOXES
+    runs = (np.arange(run)[:, None, None] * len(corners) + triangles).reshape(-1, 3)
+    return {"position": np.tile(points, (run, 1)), "normal": np.tile(normals, (run, 1))}, runs.astype(np.uint32)

@@ -10,8 +10,8 @@ import numpy as np
 from ...crowd_lod.planning.agent_under_cursor import Account
 from ...crowd_lod.planning.frame import Frame
 from ..blender.color_space import encoded
-from ..lod_meshes.make_lods import TINTS
 from . import shader_programs
+from .agent_colors import Colors
 from .gpu_draw import LINE_PIXELS
 
 STAGES = {"behaviour": "Behavior", "culling": "Culling", "levels": "Levels", "sorting": "Sorting", "drawing": "Drawing"}
@@ -22,6 +22,7 @@ LETTERS, LINE, MARGIN = 11.0, 18.0, 10.0
 LEAST = 8.0  # nominal pixels, the ring's least radius
 CORNERS = 48
 NARROWEST = 120.0  # nominal pixels, below which nothing is written
+MOST_NAMES = 12  # of a legend
 
 
 @dataclass(frozen=True)
@@ -35,17 +36,29 @@ class Line:
     color: tuple[float, float, float] | None = None
 
 
-def figures(frame: Frame, drawing: float, gpu_bytes: int, account: Account | None = None) -> tuple[Line, ...]:
-    """Return the overlay's lines of text about `frame`.
+def figures(
+    frame: Frame,
+    colors: Colors,
+    drawing: float,
+    gpu_bytes: int,
+    account: Account | None = None,
+    notes: Sequence[str] = (),
+) -> tuple[Line, ...]:
+    """Return the overlay's lines of text about `frame`, with the legend of its colors.
 
+    colors: of the agents.
     drawing: milliseconds to hand the frame's drawing to the GPU.
     gpu_bytes: bytes kept on the GPU.
     account: of the picked agent, or None.
+    notes: sentences for the user.
     """
     agents, visible = len(frame.crowd), len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
     said = [Line(f"{agents:,} agents, {visible:,} visible, {culled:.1%} culled")]
-    said += [Line(f"LOD {level}  {count:,}", TINTS[level]) for level, count in enumerate(frame.buckets.counts)]
+    counts = enumerate(frame.buckets.counts)
+    said += [Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None) for k, count in counts]
+    said += [] if colors.by_lod else legend(colors)
+    said += map(Line, notes)
     if frame.full_triangles:
         said.append(Line(f"Vertices  {share(frame.vertices, frame.full_vertices)} without LOD"))
         said.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
@@ -54,11 +67,19 @@ def figures(frame: Frame, drawing: float, gpu_bytes: int, account: Account | Non
     state = sum(column.nbytes for column in vars(frame.crowd).values())
     said.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
     if account is not None:
-        said.append(Line(", ".join(f"{name} {value}" for name, value in told(account)), TINTS[account.level]))
+        said.append(
+            Line(", ".join(f"{name} {value}" for name, value in told(account)), colors.of_agent(account.agent, account.visible))
+        )
     if frame.dropped:
         said.append(Line(f"{frame.dropped:,} agents at NaN or infinity are left out."))
-    said += [Line(f"{STAGES.get(item.stage, 'Plan')}: {item.reason}") for item in frame.left_out]
     return tuple(said)
+
+
+def legend(colors: Colors) -> list[Line]:
+    """Return a line for each name of the colors, at most MOST_NAMES of them, and how many are left."""
+    more = len(colors.names) - MOST_NAMES
+    lines = [Line(name, colors.of_name(k)) for k, name in enumerate(colors.names[:MOST_NAMES])]
+    return [*lines, Line(f"and {more} more")] if more > 0 else lines
 
 
 def told(account: Account) -> list[tuple[str, str]]:
@@ -101,7 +122,7 @@ def broken(said: Sequence[Line], letters: int, rows: int) -> list[Line]:
     """
     found = []
     for line in said:
-        first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ")
+        first, *rest = textwrap.wrap(line.text, max(3, letters), subsequent_indent="  ") or [""]
         found += [Line(first, line.color), *map(Line, rest)]
     return found if len(found) <= rows else [*found[: max(0, rows - 1)], Line("...")][:rows]
 

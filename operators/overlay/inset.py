@@ -1,13 +1,16 @@
 """The inset: the crowd from above, in a corner of the viewport.
 
 Source: chapter figure 1.5. Agents are points; the camera's frustum and LOD ranges are lines.
+Off-color pixels of the label map are points over the agents.
 """
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...crowd_lod.crowd.maps import Area
+from ...crowd_lod.crowd.maps import Area, LabelMap
+from .draw_data import Drawing
 from .gpu_draw import Batches, paint
 
 if TYPE_CHECKING:
@@ -19,6 +22,22 @@ MOST = 0.45  # of the viewport's width and height
 INSET_MARGIN = 10.0  # nominal pixels
 POINTS = 0.6  # how large agents are, compared with those in the viewport
 BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
+STRAY = 1.0, 0.0, 1.0, 1.0  # linear RGBA, of the map's off-color pixels
+
+
+def with_strays(what: Drawing, world: LabelMap) -> Drawing:
+    """Return the drawing of points with a point more for each stray of the map, over all agents."""
+    if not len(world.strays):
+        return what
+    x, y = world.middles(*world.strays.T)
+    top = max(world.area.z - what.origin[2], float(what.positions[:, 2].max(initial=-np.inf)))
+    marks = np.column_stack([x - what.origin[0], y - what.origin[1], np.full(len(x), top + what.diameter)]).astype(np.float32)
+    return replace(
+        what,
+        positions=np.concatenate([what.positions, marks]),
+        colors=np.concatenate([what.colors, np.tile(np.float32(STRAY), (len(marks), 1))]),
+        sizes=np.concatenate([what.sizes, np.ones(len(marks), np.float32)]),
+    )
 
 
 def from_above(area: Area, eye: np.ndarray, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

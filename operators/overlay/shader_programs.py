@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 SHADERS = Path(__file__).parents[2] / "shaders"
 TEXELS = 4096  # in a row of the texture of instances
+BOXES, BOX_CORNERS = 64, 8  # boxes that an instance draws, vertices of a box
 VIEW = "struct CrowdView { mat4 matrix; vec4 key; };"
 
 
@@ -36,7 +37,11 @@ def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
     info.uniform_buf(0, "CrowdView", "view")
     info.sampler(0, "FLOAT_2D", "agents")
     info.push_constant("INT", "base")
-    if kind != "RIGID":
+    if kind == "RIGID":
+        info.define("BOXES", str(BOXES))
+        info.define("BOX_CORNERS", str(BOX_CORNERS))
+        info.push_constant("INT", "count")
+    else:
         info.push_constant("INT", "frame_count")
     if materials:
         info.define("MATERIALS", "1")

@@ -9,7 +9,8 @@ import numpy as np
 from ...crowd_lod.errors import CrowdError
 from ..blender import cameras, image_data
 from ..blender.operator import Reporting
-from . import viewport_overlay
+from ..crowd import needs
+from . import viewport_overlay, visibility
 from .playblast import Canvas, camera_matrices
 
 
@@ -18,14 +19,14 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.render_viewport"
     bl_label = "Render Viewport Image"
+    needs = (needs.overlay, viewport_overlay.undrawn)
 
     @classmethod
     def poll(cls, context):
         if context.area is None or context.area.type != "VIEW_3D":
             cls.poll_message_set("Put the mouse over a 3D viewport.")
             return False
-        cls.poll_message_set("Switch the overlay on first.")
-        return viewport_overlay.latest(context.scene) is not None
+        return super().poll(context)
 
     def run(self, context) -> str:
         shown, space = viewport_overlay.shown_of(context.scene), context.space_data
@@ -33,11 +34,17 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
             raise CrowdError(f"The viewport shows no crowd: {shown.problem}")
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         view, projection, size = _seen(context, space, region)
-        canvas = Canvas(size)
+        settings, canvas = context.scene.crowd_lod, Canvas(size)
+        crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(settings, context.view_layer, space)
+        if context.window is not None:  # one call of Blender's draws it all, for seconds where there is no graphics card
+            context.window.cursor_modal_set("WAIT")
         try:
-            pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), shown.batches)
+            batches = shown.batches if crowd else None
+            pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), batches)
         finally:
             canvas.free()
+            if context.window is not None:
+                context.window.cursor_modal_restore()
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])
         if not bpy.app.background:
             _show(image)

@@ -16,15 +16,15 @@ from ...crowd_lod.planning.agent_under_cursor import Account, account
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.hysteresis import held
 from ...crowd_lod.planning.request import Request
-from ..blender import frame_stepping, image_data, scene_cache, scene_data
+from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import drawn_inputs
 from ..crowd.shot_reference import Use, reference, use_of
-from . import agent_colors, character_cache, gpu_culling, hud, inset, shader_programs
-from .appearance import cast_of, colors_of, drawing_of, style_of
+from . import agent_colors, character_cache, gpu_culling, hud, inset, redraw, shader_programs, visibility
+from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style, drawing
 from .gpu_draw import Batches, Cast, paint
 from .viewport_camera import viewpoint
@@ -45,6 +45,7 @@ class Shown:
     cast, batches: on the GPU.
     prepared: milliseconds to upload them.
     painted: milliseconds to submit one draw of them.
+    drawn: time in seconds when its last drawing began.
     above: texture of the frame from above, once it was needed.
     notes: sentences for the user.
     problem: a sentence for the user, if nothing can be shown.
@@ -60,6 +61,7 @@ class Shown:
     batches: Batches | None = None
     prepared: float = 0.0
     painted: float = 0.0
+    drawn: float = 0.0
     above: object = None
     notes: tuple[str, ...] = ()
     problem: str | None = None
@@ -67,6 +69,7 @@ class Shown:
 
 _handlers = []
 _shown: dict[int, Shown] = scene_cache.kept({}, by_scene=True)
+WATCH = 0.25  # seconds between two looks for changes that Blender does not tell
 REST = 0.3  # seconds that a frame is shown before its open shutter is asked for
 # Of scenes with motion blur: (what an open shutter is asked for, since when, seconds), and (that,
 # read_shutter's answer).
@@ -82,11 +85,12 @@ def register() -> None:
     if not bpy.app.background:  # nothing is drawn there
         for part, when in ((_draw_crowd, "POST_VIEW"), (_draw_figures, "POST_PIXEL")):
             _handlers.append(bpy.types.SpaceView3D.draw_handler_add(_draw, (part,), "WINDOW", when))
+        bpy.app.timers.register(_watch, first_interval=WATCH, persistent=True)
 
 
 def unregister() -> None:
     _let_go()
-    for timer in (_redraw_sidebars, _read_shutters, _stop, character_cache.bake_some):
+    for timer in (_watch, sidebars.redraw, _read_shutters, _stop, character_cache.bake_some):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
 
@@ -102,7 +106,7 @@ def _let_go() -> None:
 def _stop() -> None:
     """Timer: remove the draw handlers, which must not be done while Blender draws."""
     _let_go()
-    _redraw_sidebars()
+    sidebars.redraw()
 
 
 def latest(scene: bpy.types.Scene) -> Frame | None:
@@ -125,6 +129,11 @@ def problem(scene: bpy.types.Scene) -> str | None:
     return _failure or (shown and shown.problem)
 
 
+def undrawn(scene: bpy.types.Scene) -> str:
+    """Return a sentence that says why the viewport shows no frame of `scene`; "" if it does."""
+    return "" if latest(scene) is not None else problem(scene) or "The overlay was not drawn yet"
+
+
 def account_of(scene: bpy.types.Scene) -> Account | None:
     """Return the account of the agent picked in the scene's settings, or None."""
     shown, agent = shown_of(scene), scene.crowd_lod.agent
@@ -133,14 +142,28 @@ def account_of(scene: bpy.types.Scene) -> Account | None:
     return account(shown.frame, agent)
 
 
+def legend_of(scene: bpy.types.Scene) -> list[hud.Line]:
+    """Return the legend of the colors that the viewport shows of `scene`, [] if it shows none."""
+    shown = shown_of(scene)
+    return hud.legend(shown.colored) if shown is not None and shown.colored is not None else []
+
+
+def steps_back(context) -> str:
+    """Return a sentence if the context's viewport shows the build, and so no characters of the overlay; else ""."""
+    shows = visibility.shows_build(context.scene.crowd_lod, context.view_layer, context.space_data)
+    return visibility.STEPS_BACK if shows else ""
+
+
 def _draw(part) -> None:
     """Draw handler: call `part`; on any error print it once and stop the overlay."""
     global _failure
     context = bpy.context
-    if _failure or not context.scene.crowd_lod.overlay or not context.space_data.overlay.show_overlays:
+    settings, space = context.scene.crowd_lod, context.space_data
+    if _failure or not settings.overlay or not space.overlay.show_overlays:
         return
     try:
-        part(context)
+        if visibility.shows_crowd(settings, space):
+            part(context)
     except Exception as error:
         traceback.print_exc()
         _failure = f"The overlay stopped ({error}): disable and enable Crowd LOD to start it again; see the console for details."
@@ -150,8 +173,10 @@ def _draw(part) -> None:
 
 def _draw_crowd(context) -> None:
     """POST_VIEW handler: draw the crowd."""
+    drawn = clock.monotonic()
     shown = _follow(context)
-    if shown.batches is not None:
+    shown.drawn = drawn
+    if shown.batches is not None and not steps_back(context):
         view, region = context.region_data, context.region
         began = clock.perf_counter()
         paint(
@@ -180,7 +205,9 @@ def _draw_figures(context) -> None:
     taken = box[0], box[3]
     if settings.hud and main:
         gpu_bytes = sum(each.nbytes for each in (shown.batches, shown.cast) if each) + inset.nbytes(shown.above)
-        taken = hud.write(hud.figures(shown.frame, shown.prepared + shown.painted, gpu_bytes, told), box, ui_scale)
+        notes = (*shown.notes, *filter(None, [steps_back(context)]))
+        lines = hud.figures(shown.frame, shown.colored, shown.prepared + shown.painted, gpu_bytes, told, notes)
+        taken = hud.write(lines, box, ui_scale)
     if above is not None:
         inset.show(above, box, taken, ui_scale)
 
@@ -188,9 +215,10 @@ def _draw_figures(context) -> None:
 def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
     """Return the texture of the frame from above, painted once per frame."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
-        what = drawing(shown.frame, Style("POINTS"), shown.colored)
+        world = shown.frame.trajectory.world
+        what = inset.with_strays(drawing(shown.frame, Style("POINTS"), shown.colored), world)
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
-        view, projection = inset.from_above(shown.frame.trajectory.world.area, what.origin, places)
+        view, projection = inset.from_above(world.area, what.origin, places)
         shown.above = inset.picture(Batches(what), view, projection, ui_scale)
     return shown.above
 
@@ -219,6 +247,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
         key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
+        notes += missing_groups(settings)
         frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6), reference(settings)
         frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
@@ -266,12 +295,12 @@ def _shown_now(context, before: Shown | None) -> Shown:
 
 
 def _crowd_inputs(scene) -> tuple:
-    """Return the inputs of trajectory and bias, except image pixels and machine text."""
+    """Return the inputs of trajectory and bias, except image pixels."""
     settings = scene.crowd_lod
-    chosen = settings.map_image, settings.machine, settings.height_image, settings.bias_image
-    blocks = (block and block.session_uid for block in chosen)
+    blocks = (block and block.session_uid for block in (settings.map_image, settings.height_image, settings.bias_image))
+    machine = settings.machine and settings.machine.as_string()
     numbers = settings.count, settings.seed, settings.first_frame, scene.render.fps, scene.render.fps_base
-    return groups_of(settings), *blocks, *numbers, *settings.center, *settings.size, settings.height_scale, settings.tilt
+    return groups_of(settings), *blocks, machine, *numbers, *settings.center, *settings.size, settings.height_scale, settings.tilt
 
 
 def _values(camera: Camera) -> tuple:
@@ -330,23 +359,25 @@ def _read_shutters() -> float | None:
             except CrowdError:  # the drawing itself says so
                 _shutters[scene.session_uid] = key, ()
     _asked.clear()
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+    redraw.viewports()
     return None
+
+
+def _watch() -> float:
+    """Timer: have viewports drawn again that are old without Blender's notice.
+
+    Either settings have changed, or what is looked at only every LOOK_AGAIN seconds was not looked
+    at in the last drawing. Returns seconds to the next call.
+    """
+    for scene in {window.scene for window in bpy.context.window_manager.windows}:
+        shown = shown_of(scene)
+        due = shown is not None and shown.frame is not None and shown.looked < shown.drawn
+        if redraw.changed(scene) or (due and clock.monotonic() > shown.looked + LOOK_AGAIN + WATCH):
+            redraw.viewports()
+    return WATCH
 
 
 def _redraw_sidebars_soon() -> None:
     # from within a drawing Blender would forget the request
-    if not bpy.app.timers.is_registered(_redraw_sidebars):
-        bpy.app.timers.register(_redraw_sidebars)
-
-
-def _redraw_sidebars() -> None:
-    for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                for region in area.regions:
-                    if region.type == "UI":
-                        region.tag_redraw()
+    if not bpy.app.timers.is_registered(sidebars.redraw):
+        bpy.app.timers.register(sidebars.redraw)

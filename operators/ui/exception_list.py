@@ -1,10 +1,11 @@
 """The exceptions from the shot plan: their settings, their list in the sidebar, and its buttons."""
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 
 from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender.labelled_properties import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
 from ..blender.operator import Reporting
+from ..crowd import needs
 from ..crowd.shot_exceptions import REGIONS
 
 
@@ -57,7 +58,7 @@ class CROWDLOD_UL_exceptions(bpy.types.UIList):
         part = row.row(align=True)
         part.active = item.use
         part.prop(item, "name", text="", emboss=False)
-        part.label(text=asks(item))
+        part.label(text=asks(item), translate=False)
 
 
 def asks(item) -> str:
@@ -67,10 +68,7 @@ def asks(item) -> str:
 
 
 class _Editing(Reporting):
-    @classmethod
-    def poll(cls, context) -> bool:
-        cls.poll_message_set("There are no exceptions.")
-        return len(context.scene.crowd_lod.exceptions) > 0
+    needs = (needs.exceptions,)
 
 
 class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
@@ -88,11 +86,7 @@ class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
 
     bl_idname = "crowd_lod.except_agent"
     bl_label = "Add Exception for Picked Agent"
-
-    @classmethod
-    def poll(cls, context) -> bool:
-        cls.poll_message_set("Pick an agent in the viewport first, with the eyedropper beside Agent.")
-        return context.scene.crowd_lod.agent >= 0
+    needs = (needs.picked,)
 
     def run(self, context) -> str:
         agent = context.scene.crowd_lod.agent

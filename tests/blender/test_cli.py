@@ -221,7 +221,9 @@ def flat_clip(scene):
 
 
 def thresholds_out_of_order(scene):
-    scene.crowd_lod.thresholds[:2] = (0.5, 0.4)
+    settings = scene.crowd_lod
+    raw = settings.bl_system_properties_get() if bpy.app.version >= (5, 0, 0) else settings
+    raw["thresholds"] = [0.5, 0.4, *settings.thresholds[2:]]
 
 
 BAD_SCENES = {

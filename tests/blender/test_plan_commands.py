@@ -95,3 +95,21 @@ def test_compare_sets_two_plans_side_by_side(planned, tmp_path, capfd):
     (tmp_path / "plan" / "plan.npz").write_bytes(np.random.default_rng(0).bytes(100))
     assert run("compare", tmp_path / "plan", tmp_path / "other") == 1
     assert "cannot be read" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("preview", "--width", 32),
+        ("verify", "--width", 32, "--samples", 1),
+        ("build", "--bake"),
+    ],
+)
+def test_strict_makes_a_frame_without_the_plan_an_error(planned, tmp_path, capfd, words):
+    name, *more = words
+    out = tmp_path / ("out.blend" if name == "build" else "out")
+    asked = (name, planned, *more, "--plan", tmp_path / "plan", "--out", out)
+    assert run(*asked, "--frames", "6,7", "--strict") == 1
+    told = capfd.readouterr().err
+    assert "Frame 7: The shot plan covers frames 1 to 6: here thresholds hold." in told and not out.exists()
+    assert run(*asked, "--frames", "5,6", "--strict") == 0 == run(*asked, "--frames", "6,7") and out.exists()

@@ -247,3 +247,14 @@ def test_preview_plans_first(zoomed, tmp_path):
 def test_no_frames_is_an_error(zoomed):
     with pytest.raises(CrowdError, match="no frames"):
         finished(shot_survey.survey_of(zoomed, []))
+
+
+def test_lods_of_other_settings_are_named(scene, tmp_path):
+    settings = scene.crowd_lod
+    settings.choice, settings.level_count = "BY_RATIO", 2
+    bpy.ops.crowd_lod.populate()
+    bpy.ops.crowd_lod.make_levels()
+    settings.level_count, settings.frames, settings.plan_folder = 3, "1:3", str(tmp_path / "plan")
+    with pytest.raises(RuntimeError, match="do not fit the settings"):
+        bpy.ops.crowd_lod.plan_shot()
+    assert not (tmp_path / "plan").exists()

@@ -72,7 +72,7 @@ def test_the_command_proves_that_culling_changes_no_pixel_and_shadows_need_their
     assert [int(row["b_pixels"]) for row in rows] == [0, 0]
     names = ("a", "b", "bare", "c", "a_b", "a_bare", "a_c")
     pictures = {f"frame_{n:04d}_{name}.png" for n in (1, 30) for name in names}
-    assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png"}
+    assert set(os.listdir(out)) == pictures | {"verify.json", "verify.csv", "contact_sheet.png", "report.html"}
     assert not image_data.load_pixels(out / "frame_0001_a_b.png")[..., :3].any()
     assert image_data.load_pixels(out / "frame_0001_a_bare.png")[..., :3].any()
 
@@ -239,3 +239,31 @@ def test_what_is_wrong_is_one_sentence(tmp_path, capfd):
         said = capfd.readouterr()
         assert sentence in said.err and said.err.count("\n") == 1 and not said.out
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("more", [(), ("--triangles", "budget"), ("--blur",)])
+def test_predictions_hold_where_planned_lods_switch(levelled, tmp_path, capfd, more):
+    """In the frame with the most switches and in the one before it, also where a budget or blur lets LODs deviate by more."""
+    settings, lens = levelled.crowd_lod, levelled.camera.data
+    settings.choice, settings.tolerance = "BY_TOLERANCE", 2.0
+    levelled.render.use_motion_blur = "--blur" in more
+    for frame, lens.lens in ((1, 15), (6, 200)):
+        lens.keyframe_insert("lens", frame=frame)
+    file, plan = tmp_path / "zoom.blend", tmp_path / "plan"
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    asked = ("plan", file, "--frames", "1:6", "--avoid-pops", 0, "--quiet", "--out", plan)
+    assert run(*asked) == 0
+    if "budget" in more:
+        rows = list(csv.DictReader((plan / "frames.csv").open()))
+        more = "--triangles", 0.9 * max(int(row["triangles"]) for row in rows)
+    if more:
+        assert run(*asked, *more) == 0
+    frames = [int(row["frame"]) for row in csv.DictReader((plan / "switches.csv").open())]
+    most = max(frames, key=frames.count)
+    words = ("--frames", f"{most - 1},{most}", "--width", 160, "--samples", 1, "--plan", plan, "--strict", "--quiet")
+    assert run("verify", file, *words, "--out", tmp_path / "out") == 0
+    rows = json.loads((tmp_path / "out" / "verify.json").read_text())["frames"]
+    assert all(row["culling_ok"] and row["lod_ok"] and row["predicted_shift"] > 0 for row in rows)
+    told = json.loads((plan / "plan.json").read_text())["shot"]
+    # of blurred agents the plan tells what their blur does not hide, verify the whole
+    assert not more or max(told["plan"]["largest_deviation_pixels"], *(row["predicted_shift"] for row in rows)) > 2.0

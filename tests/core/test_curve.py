@@ -1,5 +1,7 @@
 """The curve of a shot: its points against sums over all agents, and hysteresis against one agent at a time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.planning.curve import MOST_LOOKED_AT, TOLERANCES, WIDTH, curve_of, hysteresis, of_full_detail
@@ -103,3 +105,15 @@ def test_shots_with_nothing_to_choose_have_a_curve(more):
     assert all(point.triangles > 0 for point in curve.points)
     if "lods" in more or "agents" in more:
         assert {(point.triangles, point.error, point.switches) for point in curve.points} == {(1.0, 0.0, 0)}
+
+
+def test_by_ratio_there_is_no_hysteresis_and_no_point_comes_twice():
+    shot, plan = planned()
+    curve = finished(curve_of(shot, plan, None))
+    assert [point.tolerance for point in of_kind(curve, "tolerance")] == list(TOLERANCES)
+    assert of_kind(curve, "hysteresis") == [] != of_kind(finished(curve_of(shot, plan, TOLERANCE)), "hysteresis")
+    few = finished(curve_of(*planned(lods=1), TOLERANCE))
+    for points in (curve.points, few.points):
+        plans = [replace(point, kind="plan") for point in points if point.kind in ("plan", "avoid")]
+        assert len(plans) == len(set(plans))
+    assert of_kind(few, "avoid") == []

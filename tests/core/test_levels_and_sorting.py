@@ -1,15 +1,17 @@
 from dataclasses import replace
 from fractions import Fraction
 
+import hypothesis.strategies as st
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.maps import Area
 from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.culling.radar import ROUNDING, radar
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, hold, limits
+from crowd_lod_extension.crowd_lod.levels.assignment import Bias, LevelPolicy, assign, hold, limits, pushed
 from crowd_lod_extension.crowd_lod.sorting.buckets import sort
 from crowd_lod_extension.crowd_lod.validation.culling_audit import random_camera
+from hypothesis import given
 
 from ..support.cameras import straight
 from ..support.crowds import crowd_at
@@ -163,3 +165,38 @@ def test_no_agent_has_a_finer_lod_than_there_is(kind, metric, tolerance):
     )
     np.testing.assert_array_equal(held, np.maximum(free, np.array(finest)[group]))
     assert (held != free).any()
+
+
+@pytest.mark.parametrize(
+    "metric, values, kept, found",
+    [
+        ("AXIS", (0.15, 0.7, 0.6), 1, (0.15, 0.7, 0.701)),
+        ("AXIS", (0.15, 0.4, 0.1), 2, (0.098, 0.099, 0.1)),
+        ("AXIS", (1.0, 0.4, 0.6), 0, (0.998, 0.999, 1.0)),
+        ("AXIS", (0.15, 0.4, 0.0), 2, (0.001, 0.002, 0.003)),
+        ("AXIS", (0.5, 0.2, 0.3), 0, (0.5, 0.501, 0.502)),
+        ("AXIS", (0.4, 0.4), 1, (0.399, 0.4)),
+        ("AXIS", (0.0000011, 0.0000031), 1, (0.0000011, 0.0000031)),
+        ("PIXELS", (200, 300, 40), 1, (300.1, 300, 40)),
+        ("PIXELS", (30, 80, 40), 0, (30, 29.9, 29.8)),
+        ("PIXELS", (200, 80, 3e38), 2, (1e6, 1e6 - 0.1, 1e6 - 0.2)),
+        ("PIXELS", (0.01, 80, 40), 0, (0.21, 0.11, 0.01)),
+        ("PIXELS", (3e38, 1e-3), 0, (3e38, 1e-3)),
+    ],
+)
+def test_a_threshold_pushes_its_neighbors_and_stops_where_they_have_no_room(metric, values, kept, found):
+    assert pushed(values, kept, metric).tolist() == pytest.approx(found, rel=1e-9)
+
+
+@given(st.data())
+def test_pushed_thresholds_are_a_policy_and_what_is_in_order_stays(data):
+    metric = data.draw(st.sampled_from(("AXIS", "PIXELS")))
+    number = st.floats(0, 1, width=32) if metric == "AXIS" else st.floats(float(np.float32(0.01)), 2.0**20, width=32)
+    values = data.draw(st.lists(number, min_size=1, max_size=7))
+    kept = data.draw(st.integers(0, len(values) - 1))
+    found = pushed(values, kept, metric).astype(np.float32).astype(float)
+    LevelPolicy(tuple(round(value, 6) for value in found.tolist()), metric)
+    assert (pushed(found.tolist(), kept, metric) == found).all()
+    low, high = (0.01, 0.99) if metric == "AXIS" else (2, 1e5)
+    if low <= values[kept] <= high:
+        assert found[kept] == values[kept]

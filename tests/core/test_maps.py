@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.maps import MOST_SQUARE, Area, HeightMap, LabelMap, edge_map, labels_from_colors
+from crowd_lod_extension.crowd_lod.crowd.maps import MOST_SQUARE, NEAR, Area, HeightMap, LabelMap, edge_map, labels_from_colors
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 COLORS = np.array([[128, 128, 128], [255, 0, 0]], np.uint8)
@@ -18,7 +18,8 @@ def test_label_under_each_cell_center_and_beyond_the_border():
 
 def test_painted_colors_become_labels():
     pixels = COLORS[[[0, 1], [1, 1]]]
-    assert labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png").tolist() == [[0, 1], [1, 1]]
+    labels, strays = labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
+    assert labels.tolist() == [[0, 1], [1, 1]] and not len(strays)
 
 
 def test_strange_colors_are_named_with_count_and_place():
@@ -26,6 +27,57 @@ def test_strange_colors_are_named_with_count_and_place():
     pixels[1, 0] = (1, 2, 3)
     with pytest.raises(CrowdError, match=r"m\.png.*#010203 \(1 pixels\).*column 0, row 1.*ground #808080"):
         labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
+
+
+def painted(side=40):
+    """A map of ground with a wall in it, (side, side, 3) uint8, and its labels."""
+    labels = np.zeros((side, side), np.uint8)
+    labels[10:20, 5:30] = 1
+    return COLORS[labels], labels
+
+
+def test_colors_near_a_label_are_that_label():
+    pixels, labels = painted()
+    moved = np.random.default_rng(4).integers(-18, 19, pixels.shape)  # at most 31.2 of 255 away
+    found, strays = labels_from_colors((pixels + moved).clip(0, 255).astype(np.uint8), COLORS, ("ground", "wall"), "m.png")
+    assert (found == labels).all() and not len(strays)
+
+
+def test_up_to_a_hundredth_of_strange_pixels_become_the_first_label():
+    pixels, labels = painted()
+    odd = [(12, 6 + k) for k in range(10)] + [(30, 2 * k) for k in range(6)]  # ten in the wall, six on the ground
+    for row, column in odd:
+        pixels[row, column] = (40, 200, 40)
+        labels[row, column] = 0
+    found, strays = labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
+    assert (found == labels).all() and sorted(map(tuple, strays.tolist())) == sorted(odd)
+    pixels[39, 39] = (40, 200, 41)
+    with pytest.raises(CrowdError, match=r"#28c828 \(16 pixels\), #28c829 \(1 pixels\), the first at column 6, row 12"):
+        labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
+
+
+def test_a_color_between_two_close_labels_is_the_nearer_one_s_up_to_half_way_and_then_none_s():
+    close = np.array([[100, 100, 100], [100, 100, 110], [100, 116, 100]], np.uint8)  # 10, 16 and 18.9 apart
+    pixels = np.repeat(close[[[0]]], 200, axis=1)
+    pixels[0, :6] = [(100, 100, 104), (100, 100, 105), (100, 100, 106), (100, 108, 100), (100, 107, 100), (100, 106, 100)]
+    found, strays = labels_from_colors(pixels, close, ("a", "b", "c"), "m.png")
+    assert found[0, :6].tolist() == [0, 0, 1, 2, 0, 0] and strays.tolist() == [[0, 4], [0, 5]]
+
+
+def test_labels_are_those_of_measuring_every_color_against_every_label():
+    random = np.random.default_rng(5)
+    colors = random.choice(256**3, 7, replace=False)[:, None] >> np.array([16, 8, 0]) & 255
+    pixels = colors[random.integers(7, size=(60, 60))]
+    pixels[::9, ::11] += random.integers(-35, 36, size=(7, 6, 3))
+    pixels = pixels.clip(0, 255).astype(np.uint8)
+    labels, strays = labels_from_colors(pixels, colors.astype(np.uint8), tuple("abcdefg"), "m.png")
+    apart = np.linalg.norm(colors[:, None] - colors, axis=2) + 1e9 * np.eye(7)
+    for row, column in np.ndindex(60, 60):
+        away = np.linalg.norm(pixels[row, column].astype(float) - colors, axis=1)
+        label = int(away.argmin())
+        near = away[label] <= min(NEAR, apart[label].min() / 2)
+        assert labels[row, column] == (label if near else 0)
+        assert ([row, column] in strays.tolist()) != near
 
 
 @pytest.mark.parametrize("bounds", [(0, 0, 0, 1), (0, 0, 1, -1), (0, 0, np.nan, 1), (0, 0, np.inf, 1)])

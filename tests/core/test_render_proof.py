@@ -1,6 +1,7 @@
 """The proof's three lines say no more than the pictures show."""
 
-from crowd_lod_extension.crowd_lod.validation.render_proof import to_text
+import pytest
+from crowd_lod_extension.crowd_lod.validation.render_proof import to_text, verdict
 
 ROW = {"frame": 3, "culling_ok": True, "lod_ok": True, "b_pixels": 0, "bare_pixels": 40, "c_share": 0.018, "c_mean": 0.0021,
        "silhouette_shift": 0.0, "predicted_shift": 0.9}  # fmt: skip
@@ -39,3 +40,30 @@ def test_silhouettes_that_were_not_judged_are_not_said_to_be_right():
 def test_bounces_are_told_with_the_culling():
     row = {"b_bounces_share": 0.003}
     assert said(row, bounces=2)[0].endswith(" With the sky and 2 bounces up to 0.30% differ visibly (frame 3).")
+
+
+OTHER = {"frame": 9, "silhouette_shift": 1.0, "predicted_shift": 3.25}
+
+
+@pytest.mark.parametrize(
+    "change, said",
+    [
+        ({}, "OK: culling changes no pixel in 2 frames; LODs shift silhouettes by at most 1.0 pixels, 3.25 were predicted."),
+        (
+            {"b_pixels": 7},
+            "OK: culling changes 7 pixels in 2 frames, by rounding alone; LODs shift silhouettes by at most 1.0 pixels, 3.25 were "
+            "predicted.",
+        ),
+        (
+            {"b_pixels": 1, "culling_ok": False, "lod_ok": False, "silhouette_shift": 2.5},
+            "Not OK: culling changes 1 pixel in frame 3; LODs shift silhouettes by at most 2.5 pixels in frame 3, 0.90 were predicted.",
+        ),
+    ],
+)
+def test_the_verdict_is_one_sentence(change, said):
+    rows = [ROW | change, ROW | OTHER]
+    assert verdict({"frames": rows, "ok": all(row["culling_ok"] and row["lod_ok"] for row in rows)}) == said
+
+
+def test_the_verdict_does_not_judge_silhouettes_without_a_prediction():
+    assert verdict({"frames": [ROW | {"predicted_shift": None}], "ok": True}).endswith("; silhouettes were not judged.")

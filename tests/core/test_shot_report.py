@@ -1,6 +1,9 @@
 """The report of a shot plan: one whole file that needs no other, whose figures are those of the data."""
 
+import base64
 import re
+import struct
+import zlib
 from dataclasses import replace
 from html import unescape
 
@@ -34,6 +37,12 @@ def section(text, heading):
     """The page's part under the heading, up to the end of its section."""
     begin = text.index(f"<h3>{heading}</h3>")
     return text[begin : text.index("</section>", begin)]
+
+
+def data_rows(text):
+    """The cells of the table of the largest changes."""
+    worst = text[text.index("The largest changes") :]
+    return [re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", worst, re.DOTALL)][1:4]
 
 
 def heights(part, name):
@@ -109,8 +118,7 @@ def test_ticks_lead_to_the_rows_of_their_frames():
     text = shot_page(data)
     links = [int(frame) for frame in re.findall(r'href="#f(\d+)"', text)]
     assert links == sorted(set(data.noticed["frame"].tolist())) == [int(frame) for frame in re.findall(r'id="f(\d+)"', text)]
-    worst = text[text.index("The largest changes") :]
-    rows = [re.findall("<td>(.*?)</td>", row) for row in re.findall("<tr>(.*?)</tr>", worst, re.DOTALL)][1:4]
+    rows = data_rows(text)
     largest = sorted(data.noticed.tolist(), key=lambda row: -row[5])[:3]
     assert [(int(row[0]), int(row[1])) for row in rows] == [row[:2] for row in largest]
 
@@ -170,3 +178,26 @@ def test_what_no_frame_shows_is_not_needed():
         "child",
         "30 of 30 agents",
     ]
+
+
+def test_crops_are_inside_the_page_and_hold_the_pixels():
+    before, after = (np.random.default_rng(k).integers(0, 256, (5, 4, 3)) / 255 for k in (1, 2))
+    text = shot_page(replace(told(), crops=[(before, after), None, (after, after)]))
+    read = Reader(text)
+    found = [base64.b64decode(link.partition("base64,")[2]) for link in read.links if link.startswith("data:image/png")]
+    assert read.tags.count("img") == len(found) == 6 and "Where pictures are missing" in text
+    difference = (4 * abs(after - before)).clip(0, 1)
+    for png, own in zip(found, (before, after, difference, after, after, 0 * after), strict=True):
+        assert struct.unpack(">II", png[16:24]) == (4, 5)
+        lines = np.frombuffer(zlib.decompress(png[png.index(b"IDAT") + 4 :]), np.uint8).reshape(5, 13)
+        assert not lines[:, 0].any() and (lines[::-1, 1:].reshape(5, 4, 3) == np.rint(255 * own)).all()
+    rows = data_rows(text)
+    assert [title for title in read.texts if title.startswith("Frame ") and ", agent " in title] == [
+        f"Frame {rows[k][0]}, agent {rows[k][1]}: {rows[k][2]} to {rows[k][3]}" for k in (0, 2)
+    ]
+
+
+def test_by_ratio_hysteresis_is_not_told():
+    data = told()
+    curve = finished(curve_of(data.shot, data.plan, None))
+    assert "diamonds" in shot_page(data) and "ysteresis" not in shot_page(replace(data, curve=curve))

@@ -84,7 +84,9 @@ def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     settings = scene.crowd_lod
     scene.frame_end, settings.way, settings.count = 5, "PRECISE", min(settings.count, 200)
     settings.frames, settings.width = "1,5", 64
-    settings.folder, settings.plan_folder = folder or settings.folder, folder or settings.plan_folder
+    settings.verify_count, settings.verify_width, settings.verify_samples = 1, 32, 1
+    for name in ("folder", "plan_folder", "verify_folder"):
+        setattr(settings, name, folder or getattr(settings, name))
 
 
 def change(chance: random.Random) -> None:

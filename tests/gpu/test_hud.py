@@ -7,12 +7,15 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NO_HEIGHTS, STATIC
-from crowd_lod_extension.crowd_lod.crowd.maps import Area
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import Account
+from crowd_lod_extension.crowd_lod.planning.reasons import REASONS
 from crowd_lod_extension.operators.blender.cameras import camera_from
 from crowd_lod_extension.operators.blender.color_space import encoded
 from crowd_lod_extension.operators.lod_meshes.make_lods import TINTS
 from crowd_lod_extension.operators.overlay import hud, inset
+from crowd_lod_extension.operators.overlay.agent_colors import Colors, by_group, by_level, by_reason, by_state
+from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.operators.overlay.gpu_draw import Batches
 from crowd_lod_extension.operators.overlay.viewport_camera import camera_of, viewpoint
 
@@ -28,24 +31,54 @@ def texts(said):
 def test_lines_tell_all_figures_of_the_frame():
     frame, what = planned()
     frame = replace(frame, vertices=1_234_567, full_vertices=12_345_678, triangles=20_000, full_triangles=50_000)
-    frame = replace(frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, NO_HEIGHTS))
-    said = texts(hud.figures(frame, 2.25, 131_000))
+    frame = replace(
+        frame, milliseconds=dict.fromkeys(frame.milliseconds, 1.5), left_out=(STATIC, NO_HEIGHTS)
+    )  # these are in a popover
+    said = texts(hud.figures(frame, by_level(frame), 2.25, 131_000))
     assert said[:4] == ["6 agents, 4 visible, 33.3% culled", "LOD 0  2", "LOD 1  1", "LOD 2  1"]
     assert said[4:6] == ["Vertices  1.23 M of 12.3 M without LOD", "Triangles  20 k of 50 k without LOD"]
     assert said[6] == "Behavior 1.50, Culling 1.50, Levels 1.50, Sorting 1.50, Drawing 2.25 ms"
     assert said[7] == f"{6 * 49} bytes of agents' state, 131 kB on the GPU"
-    assert said[8:] == [f"Plan: {STATIC.reason}", f"Behavior: {NO_HEIGHTS.reason}"]
+    assert len(said) == 8
 
 
 def test_lines_of_lods_bear_their_tints_and_an_agent_that_of_its_own():
     frame, _ = planned()
-    said = hud.figures(frame, 0.0, 0, ACCOUNT)
-    assert [line.color for line in said[1:4]] == list(TINTS[:3])
+    said = hud.figures(frame, by_level(frame), 0.0, 0, ACCOUNT)
+    assert [line.color for line in said[1:4]] == [pytest.approx(tint) for tint in TINTS[:3]]
     (agent,) = (line for line in said if line.text.startswith("Agent"))
-    assert agent.color == TINTS[2]
+    assert agent.color == pytest.approx(TINTS[2])
     assert agent.text == (
         "Agent 3, Group child, State walk left, Shown far away, LOD 2, Depth 30 m, Size 12.5 pixels, LOD error 0.41 pixels"
     )
+
+
+@pytest.mark.parametrize("by", [by_state, by_group, by_reason])
+def test_other_colors_have_a_legend_and_lods_then_no_color(by):
+    frame, _ = planned()
+    colors = by(frame)
+    said = hud.figures(frame, colors, 0.0, 0, notes=("A note.",))
+    assert [line.color for line in said[1:4]] == [None] * 3
+    names = {
+        by_state: frame.trajectory.machine.states,
+        by_group: ("adult", "child"),
+        by_reason: [reason[0].upper() + reason[1:] for reason in REASONS],
+    }[by]
+    lines = said[4 : 4 + len(names)]
+    assert texts(lines) == [*names] and said[4 + len(names)].text == "A note."
+    drawn = drawing(frame, Style("POINTS"), colors)
+    shown = {tuple(color[:3]) for color in drawn.colors[: len(frame.buckets.order)].tolist()}
+    assert shown <= {line.color for line in lines}  # the swatches are the agents' own colors, to the bit
+    for agent, color in zip(frame.buckets.order.tolist(), drawn.colors.tolist(), strict=False):
+        assert colors.of_agent(agent, True) == tuple(color[:3]) == lines[int(colors.index[agent])].color
+
+
+def test_a_long_legend_ends_with_how_many_are_left():
+    names = tuple(f"group {k}" for k in range(40))
+    lines = hud.legend(Colors(np.zeros(1, np.uint8), np.float32([(1, 0, 0, 1), (0, 1, 0, 1)]), names=names))
+    assert texts(lines) == [*names[:12], "and 28 more"]
+    assert [line.color for line in lines[:4]] == [(1, 0, 0), (0, 1, 0)] * 2 and lines[-1].color is None
+    assert hud.legend(Colors(np.zeros(1, np.uint8), np.ones((1, 4), np.float32))) == []
 
 
 def test_what_is_not_known_of_an_agent_is_said():
@@ -57,8 +90,9 @@ def test_what_is_not_known_of_an_agent_is_said():
 def test_an_empty_crowd_has_its_lines_too():
     frame, _ = planned()
     none = {name: column[:0] for name, column in vars(frame.crowd).items()}
-    buckets = replace(frame.buckets, order=frame.buckets.order[:0])
-    said = texts(hud.figures(replace(frame, crowd=replace(frame.crowd, **none), buckets=buckets), 0.0, 0))
+    buckets = replace(frame.buckets, order=frame.buckets.order[:0], offsets=np.zeros_like(frame.buckets.offsets))
+    empty = replace(frame, crowd=replace(frame.crowd, **none), buckets=buckets)
+    said = texts(hud.figures(empty, by_level(empty), 0.0, 0))
     assert said[0] == "0 agents, 0 visible, 0.0% culled"
 
 
@@ -122,6 +156,21 @@ def test_the_view_from_above_holds_every_agent_in_its_color():
             assert np.abs(near - tint).max(axis=1).min() < 0.01
     painted = (seen[..., :3].max(axis=-1) > 0.3).sum()
     assert 0 < painted < 100 * len(AGENTS)
+
+
+def test_off_color_pixels_of_the_map_are_magenta_over_the_agents():
+    _, what = planned()
+    what = replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])
+    (x, y, z), _, _ = AGENTS[0]
+    world = LabelMap(np.zeros((100, 100), np.uint8), Area(-50, -50, 50, 50), np.array([(int(y + 50), int(x + 50)), (90, 7)]))
+    marked = inset.with_strays(what, world)
+    view, projection = inset.from_above(world.area, marked.origin, marked.positions)
+    texture = inset.picture(Batches(marked), view, projection, 2.0)
+    seen = np.array(texture.read().to_list(), np.float32).reshape(texture.height, texture.width, 4) / 255
+    for place in zip(*world.middles(*world.strays.T), strict=True):
+        at = projection @ view @ (*place, z, 1.0)
+        row, column = int((at[1] + 1) / 2 * texture.height), int((at[0] + 1) / 2 * texture.width)
+        assert seen[row, column, :3].tolist() == pytest.approx([1, 0, 1], abs=0.01)
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ import weakref
 
 import bpy
 from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.blender import sidebars
 from crowd_lod_extension.operators.overlay import character_cache, shader_programs, viewport_overlay
 
 from .test_frame_update import scene, shown  # noqa: F401  a fixture
@@ -22,7 +23,8 @@ def left():
         "timers": [
             bpy.app.timers.is_registered(f)
             for f in (
-                viewport_overlay._redraw_sidebars,
+                viewport_overlay._watch,
+                sidebars.redraw,
                 viewport_overlay._read_shutters,
                 viewport_overlay._stop,
                 character_cache.bake_some,
@@ -71,6 +73,6 @@ def test_the_account_is_of_the_agent_that_the_settings_name(scene):  # noqa: F81
     scene.crowd_lod.agent = 5
     found = viewport_overlay.account_of(scene)
     assert (found.agent, found.level, found.visible) == (5, now.frame.levels[5], now.frame.visible[5])
-    assert any(line.text.startswith("Agent 5,") for line in hud.figures(now.frame, 0.0, 0, found))
+    assert any(line.text.startswith("Agent 5,") for line in hud.figures(now.frame, now.colored, 0.0, 0, found))
     scene.crowd_lod.agent = 200  # of 200
     assert viewport_overlay.account_of(scene) is None

@@ -327,6 +327,14 @@ def test_boxes_are_as_high_as_the_characters():
     assert (u.min(), v.min(), u.max() + 1, v.max() + 1) == pytest.approx((*place.min(0), *place.max(0)), abs=1.1)
 
 
+def test_boxes_drawn_in_runs_are_those_drawn_one_by_one():
+    cast = Cast((Group("one", 0.9, 0.95, 0.0, 1.0),), ())
+    rows = [row(x - 4.5, 9.0 - 1.5 * y) for y in range(7) for x in range(10)]  # a run and six more
+    first, second = ((0, 0, 0, 3), (0, 0, 3, 67)), tuple((0, 0, k, 1) for k in range(70))
+    runs, single, short = (picture(instances(rows, draws), cast)[0] for draws in (first, second, second[:-1]))
+    assert (runs == single).all() and (short != single).any()
+
+
 def quad_character(images, layers):
     points = np.array([(-1, 0, 0), (1, 0, 0), (1, 0, 2), (-1, 0, 2)], np.float32)
     mesh = SkinnedMesh(

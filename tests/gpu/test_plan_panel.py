@@ -3,7 +3,7 @@
 import bpy
 from crowd_lod_extension.operators.overlay import viewport_overlay
 from crowd_lod_extension.operators.overlay.hud import told
-from crowd_lod_extension.operators.ui import panels
+from crowd_lod_extension.operators.ui import shot_panels, steps
 
 from ..support.overlays import populated, shown
 
@@ -20,20 +20,23 @@ def test_the_panel_says_whether_the_plan_holds_in_the_frame_that_is_shown(tmp_pa
             assert bpy.ops.crowd_lod.plan_shot() == {"FINISHED"}
         scene.frame_set(2)
         frame = shown(scene).frame
-        assert panels._held(scene) == ("Frame 2 is as planned.", "CHECKMARK")
+        assert shot_panels._held(scene) == ("Frame 2 is as planned", "CHECKMARK")
         assert not frame.visible[settings.agent] and seen[settings.agent]
         said = dict(told(viewport_overlay.account_of(scene)))
         assert said["Shot plan"] == "hidden by an exception" and said["Culled"] == "exception"
         # what the user changes shows at the next redraw
         entry.kind, entry.level = "ALWAYS", 0
         shown(scene)
-        assert panels._held(scene)[0].startswith("The shot plan is not used, for the exceptions changed since")
+        assert shot_panels._held(scene) == ("Does not hold: see above", "ERROR")
+        said = [sentence for sentence, _ in steps.messages(scene)]
+        assert any(each.startswith("The shot plan is not used, for the exceptions changed since") for each in said)
         assert "Shot plan" not in dict(told(viewport_overlay.account_of(scene)))
         entry.kind = "HIDE"
         shown(scene)
-        assert panels._held(scene)[1] == "CHECKMARK"
+        assert shot_panels._held(scene)[1] == "CHECKMARK"
         scene.frame_set(9)
         shown(scene)
-        assert panels._held(scene) == ("The shot plan covers frames 1 to 3: here thresholds hold.", "ERROR")
+        said = [sentence for sentence, _ in steps.messages(scene)]
+        assert "The shot plan covers frames 1 to 3: here thresholds hold." in said
         settings.overlay = False
-        assert "Switch the overlay on" in panels._held(scene)[0]
+        assert shot_panels._held(scene) == ("The overlay tells if it holds", "INFO")

@@ -52,7 +52,9 @@ def used(archive, tmp_path_factory):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "results.json").unlink(missing_ok=True)
         # A shader cache of its own: two versions of Mesa truncate each other's, under a Blender that has it mapped.
-        environment = os.environ | {"BLENDER_USER_RESOURCES": str(user), "MESA_SHADER_CACHE_DIR": str(user)}
+        # And a browser that shows nothing.
+        own = {"BLENDER_USER_RESOURCES": str(user), "MESA_SHADER_CACHE_DIR": str(user), "BROWSER": "true"}
+        environment = os.environ | own
         install = [BLENDER, "--command", "extension", "install-file", "-r", "user_default", "--enable", archive]
         subprocess.run(install, check=True, env=environment)
         size = ["--window-geometry", "0", "0", "800", "600"] if small else []

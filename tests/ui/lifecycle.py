@@ -222,16 +222,16 @@ def breakage():
     """An unforeseen error in either part of the drawing: told once, and all is let go."""
     found = {}
     for part in ("plan", "figures"):
-        home = overlay()._faster if part == "plan" else overlay().hud
-        real = getattr(home, part)
+        home, name = (overlay()._faster, "plan_of") if part == "plan" else (overlay().hud, part)
+        real = getattr(home, name)
 
         def broken(*_, part=part):
             raise ZeroDivisionError(f"made by the test in {part}")
 
-        setattr(home, part, broken)
+        setattr(home, name, broken)
         scene().frame_set(scene().frame_current + 1)
         found[part] = yield from seen()
-        setattr(home, part, real)
+        setattr(home, name, real)
         robot.toggle()
         found[f"after {part}"] = yield from seen()
     return found

@@ -41,13 +41,14 @@ def session():
 def listen():
     """Note the frame of the figures whenever the sidebar draws them."""
     panels = sys.modules[f"{robot.MODULE}.operators.ui.panels"]
-    draw = panels._figures
+    line = panels._line
 
-    def figures(layout, frame):
-        results["sidebar"] = frame.time
-        draw(layout, frame)
+    def noted(scene):
+        frame = overlay().latest(scene)
+        results["sidebar"] = frame and frame.time
+        return line(scene)
 
-    panels._figures = figures
+    panels._line = noted
 
 
 def after(change):
@@ -105,9 +106,9 @@ def timeline():
     found["camera moved"] = yield from after(lambda: move(15))
     yield from after(lambda: move(-15))
     found["threshold"] = yield from after(lambda: threshold(0.5))
-    found["thresholds crossed"] = yield from after(lambda: threshold(0.7))
-    yield from robot.picture("03_thresholds_crossed")
-    found["back"] = yield from after(lambda: threshold(0.3))
+    found["threshold pushed"] = yield from after(lambda: threshold(0.7))
+    yield from robot.picture("03_threshold_pushed")
+    found["back"] = yield from after(lambda: threshold(0.3, 0.6))
     space = robot.view_3d().spaces[0].region_3d
     space.view_perspective = "CAMERA"
     yield 1.0
@@ -123,8 +124,8 @@ def move(metres: float):
     scene().camera.location.x += metres
 
 
-def threshold(value: float):
-    settings().thresholds[0] = value
+def threshold(*values: float):
+    settings().thresholds[: len(values)] = values
     robot.view_3d().tag_redraw()  # as an edit in the sidebar does
 
 

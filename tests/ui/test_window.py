@@ -35,7 +35,7 @@ def test_the_overlay_follows_frame_camera_and_settings_and_rests_when_they_do(se
     assert timeline["camera moved"]["visible"] != timeline["frame 60"]["visible"]
     assert timeline["threshold"]["visible"] == timeline["frame 60"]["visible"]
     assert timeline["threshold"]["counts"][0] > timeline["frame 60"]["counts"][0]
-    assert "threshold" in timeline["thresholds crossed"]["problem"]
+    assert timeline["threshold pushed"]["counts"][0] > timeline["threshold"]["counts"][0]
     assert timeline["back"] == timeline["frame 60"]
 
 

@@ -1,0 +1,190 @@
+"""Writes docs/reference_settings.md and docs/reference_commands.md from the properties and the parser.
+
+    .venv-3.13/bin/python docs/reference.py
+
+Both pages are the same from either Blender: argparse's own help is not.
+"""
+
+import argparse
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+import crowd_lod_extension
+from bl_operators.presets import AddPresetBase
+from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.cli.arguments import parser
+from crowd_lod_extension.operators.crowd.renamed_settings import STORED
+from crowd_lod_extension.operators.ui import panels, presets, shot_panels
+from crowd_lod_extension.operators.ui.exception_list import CrowdLodException
+from crowd_lod_extension.operators.ui.properties import CrowdLodGroup, CrowdLodSettings
+
+DOCS = Path(__file__).parent
+WRITTEN = "Written by `docs/reference.py` from the code: change the code, and run it again."
+FAR = 1e9  # of a limit: none
+NEW = {old: new for new, old in STORED.items()}
+UNTOLD = argparse._HelpAction, argparse._VersionAction, argparse._SubParsersAction
+HEAD = "| name | label | type | default | range | tells |\n| --- | --- | --- | --- | --- | --- |"
+
+
+def number(value: float) -> str:
+    """Return a number as a user types it; Blender keeps 0.05 as 0.05000000074505806."""
+    return str(value) if isinstance(value, int) else f"{value:g}"
+
+
+def default_of(prop: bpy.types.Property) -> str:
+    if prop.type in ("POINTER", "COLLECTION"):
+        return "none" if prop.type == "POINTER" else "empty"
+    if prop.type in ("STRING", "ENUM"):
+        return f"`{prop.default}`" if prop.default else "empty"
+    if prop.type == "BOOLEAN":
+        return "on" if prop.default else "off"
+    return ", ".join(map(number, prop.default_array)) if prop.is_array else number(prop.default)
+
+
+def range_of(prop: bpy.types.Property) -> str:
+    if prop.type == "ENUM":
+        return ", ".join(f"`{item.identifier}`" for item in prop.enum_items)
+    if prop.type not in ("INT", "FLOAT"):
+        return ""
+    least, most = prop.hard_min, prop.hard_max
+    if least <= -FAR:
+        return "" if most >= FAR else f"up to {number(most)}"
+    return f"from {number(least)} on" if most >= FAR else f"{number(least)} to {number(most)}"
+
+
+def type_of(prop: bpy.types.Property) -> str:
+    if prop.type in ("POINTER", "COLLECTION"):
+        name = prop.fixed_type.identifier
+        return name if prop.type == "POINTER" else f"list of {name}"
+    plain = prop.type.lower()
+    unit = "" if prop.unit == "NONE" or prop.type not in ("INT", "FLOAT") else f", {prop.unit.lower().replace('_absolute', '')}"
+    return (f"{prop.array_length} {plain}s" if getattr(prop, "is_array", False) else plain) + unit
+
+
+def rows(names: Iterable[str], kind: type) -> Iterator[str]:
+    """Yield a row of a table for each property of the class of Blender's."""
+    for name in names:
+        prop: Any = kind.bl_rna.properties[name]
+        told = f"Old name of `{NEW[name]}`" if prop.is_hidden and name in NEW else prop.description
+        if prop.type == "ENUM" and name not in NEW:
+            told += "".join(f"<br>*{item.name}*: {item.description}" for item in prop.enum_items if item.description)
+        yield f"| `{name}` | {prop.name} | {type_of(prop)} | {default_of(prop)} | {range_of(prop)} | {told} |"
+
+
+def section(title: str, about: str, names: Iterable[str], kind: type) -> str:
+    about = textwrap.fill(about, 100)
+    return f"## {title}\n\n{about}\n\n" + "\n".join([HEAD, *rows(names, kind)]) + "\n"
+
+
+def settings_page() -> str:
+    """Return the page of the settings and of the operators, which must be registered."""
+    labels = {panel.step: panel.bl_label for panel in (*panels.CLASSES, *shot_panels.CLASSES) if getattr(panel, "step", "")}
+    parts = [f"# Settings and operators, for scripts\n\n{WRITTEN}\n"]
+    parts += [
+        "The settings are properties of `scene.crowd_lod`, in the order of the work.\n"
+        "A number of a length is in the scene's units.\n"
+    ]
+    for step, kinds in presets.STEPS.items():
+        if step != "all":
+            about = " ".join((kind.__doc__ or "").strip() for kind in kinds)
+            parts.append(section(labels[step], about, [name for kind in kinds for name in kind.__annotations__], CrowdLodSettings))
+    parts += [
+        section("What the steps made", "Read these; the buttons write them.", CrowdLodSettings.__annotations__, CrowdLodSettings),
+        section("Each of groups", "What was measured of a character group.", CrowdLodGroup.__annotations__, CrowdLodGroup),
+        section("Each of exceptions", "An exception from the shot plan.", CrowdLodException.__annotations__, CrowdLodException),
+        operators(),
+    ]
+    return "\n".join(parts)
+
+
+def operators() -> str:
+    own = [kind for kind in registration.CLASSES if issubclass(kind, bpy.types.Operator)]
+    lines = []
+    for kind in (kind for kind in own if not issubclass(kind, AddPresetBase)):
+        own_type = getattr(bpy.ops.crowd_lod, kind.bl_idname.partition(".")[2]).get_rna_type()
+        options = [f"`{prop.identifier}`: {range_of(prop) or prop.description}" for prop in own_type.properties[1:]]  # but rna_type
+        lines.append(f"| `{kind.bl_idname}` | {kind.bl_label} | {(kind.__doc__ or '').strip()} | {'<br>'.join(options)} |")
+    adding = ", ".join(f"`{kind.bl_idname}`" for kind in own if issubclass(kind, AddPresetBase))
+    head = "| operator | label | does | properties |\n| --- | --- | --- | --- |"
+    about = (
+        "Call them as `bpy.ops.crowd_lod.NAME()`. Where one cannot work, it raises a RuntimeError that says why. "
+        f"Those of the presets take a `name`: {adding}."
+    )
+    return f"## Operators\n\n{textwrap.fill(about, 100)}\n\n{head}\n" + "\n".join(sorted(lines)) + "\n"
+
+
+def value_of(action: argparse.Action) -> str:
+    """Return how the option's or argument's value is written; "" for a switch."""
+    if action.nargs == 0:
+        return ""
+    return str(action.metavar or "|".join(map(str, action.choices or ())) or action.dest.upper())
+
+
+def called(action: argparse.Action) -> str:
+    return " ".join(filter(None, (action.option_strings[-1] if action.option_strings else "", value_of(action))))
+
+
+def usage(command: argparse.ArgumentParser, actions: Sequence[argparse.Action]) -> str:
+    arguments = [called(each) if each.required else f"[{called(each)}]" for each in actions]
+    # a line breaks between two arguments, not amid one
+    words = [word.replace(" ", "\0") for word in (command.prog.split()[-1], *arguments)]
+    if command.prog.split()[1:-1]:
+        words.insert(0, command.prog.split()[1])
+    filled = textwrap.fill(" ".join(["crowd-lod", *words]), 100, subsequent_indent="    ", break_on_hyphens=False)
+    return filled.replace("\0", " ")
+
+
+def option(action: argparse.Action) -> str:
+    """Return the row of an option or argument."""
+    does, _, default = (action.help or "").partition(" (default: ")
+    default = default.rstrip(")")
+    if not default and action.nargs != 0 and action.default is not None:
+        default = str(action.default)
+    cells = f"`{called(action)}`", "required" if action.required else default, does
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def commands_of(group: argparse.ArgumentParser) -> Iterator[argparse.ArgumentParser]:
+    """Yield the commands below a parser, those of groups of commands as well."""
+    below = [action for action in group._actions if isinstance(action, argparse._SubParsersAction)]
+    if not below:
+        yield group
+    for action in below:
+        for command in action.choices.values():
+            yield from commands_of(command)
+
+
+def command_section(command: argparse.ArgumentParser) -> str:
+    actions = sorted(
+        (each for each in command._actions if not isinstance(each, UNTOLD)), key=lambda each: bool(each.option_strings)
+    )
+    title = command.prog.removeprefix("crowd-lod ")
+    table = "\n".join(["| option | default | does |", "| --- | --- | --- |", *map(option, actions)])
+    example = (command.epilog or "").removeprefix("example: ")
+    return f"## {title}\n\n{command.description}\n\n```sh\n{usage(command, actions)}\n\n# for example\n{example}\n```\n\n{table}\n"
+
+
+def commands_page() -> str:
+    about = (
+        f"# Commands and their options\n\n{WRITTEN}\n\n"
+        "[Commands](commands.md) tells what they write and what their options are for. `--help` after a\n"
+        "command shows what stands here; `--version` shows the versions of Crowd LOD and Blender.\n"
+    )
+    return "\n".join([about, *map(command_section, commands_of(parser("crowd-lod")))])
+
+
+PAGES = {"reference_settings.md": settings_page, "reference_commands.md": commands_page}
+
+
+def main() -> None:
+    crowd_lod_extension.register()
+    for name, page in PAGES.items():
+        (DOCS / name).write_text(page(), encoding="utf-8")
+    crowd_lod_extension.unregister()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+"""Characters from Selection: the characters' collection and its groups, made of what is selected."""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ..blender.character_objects import GEOMETRY, may_have_faces
+from ..blender.operator import Reporting
+from ..blender.ownership import OWNED
+
+MOST_NAMES = 6  # in a message
+
+
+def characters_in(scene: bpy.types.Scene, selected: Sequence[bpy.types.Object]) -> dict[bpy.types.Object, list[bpy.types.Object]]:
+    """Return the characters that `selected` belong to: root -> the root and all its shapes.
+
+    A root is a rig. Its shapes are what it deforms and what is parented to it. Shapes that no rig
+    moves have as root the topmost shape, or selected empty, that they are parented to.
+    """
+    shapes = {bone.custom_shape for item in scene.objects if item.type == "ARMATURE" for bone in item.pose.bones}
+    usable = [item for item in scene.objects if item not in shapes and _is_shape(item)]
+    empties = {item for item in selected if item.type == "EMPTY" and item.instance_collection is None}
+    root = {item: _root(item, empties) for item in usable}
+    chosen = {item if item.type in ("ARMATURE", "EMPTY") else root.get(item) for item in selected}
+    # a selected empty brings what is below it
+    chosen |= {root[item] for item in usable if empties.intersection(_parents(item) + _parents(root[item]))}
+    members: dict[bpy.types.Object, list[bpy.types.Object]] = {}
+    for item in usable:
+        if root[item] in chosen:
+            members.setdefault(root[item], [root[item]]).append(item)
+    return {top: list(dict.fromkeys(found)) for top, found in members.items()}
+
+
+def _is_shape(item: bpy.types.Object) -> bool:
+    return item.type in GEOMETRY and may_have_faces(item) and not item.get(OWNED)
+
+
+def _parents(item: bpy.types.Object) -> list[bpy.types.Object]:
+    """Return the parent of `item`, that one's parent, and so on."""
+    return [] if item.parent is None else [item.parent, *_parents(item.parent)]
+
+
+def _root(item: bpy.types.Object, empties: Iterable[bpy.types.Object]) -> bpy.types.Object:
+    """Return the root of the character that the shape `item` belongs to; see characters_in."""
+    above = [item, *_parents(item)]
+    rigs = (each if each.type == "ARMATURE" else each.find_armature() for each in above)
+    tops = [each for each in above if _is_shape(each) or each in empties]
+    return next(filter(None, rigs), tops[-1])
+
+
+def _home(top: bpy.types.Collection, root: bpy.types.Object) -> bpy.types.Collection:
+    """Return the collection in `top` of the group that the `root` is in, or a new one at its feet."""
+    for child in top.children:
+        if root in child.all_objects[:]:
+            return child
+    home = bpy.data.collections.new(root.name)
+    home.instance_offset = root.matrix_world.translation
+    if "stride" in root:
+        home["stride"] = root["stride"]
+    top.children.link(home)
+    return home
+
+
+def _move(item: bpy.types.Object, home: bpy.types.Collection, scene: bpy.types.Scene) -> None:
+    """Move `item` to the collection `home` from all others of the scene; it stays where it is."""
+    if item in home.all_objects[:]:
+        return
+    home.objects.link(item)
+    for other in {scene.collection, *scene.collection.children_recursive}.intersection(item.users_collection) - {home}:
+        other.objects.unlink(item)
+
+
+def _fixed(item: bpy.types.Object) -> bool:
+    """Return whether the object is in a collection that it cannot be taken from."""
+    return any(home.library or home.override_library for home in item.users_collection)
+
+
+def _listed(objects: Iterable[bpy.types.Object]) -> str:
+    names = sorted((item.name for item in objects), key=str.casefold)
+    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
+    return ", ".join(names[:MOST_NAMES]) + more
+
+
+def _notes(selected: Sequence[bpy.types.Object], characters: dict, moved: dict) -> Iterator[str]:
+    """Yield sentences that name what is not moved, and what to do.
+
+    characters: of characters_in; moved: those of them that are moved.
+    """
+    used = {item for items in characters.values() for item in items}
+    # an empty above characters is none of them, and not left out
+    left = {item for item in selected if item not in used and not used.intersection(item.children_recursive)}
+    left |= {item for root in moved for item in root.children_recursive if item.type == "META" or item.instance_collection}
+    instances = {item for item in left if item.instance_collection is not None}
+    if left - instances:
+        yield f"Left where they are: {_listed(left - instances)}."
+    if instances:
+        yield f"Instances of collections, left until you make them real (Object > Apply): {_listed(instances)}."
+    if fixed := characters.keys() - moved.keys():
+        yield f"Left in linked collections, which you can drag into the characters' collection: {_listed(fixed)}."
+
+
+class CROWDLOD_OT_characters_from_selection(Reporting, bpy.types.Operator):
+    """Move the selected rigs and meshes to the crowd's characters, a collection for each rig with its meshes"""
+
+    bl_idname = "crowd_lod.characters_from_selection"
+    bl_label = "Characters from Selection"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        cls.poll_message_set("Select the characters first: their rigs or meshes")
+        return any(item.type in ("ARMATURE", "EMPTY", *GEOMETRY) for item in context.selected_objects)
+
+    def run(self, context) -> str:
+        scene, selected = context.scene, context.selected_objects
+        top = scene.crowd_lod.characters
+        if top is not None and (top.library or top.override_library):
+            raise CrowdError(
+                f"The characters' collection {top.name} is linked from another file and cannot be added to: clear Characters first."
+            )
+        context.view_layer.update()  # a script may have moved something
+        characters = characters_in(scene, selected)
+        moved = {root: items for root, items in characters.items() if not any(map(_fixed, items))}
+        notes = list(_notes(selected, characters, moved))
+        if not moved:
+            raise CrowdError(" ".join(["Nothing selected is a rig with meshes, or a mesh with faces.", *notes]))
+        if top is None:
+            top = scene.crowd_lod.characters = bpy.data.collections.new("Characters")
+        if top not in scene.collection.children_recursive:
+            scene.collection.children.link(top)
+        for root, items in moved.items():
+            home = _home(top, root)
+            for item in items:
+                _move(item, home, scene)
+        many = f"{len(moved)} characters" if len(moved) > 1 else "A character"
+        return " ".join([f"{many} in the collection {top.name}: {_listed(moved)}.", *notes])
+
+
+CLASSES = (CROWDLOD_OT_characters_from_selection,)

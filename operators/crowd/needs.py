@@ -1,0 +1,42 @@
+"""What the buttons need of a scene, each as a sentence on what to do; "" if it is there.
+
+They are asked whenever the sidebar is drawn, so they compute nothing and read no file.
+"""
+
+import bpy
+
+
+def characters(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.characters is not None else "Choose the collection of characters, or make it from a selection"
+
+
+def crowd(scene: bpy.types.Scene) -> str:
+    return characters(scene) or ("" if len(scene.crowd_lod.groups) else "Press Populate first")
+
+
+def camera(scene: bpy.types.Scene) -> str:
+    return "" if scene.camera is not None and scene.camera.type == "CAMERA" else "The scene needs an active camera"
+
+
+def lods(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.levels is not None else "Press Make LOD Meshes first"
+
+
+def overlay(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.overlay else "Switch the overlay on first"
+
+
+def picked(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.agent >= 0 else "Pick an agent in the viewport first, with the eyedropper beside Agent"
+
+
+def plan(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.shot_plan else "The scene has no shot plan: press Plan Shot"
+
+
+def build(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.build is not None else "The scene has no build"
+
+
+def exceptions(scene: bpy.types.Scene) -> str:
+    return "" if len(scene.crowd_lod.exceptions) else "There are no exceptions"

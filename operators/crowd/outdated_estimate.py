@@ -1,0 +1,6 @@
+"""The cost estimate is forgotten when a setting changes that it rests on."""
+
+
+def outdate(settings, _) -> None:
+    """Clear the cost estimate: update callback of settings that change the cost."""
+    settings.estimate = ""

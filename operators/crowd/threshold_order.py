@@ -1,0 +1,67 @@
+"""Thresholds and sizes that push their neighbors along, as the stops of a color ramp do."""
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+from idprop.types import IDPropertyArray
+
+from ...crowd_lod.levels.assignment import pushed
+
+METRIC_OF = {"thresholds": "AXIS", "sizes": "PIXELS"}
+# custom property of the settings and of groups: the values of that name, before a change
+BEFORE = "crowd_lod_before_{}"
+
+
+def push(name: str) -> Callable:
+    """Return an update callback of the property `name`, a key of METRIC_OF, of settings or a group."""
+
+    def update(owner: bpy.types.PropertyGroup, _) -> None:
+        owner.id_data.crowd_lod.estimate = ""
+        _put_in_order(owner, name)
+
+    return update
+
+
+def push_all(settings: bpy.types.PropertyGroup, _) -> None:
+    """Update callback of level_count: put in order what then counts."""
+    settings.estimate = ""
+    for owner in (settings, *settings.groups):
+        for name in METRIC_OF:
+            _put_in_order(owner, name)
+
+
+def note_thresholds(settings: bpy.types.PropertyGroup) -> None:
+    """Remember thresholds and sizes as they are, where another version or a script set them."""
+    for owner in (settings, *settings.groups):
+        for name in METRIC_OF:
+            owner[BEFORE.format(name)] = list(getattr(owner, name))
+
+
+def _put_in_order(owner: bpy.types.PropertyGroup, name: str) -> None:
+    """Let the value of `name` that has changed push the others, of the LODs that there are.
+
+    Blender does not tell which value of an array has changed, so the values before are kept beside.
+    A value that is not a number becomes what it was.
+    """
+    values, before = np.array(getattr(owner, name), np.float64), _before(owner, name)
+    changed = np.flatnonzero(values != before)
+    found = np.where(np.isfinite(values), values, before)
+    count = owner.id_data.crowd_lod.level_count - 1
+    if count:
+        kept = min(changed[0], count - 1) if len(changed) else 0
+        found[:count] = pushed(found[:count].tolist(), kept, METRIC_OF[name])
+    found = found.astype(np.float32)
+    # before the property, which calls this again and then finds nothing to do
+    owner[BEFORE.format(name)] = found.tolist()
+    if (found != values).any():
+        setattr(owner, name, found)
+
+
+def _before(owner: bpy.types.PropertyGroup, name: str) -> np.ndarray:
+    """Return the values of `name` that were noted last, the defaults where none were."""
+    usual = np.array(owner.bl_rna.properties[name].default_array)
+    noted = owner.get(BEFORE.format(name))
+    if not isinstance(noted, IDPropertyArray) or len(noted) != len(usual):
+        return usual
+    return np.where(np.isfinite(noted), noted, usual)

@@ -1,0 +1,123 @@
+"""Settings of the steps Crowd, Behavior and Camera."""
+
+import bpy
+
+from ...crowd_lod.crowd.agents import MOST_AGENTS
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender.labelled_properties import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+)
+from ..crowd.outdated_estimate import outdate
+from ..crowd.renamed_settings import OLD, renamed
+
+
+class CrowdSettings:
+    """Who the agents are, how many, and where."""
+
+    characters: PointerProperty(
+        type=bpy.types.Collection,
+        name="Characters",
+        description="Collection whose children, collections or objects, are the character groups",
+    )
+    keep_characters: BoolProperty(
+        name="Keep in Renders",
+        description="Build and Preview leave the characters themselves in the picture, where they stand, besides the crowd",
+    )
+    forward: EnumProperty(
+        name="Forward",
+        description="The way the characters face where they stand",
+        items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", "Blender's back"), ("X", "+X", "Right"), ("-X", "-X", "Left")],
+    )
+    count: IntProperty(
+        update=outdate,
+        name="Agents",
+        default=1000,
+        min=0,
+        soft_max=1_000_000,
+        max=MOST_AGENTS,
+        description="Number of agents in the crowd",
+    )
+    seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
+    center: renamed(
+        FloatVectorProperty, "center", name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground"
+    )
+    centre: FloatVectorProperty(name="Center", size=3, **OLD)
+    size: FloatVectorProperty(
+        name="Size",
+        size=2,
+        default=(60, 60),
+        subtype="XYZ",
+        unit="LENGTH",
+        min=0,
+        description="Width (X) and depth (Y) of the crowd's ground",
+    )
+
+
+class BehaviorSettings:
+    """What the agents do."""
+
+    map_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Map",
+        description="Label map over the ground: each pixel in the color of a label. None is open ground between two edges",
+    )
+    height_image: PointerProperty(
+        type=bpy.types.Image,
+        name="Height Map",
+        description="Heights over the ground, from the first channel; agents stand on it. None is level ground",
+    )
+    height_scale: FloatProperty(
+        name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
+    )
+    tilt: BoolProperty(name="Align to Slope", description="Agents on a height map stand square on its slope instead of upright")
+    machine: PointerProperty(
+        type=bpy.types.Text,
+        name="State Machine",
+        description="What agents do on each label, as JSON. None lets them walk to and fro between the edges",
+    )
+    first_frame: IntProperty(
+        name="Start Frame", default=1, subtype="TIME", description="Before it the crowd stands where it was populated"
+    )
+
+
+class CameraSettings:
+    """What the camera culls."""
+
+    cull_to_border: BoolProperty(
+        name="Cull to Render Region", description="Leave out what lies outside the render region, where one is set"
+    )
+    drop_lost: BoolProperty(
+        name="Drop Lost Agents", description="Leave out agents at NaN or infinity, and count them, instead of stopping"
+    )
+    margin_kind: EnumProperty(
+        name="Margin",
+        description="By how much the camera's frustum is widened, for characters that reach into it from outside",
+        items=[
+            ("DERIVED", "From Bounds", "Widen the frustum just so far that no character that may touch a pixel is dropped"),
+            ("FIXED", "Fixed", "Widen the frustum by a distance of your own; may drop characters"),
+        ],
+    )
+    margin: FloatProperty(
+        name="Margin", default=1.0, min=0, unit="LENGTH", description="Distance by which the frustum's sides are moved out"
+    )
+    shadows: BoolProperty(
+        name="Shadows and Reflections",
+        default=True,
+        description="Keep characters outside the picture whose shadows fall into it, or that mirrors show; the camera itself "
+        "does not see them",
+    )
+    mirrors: PointerProperty(
+        type=bpy.types.Collection, name="Mirrors", description="Collection of flat objects that mirror the crowd"
+    )
+    unseen_level: IntProperty(
+        name="LOD If Unseen",
+        default=MOST_LEVELS - 1,
+        min=0,
+        max=MOST_LEVELS - 1,
+        description="Level of detail of characters kept for their shadow or reflection alone, or the coarsest there is",
+    )

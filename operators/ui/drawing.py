@@ -1,0 +1,100 @@
+"""What the panels draw with. Texts of ours are not translated: Blender's dictionary is of other fields."""
+
+import textwrap
+from collections.abc import Sequence
+
+import bpy
+
+from ..blender import operator, scene_data
+
+MOST_ROWS = 12  # of a table
+# Name and icon of each LOD's color in lod_meshes.candidates.TINTS.
+LOD_COLORS = (
+    ("red", "STRIP_COLOR_01"),
+    ("green", "STRIP_COLOR_04"),
+    ("blue", "STRIP_COLOR_05"),
+    ("orange", "STRIP_COLOR_02"),
+    ("sky", "COLORSET_08_VEC"),
+    ("yellow", "STRIP_COLOR_03"),
+    ("pink", "STRIP_COLOR_07"),
+    ("white", "STRIP_COLOR_09"),
+    ("purple", "STRIP_COLOR_06"),
+    ("brown", "STRIP_COLOR_08"),
+)
+
+
+def label(layout, text: str, icon: str = "NONE") -> None:
+    layout.label(text=text, icon=icon, translate=False)
+
+
+def button(layout, name: str, text: str = "", icon: str = "NONE", following: str = "") -> bpy.types.OperatorProperties | None:
+    """Draw the button of the operator `name`, or its progress while it is at work.
+
+    following: the operator that comes next in the work; its button is drawn as the default one.
+    """
+    if name in operator.at_work:
+        done = operator.at_work[name]
+        layout.progress(factor=done, text=f"{done:.0%}, Esc", translate=False)
+        return None
+    row = layout.row(align=True)
+    row.active_default = name == following
+    if text:
+        return row.operator(name, text=text, icon=icon, translate=False)
+    return row.operator(name, icon=icon)
+
+
+def greyed(layout, active: bool) -> bpy.types.UILayout:
+    """Return a column whose settings are grayed where they do not apply."""
+    column = layout.column()
+    column.active = active
+    return column
+
+
+def wide(layout, settings, name: str) -> None:
+    """Draw a setting over the whole width, where its label is too long for half of it."""
+    row = layout.row()
+    row.use_property_split = False
+    row.prop(settings, name)
+
+
+def length(context, units: float) -> str:
+    return bpy.utils.units.to_string(
+        context.scene.unit_settings.system, "LENGTH", units * scene_data.metres(context.scene), precision=3
+    )
+
+
+def distance(context, units: float | None) -> str:
+    """Return a distance of `limits`, where a LOD begins, as text; "-" for None."""
+    if units is None:
+        return "-"
+    return length(context, units) if abs(units) < float("inf") else "never" if units > 0 else "always"
+
+
+def table(layout, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    column = layout.column(align=True)  # the text of boxes is hard to read in the light theme
+    cells(column, head)
+    for row in rows[:MOST_ROWS]:
+        cells(column, row)
+    if len(rows) > MOST_ROWS:
+        label(column, f"and {len(rows) - MOST_ROWS} more")
+
+
+def cells(layout, texts: Sequence[str], icon: str = "NONE", columns: int = 0) -> bpy.types.UILayout:
+    """Draw a row of equal columns, the first of them with these texts, and return it."""
+    grid = layout.grid_flow(row_major=True, columns=columns or len(texts), even_columns=True, align=True)
+    for index, text in enumerate(texts):
+        label(grid, text, icon if index == 0 else "NONE")
+    return grid
+
+
+def paragraph(layout, sentence: str, icon: str, letters: int) -> None:
+    """Draw a sentence, broken into lines of so many letters."""
+    column = layout.column(align=True)
+    column.alert = icon == "ERROR"
+    for index, line in enumerate(textwrap.wrap(sentence, max(20, letters))):
+        label(column, line, icon if index == 0 else "BLANK1")
+
+
+def letters_of(context) -> int:
+    """Return how many letters fit in a line of the sidebar."""
+    return int(context.region.width / context.preferences.system.ui_scale / 7.2) - 5

@@ -1,0 +1,89 @@
+"""Our entries in Blender's menus, where F3 finds them, and the pages of the manual."""
+
+import bpy
+
+from ... import sample_scenes
+from ..blender.labelled_properties import CONTEXT
+
+WEBSITE = "https://github.com/crowd-lod/crowd-lod"
+PAGES = f"{WEBSITE}/blob/main/docs/"
+# patterns of Blender's API, in lower case, and the page on each; the first that fits counts
+MANUAL = (
+    ("bpy.ops.crowd_lod.plan_shot*", "shot_plan.md"),
+    ("bpy.ops.crowd_lod.*", "sidebar.md"),
+    ("bpy.types.crowdlod*", "sidebar.md"),
+)
+WORK = (
+    "characters_from_selection",
+    "populate",
+    "make_levels",
+    "measure_levels",
+    "inspect",
+    "render_viewport",
+    "plan_shot",
+    "go_to_switch",
+    "remove_plan",
+    "except_agent",
+    "preview",
+    "estimate",
+    "build",
+    "bake",
+    "remove_build",
+    "verify",
+    "reset",
+)
+
+
+class CROWDLOD_MT_work(bpy.types.Menu):
+    """All steps of the work; Menu Search finds them by the name of this menu"""
+
+    bl_label = "Crowd LOD"
+    bl_translation_context = CONTEXT
+
+    def draw(self, context) -> None:
+        for name in WORK:
+            self.layout.operator(f"crowd_lod.{name}")
+
+
+class CROWDLOD_MT_samples(bpy.types.Menu):
+    """Sample scenes, each in a scene of its own"""
+
+    bl_label = "Crowd LOD Sample"
+    bl_translation_context = CONTEXT
+
+    def draw(self, context) -> None:
+        for name in sample_scenes.NAMES:
+            self.layout.operator("crowd_lod.sample", text=f"{name.capitalize()} (New Scene)", translate=False).name = name
+
+
+def _in_object_menu(menu, context) -> None:
+    menu.layout.separator()
+    menu.layout.menu("CROWDLOD_MT_work", icon="COMMUNITY")
+
+
+def _in_add_menu(menu, context) -> None:
+    menu.layout.separator()
+    menu.layout.menu("CROWDLOD_MT_samples", icon="COMMUNITY")
+
+
+def manual() -> tuple[str, tuple[tuple[str, str], ...]]:
+    """Return the address of the manual and its pages, for Blender's Online Manual entries."""
+    return PAGES, MANUAL
+
+
+ENTRIES = (("VIEW3D_MT_object", _in_object_menu), ("VIEW3D_MT_add", _in_add_menu))
+
+
+def register() -> None:
+    for name, entry in ENTRIES:
+        getattr(bpy.types, name).append(entry)
+    bpy.utils.register_manual_map(manual)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_manual_map(manual)
+    for name, entry in ENTRIES:
+        getattr(bpy.types, name).remove(entry)
+
+
+CLASSES = (CROWDLOD_MT_work, CROWDLOD_MT_samples)

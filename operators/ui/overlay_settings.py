@@ -1,0 +1,69 @@
+"""Settings of the overlay in the viewport."""
+
+from ..blender.labelled_properties import BoolProperty, EnumProperty, FloatProperty, IntProperty
+from ..crowd.renamed_settings import OLD, renamed
+from .shot_settings import COLORS
+
+OVERLAY_COLORS = (
+    COLORS[0],
+    ("STATE", "By State", "The colors of the state machine"),
+    ("GROUP", "By Group", "A color a character group"),
+    ("REASON", "By Reason", "Why an agent is culled, or has not the finest LOD"),
+    ("MATERIAL", "Materials", "Base color or image of the characters' own materials"),
+)
+
+
+class OverlaySettings:
+    """How the viewport shows the crowd."""
+
+    overlay: BoolProperty(name="Overlay", description="Draw the crowd at its LODs in the viewport")
+    overlay_mode: EnumProperty(
+        name="Display As",
+        description="How the overlay draws the agents",
+        items=[
+            ("MESHES", "LOD Meshes", "Every character at its LOD, each in its own step of the action"),
+            ("BOXES", "Boxes", "As high and wide as the characters; for very many"),
+            ("POINTS", "Points", "As wide as the characters; for very many"),
+        ],
+    )
+    overlay_color: renamed(
+        EnumProperty,
+        "overlay_color",
+        name="Overlay Color",
+        description="Colors of the agents in the overlay",
+        items=OVERLAY_COLORS,
+    )
+    overlay_colour: EnumProperty(name="Overlay Color", items=OVERLAY_COLORS, **OLD)
+    overlay_camera: EnumProperty(
+        name="Seen From",
+        description="View that culls agents and chooses LODs in the overlay",
+        items=[
+            ("SCENE", "Scene Camera", "Culling and LODs are those of the scene's camera"),
+            ("VIEWPORT", "Viewport", "Culling and LODs are those of each viewport's own view"),
+        ],
+    )
+    hud: BoolProperty(name="Statistics", default=True, description="Write counts, times and memory over the viewport")
+    inset: BoolProperty(
+        name="Inset From Above", description="Show the crowd, the camera's frustum and the LOD ranges from above in a corner"
+    )
+    agent: IntProperty(name="Agent", default=-1, min=-1, description="The agent that the overlay marks and describes; -1 is none")
+    overlay_culled: BoolProperty(
+        name="Culled Agents",
+        default=True,
+        description="Show culled agents as faint points; of a crowd of more than 100,000 every second, third, and so on",
+    )
+    overlay_fade: FloatProperty(
+        name="Cross-Fade",
+        min=0,
+        max=0.5,
+        subtype="FACTOR",
+        description="Part of a LOD's distance over which it dissolves into the next one, in a dither pattern; 0 switches at once",
+    )
+    hysteresis: FloatProperty(
+        name="Hysteresis",
+        min=0,
+        max=0.5,
+        subtype="FACTOR",
+        description="How far an agent must pass a LOD's distance before it changes LOD in the overlay, as a part of that "
+        "distance. Preview and build have none",
+    )

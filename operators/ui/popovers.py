@@ -1,0 +1,106 @@
+"""What opens where one asks for it: statistics, messages, LOD meshes, the account of an agent."""
+
+import bpy
+
+from ...crowd_lod.format import number
+from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ..blender import scene_data
+from ..blender.labelled_properties import CONTEXT
+from ..crowd.scene_crowd import count_of
+from ..overlay import viewport_overlay
+from ..overlay.hud import STAGES, share, told
+from . import steps
+from .drawing import LOD_COLORS, MOST_ROWS, distance, label, paragraph, table
+
+LETTERS = 60  # in a line of a popover
+
+
+class _Popover:
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "HEADER"  # else it would be a panel of the sidebar, too
+    bl_options = {"INSTANCED"}
+    bl_translation_context = CONTEXT
+    bl_ui_units_x = 16
+
+
+class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
+    """Figures of the frame that the overlay shows"""
+
+    bl_label = "Statistics"
+
+    def draw(self, context) -> None:
+        frame = viewport_overlay.latest(context.scene)
+        if frame is None:
+            label(self.layout, "Switch the overlay on to see them", "INFO")
+            return
+        agents, visible = len(frame.crowd), len(frame.buckets.order)
+        rows = [
+            ("Frame", f"{frame.time:g}", "BLANK1"),
+            ("Agents", f"{agents:,}", "BLANK1"),
+            ("Visible", f"{visible:,}", "HIDE_OFF"),
+            ("Culled", f"{agents - visible:,}  ({(agents - visible) / max(agents, 1):.1%})", "HIDE_ON"),
+        ]
+        by_lod = context.scene.crowd_lod.overlay_color == "LOD"
+        for level, count in enumerate(frame.buckets.counts):
+            name, icon = LOD_COLORS[level]
+            rows.append((f"LOD {level}, {name}" if by_lod else f"LOD {level}", f"{count:,}", icon if by_lod else "BLANK1"))
+        if frame.full_triangles:
+            rows += [("Vertices", share(frame.vertices, frame.full_vertices), "VERTEXSEL")]
+            rows += [("Triangles", share(frame.triangles, frame.full_triangles), "MESH_DATA")]
+        rows += [(STAGES[stage], f"{milliseconds:.2f} ms", "TIME") for stage, milliseconds in frame.milliseconds.items()]
+        column = self.layout.column(align=True)
+        for name, value, icon in rows:
+            split = column.split(factor=0.5)
+            label(split, name, icon)
+            label(split, value)
+        self.levels(context, context.scene.crowd_lod, frame)
+        if frame.left_out:
+            label(self.layout, "What this scene does not need")
+            for item in frame.left_out:
+                paragraph(self.layout, f"{STAGES.get(item.stage, 'Plan')}: {item.reason}", "DOT", LETTERS)
+
+    def levels(self, context, settings, frame) -> None:
+        """Draw what is known of each group's LODs, and where each begins."""
+        if settings.levels is None:
+            return
+        # an undo may have brought other groups since the frame was drawn
+        current = [group.name for group in frame.trajectory.groups] == [group.name for group in settings.groups]
+        count = min(max(count_of(settings), 1), MOST_LEVELS)  # the user may have put collections in, or taken them out
+        for g, group in enumerate(settings.groups[: max(1, 2 * MOST_ROWS // count)]):
+            rows = []
+            for k in (k for k in range(count) if group.triangles[k]):
+                begin = frame.begins[g, k - 1] if current and k and frame.begins.shape[1] >= k else None
+                deviates = f"{number(1000 * scene_data.metres(context.scene) * group.deviations[k])} mm" if group.diagonal else "-"
+                rows.append((f"LOD {k}", f"{group.triangles[k]:,}", deviates, distance(context, begin)))
+            table(self.layout, (group.name, "Triangles", "Deviates", "From"), rows)
+        lines = settings.dropped.splitlines()
+        if settings.choice == "BY_TOLERANCE" and lines:
+            label(self.layout, f"Not made: {len(lines)} candidates")
+            for line in lines[:MOST_ROWS]:
+                paragraph(self.layout, line, "DOT", LETTERS)
+
+
+class CROWDLOD_PT_messages(_Popover, bpy.types.Panel):
+    """All that there is to say about the crowd"""
+
+    bl_label = "Messages"
+
+    def draw(self, context) -> None:
+        for sentence, icon in steps.messages(context.scene):
+            paragraph(self.layout, sentence, icon, LETTERS)
+
+
+class CROWDLOD_PT_agent(_Popover, bpy.types.Panel):
+    """Why the picked agent is shown or culled, its LOD, and the pixels that the LOD costs"""
+
+    bl_label = "Agent"
+
+    def draw(self, context) -> None:
+        account = viewport_overlay.account_of(context.scene)
+        if account is None:
+            label(self.layout, "Pick an agent with the eyedropper", "EYEDROPPER")
+        else:
+            table(self.layout, ("Agent", f"{account.agent:,}"), told(account)[1:])
+
+
+CLASSES = (CROWDLOD_PT_statistics, CROWDLOD_PT_messages, CROWDLOD_PT_agent)

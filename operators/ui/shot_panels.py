@@ -1,0 +1,198 @@
+"""The panels of the shot: its plan, preview, build and proof. They only draw."""
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ..build import staleness
+from ..build.render_setup import BAKED, baked_of
+from ..build.view_layers import layers_of
+from ..overlay import viewport_overlay
+from . import steps
+from .drawing import button, greyed, label, table, wide
+from .step_panel import Step
+
+
+class CROWDLOD_PT_plan(Step, bpy.types.Panel):
+    bl_label = "Plan Shot"
+    step, main = "plan", ("crowd_lod.plan_shot", "Plan")
+
+    def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "own_frames")
+        column = greyed(layout, settings.own_frames and not settings.frames).column(align=True)
+        column.prop(settings, "frame_start")
+        column.prop(settings, "frame_end")
+        layout.prop(settings, "avoid_pops")
+        _with_report(layout, "crowd_lod.plan_shot", "TIME", "PLAN", steps.following(context.scene))
+        row = layout.row(align=True)
+        row.use_property_split = False
+        row.enabled = bool(settings.shot_plan)
+        row.prop(settings, "use_shot_plan", toggle=True)
+        row.operator("crowd_lod.remove_plan", text="", icon="TRASH")
+        layout.operator("crowd_lod.go_to_switch", icon="VIEWZOOM")
+        label(layout, *_held(context.scene))
+
+
+def _with_report(layout, name: str, icon: str, which: str, following: str) -> None:
+    """Draw the button of a step, and beside it the one that opens its report."""
+    row = layout.row(align=True)
+    button(row, name, icon=icon, following=following)
+    row.operator("crowd_lod.open_report", text="", icon="URL").which = which
+
+
+def _held(scene: bpy.types.Scene) -> tuple[str, str]:
+    """Return (whether the stored plan holds in the frame that the overlay shows, its icon)."""
+    if not scene.crowd_lod.shot_plan:
+        return "No plan: LODs by distance", "INFO"
+    frame = viewport_overlay.latest(scene) if scene.crowd_lod.use_shot_plan else None
+    if frame is None:
+        return "Switched off" if not scene.crowd_lod.use_shot_plan else "The overlay tells if it holds", "INFO"
+    if frame.planned:
+        return f"Frame {frame.time:g} is as planned", "CHECKMARK"
+    return ("Does not hold: see above", "ERROR") if frame.unplanned else ("The viewport's view has no plan", "INFO")
+
+
+class CROWDLOD_PT_budget(Step, bpy.types.Panel):
+    bl_label = "Budget"
+    bl_parent_id = "CROWDLOD_PT_plan"
+
+    def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "budget_triangles")
+        layout.prop(settings, "budget_memory")
+        wide(layout, settings, "plan_blurred")
+
+
+class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
+    bl_label = "Exceptions"
+    bl_parent_id = "CROWDLOD_PT_plan"
+
+    def body(self, context, layout, settings) -> None:
+        row = layout.row()
+        row.use_property_split = False
+        row.template_list("CROWDLOD_UL_exceptions", "", settings, "exceptions", settings, "exception_index", rows=4)
+        column = row.column(align=True)
+        column.operator("crowd_lod.add_exception", text="", icon="ADD")
+        column.operator("crowd_lod.remove_exception", text="", icon="REMOVE")
+        for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
+            column.operator("crowd_lod.move_exception", text="", icon=icon).by = by
+        layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
+        if settings.exception_index < len(settings.exceptions):
+            self.entry(layout, settings.exceptions[settings.exception_index])
+
+    def entry(self, layout, entry) -> None:
+        """Draw the settings of the selected exception."""
+        column = greyed(layout, entry.use)
+        column.prop(entry, "kind")
+        greyed(column, entry.kind != "HIDE").prop(entry, "level")
+        column.prop(entry, "chosen_by")
+        column.prop(entry, {"MAP": "map_image", "NUMBERS": "agents", "REGION": "region"}[entry.chosen_by])
+        column.prop(entry, "all_frames")
+        frames = greyed(column, not entry.all_frames)
+        frames.prop(entry, "first_frame")
+        frames.prop(entry, "last_frame")
+
+
+class CROWDLOD_PT_plan_output(Step, bpy.types.Panel):
+    bl_label = "Output"
+    bl_parent_id = "CROWDLOD_PT_plan"
+
+    def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "frames")
+        layout.prop(settings, "plan_folder")
+        layout.prop(settings, "shot_plan")
+
+
+class CROWDLOD_PT_preview(Step, bpy.types.Panel):
+    bl_label = "Preview"
+    step, main = "preview", ("crowd_lod.preview", "Preview")
+
+    def body(self, context, layout, settings) -> None:
+        for name in ("step", "width", "engine"):
+            layout.prop(settings, name)
+        # else its color is the overlay's
+        greyed(layout, settings.engine != "OVERLAY").prop(settings, "color")
+        layout.prop(settings, "above", text="From Above", translate=False)
+        layout.prop(settings, "folder")
+        _with_report(layout, "crowd_lod.preview", "RENDER_ANIMATION", "PREVIEW", "")
+
+
+class CROWDLOD_PT_build(Step, bpy.types.Panel):
+    bl_label = "Build"
+
+    def draw_header_preset(self, context) -> None:
+        text = "Update" if staleness.changed(context.scene) else "Build"
+        button(self.layout, _build_of(context.scene), text, following=steps.following(context.scene))
+
+    def body(self, context, layout, settings) -> None:
+        changed, own = staleness.changed(context.scene), _build_of(context.scene)
+        row = layout.row(align=True)
+        for name, icon in (("Build", "GEOMETRY_NODES"), ("Bake", "FREEZE")):
+            operator = f"crowd_lod.{name.lower()}"
+            text = f"Update {name}" if changed and operator == own else name
+            button(row, operator, text, icon, steps.following(context.scene))
+        row.operator("crowd_lod.remove_build", text="", icon="TRASH")
+        label(
+            layout, f"Changed: {', '.join(changed)}" if changed else _built(settings.build), "FILE_REFRESH" if changed else "INFO"
+        )
+        layout.prop(settings, "keep_characters")
+
+
+def _build_of(scene: bpy.types.Scene) -> str:
+    """Return the operator that made the scene's build, or that makes one."""
+    build = scene.crowd_lod.build
+    return "crowd_lod.bake" if build is not None and BAKED in build else "crowd_lod.build"
+
+
+def _built(build: bpy.types.Collection | None) -> str:
+    """Return what the build is."""
+    if build is None:
+        return "Not built"
+    try:
+        return "Baked: frames {2:g} to {3:g}".format(*baked_of(build)) if BAKED in build else "Follows frame and camera"
+    except CrowdError as error:
+        return str(error)
+
+
+class CROWDLOD_PT_cost(Step, bpy.types.Panel):
+    bl_label = "Cost"
+    bl_parent_id = "CROWDLOD_PT_build"
+
+    def body(self, context, layout, settings) -> None:
+        button(layout, "crowd_lod.estimate", icon="MEMORY")
+        head, *rows = (line.split("\t") for line in settings.estimate.splitlines()) if settings.estimate else (("Not estimated",),)
+        table(layout, head, rows)
+
+
+class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
+    bl_label = "View Layers"
+    bl_parent_id = "CROWDLOD_PT_build"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return context.scene.crowd_lod.build is not None and len(context.scene.view_layers) > 1
+
+    def body(self, context, layout, settings) -> None:
+        for name, place in layers_of(context.scene).items():
+            layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
+
+
+class CROWDLOD_PT_verify(Step, bpy.types.Panel):
+    bl_label = "Verify"
+    step, main = "verify", ("crowd_lod.verify", "Verify")
+
+    def body(self, context, layout, settings) -> None:
+        for name in ("verify_count", "verify_width", "verify_samples", "verify_folder"):
+            layout.prop(settings, name)
+        _with_report(layout, "crowd_lod.verify", "CHECKMARK", "VERIFY", steps.following(context.scene))
+
+
+CLASSES = (
+    CROWDLOD_PT_plan,
+    CROWDLOD_PT_budget,
+    CROWDLOD_PT_exceptions,
+    CROWDLOD_PT_plan_output,
+    CROWDLOD_PT_preview,
+    CROWDLOD_PT_build,
+    CROWDLOD_PT_cost,
+    CROWDLOD_PT_view_layers,
+    CROWDLOD_PT_verify,
+)

@@ -1,0 +1,48 @@
+"""What the panels of the sidebar have in common."""
+
+from ..blender.labelled_properties import CONTEXT
+from . import steps
+from .drawing import button
+
+
+class Sidebar:
+    """A panel in the tab of Crowd LOD."""
+
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "Crowd LOD"
+    bl_translation_context = CONTEXT
+
+
+class Step(Sidebar):
+    """The panel of one step of the work; `body(context, layout, settings)` draws it.
+
+    step: of ui.presets.STEPS; "" for a panel without presets.
+    main: (operator, text) of the button in the header; () for none.
+    """
+
+    bl_parent_id = "CROWDLOD_PT_main"
+    bl_options = {"DEFAULT_CLOSED"}
+    step = ""
+    main: tuple[str, ...] = ()
+
+    def draw_header_preset(self, context) -> None:
+        if self.main:
+            button(self.layout, *self.main, following=steps.following(context.scene))
+
+    def draw(self, context) -> None:
+        layout = self.layout
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        if self.step:
+            row = layout.row()
+            row.alignment = "RIGHT"
+            presets_button(row, self.step)
+        self.body(context, layout, context.scene.crowd_lod)
+
+
+def presets_button(layout, step: str) -> None:
+    """Draw the button of the presets of a step."""
+    row = layout.row()
+    row.emboss = "NONE"
+    row.popover(f"CROWDLOD_PT_{step}_presets", text="", icon="PRESET")

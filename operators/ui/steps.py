@@ -1,0 +1,58 @@
+"""The order of the work: which button comes next, and what there is to say about it."""
+
+import bpy
+
+from ...crowd_lod.simplification.decimate import missing_library
+from ..batch.verify_button import verdict_of
+from ..build import staleness
+from ..build.render_setup import BAKED
+from ..crowd import needs
+from ..lod_meshes.made_for import outdated
+from ..overlay import viewport_overlay
+
+LABELS = {
+    "crowd_lod.characters_from_selection": "Characters from Selection",
+    "crowd_lod.populate": "Populate",
+    "crowd_lod.make_levels": "Make LOD Meshes",
+    "crowd_lod.plan_shot": "Plan Shot",
+    "crowd_lod.build": "Build",
+    "crowd_lod.verify": "Verify",
+    "crowd_lod.bake": "Bake",
+}
+
+
+def following(scene: bpy.types.Scene) -> str:
+    """Return the operator that comes next in the work; "" once the shot is proved."""
+    settings, frame = scene.crowd_lod, viewport_overlay.latest(scene)
+    done = {
+        "crowd_lod.characters_from_selection": settings.characters is not None,
+        "crowd_lod.populate": len(settings.groups) > 0,
+        "crowd_lod.make_levels": settings.levels is not None and not outdated(scene),
+        "crowd_lod.plan_shot": bool(settings.shot_plan) and not (frame and frame.unplanned),
+        _built_by(settings): settings.build is not None and not staleness.changed(scene),
+        "crowd_lod.verify": verdict_of(scene).startswith("OK"),
+    }
+    return next((name for name, made in done.items() if not made), "")
+
+
+def _built_by(settings) -> str:
+    """Return the operator that made the build, or that makes one."""
+    return "crowd_lod.bake" if settings.build is not None and BAKED in settings.build else "crowd_lod.build"
+
+
+def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
+    """Return (sentence, icon) of all that the user should know, the most urgent first."""
+    settings, shown = scene.crowd_lod, viewport_overlay.shown_of(scene)
+    errors = [viewport_overlay.problem(scene), missing_library()]
+    if settings.characters is not None:
+        errors += [needs.camera(scene), settings.trouble]
+    found = [(sentence, "ERROR") for sentence in errors if sentence]
+    if following(scene):
+        found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
+    if changed := staleness.changed(scene):
+        found.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
+    if lods := outdated(scene):
+        found.append((lods, "FILE_REFRESH"))
+    if said := verdict_of(scene):
+        found.append((said, "CHECKMARK" if said.startswith("OK") else "ERROR"))
+    return [*found, *((note, "INFO") for note in (shown.notes if shown else ()))]

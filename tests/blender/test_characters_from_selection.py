@@ -1,0 +1,174 @@
+"""Characters from Selection: select rigs and meshes, press once, and the characters' collection stands."""
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.crowd.scene_crowd import characters_of
+
+from ..support.characters import new, rig, skin, tube
+
+
+def press(*selected):
+    """Press the button with these objects selected; Blender raises its errors."""
+    bpy.context.view_layer.update()
+    for item in bpy.context.view_layer.objects:
+        item.select_set(item in selected)
+    return bpy.ops.crowd_lod.characters_from_selection()
+
+
+def groups():
+    """Name -> names of the objects of each child of the characters' collection."""
+    return {
+        child.name: sorted(item.name for item in child.all_objects) for child in bpy.context.scene.crowd_lod.characters.children
+    }
+
+
+def homes():
+    """The collections of each object of the scene."""
+    return {item.name: sorted(home.name for home in item.users_collection) for item in bpy.context.scene.objects}
+
+
+@pytest.fixture
+def stage():
+    """A scene as a user has it: two rigs in a collection with a lamp and a camera, and a statue."""
+    scene = bpy.context.scene
+    home = bpy.data.collections.new("Collection")
+    scene.collection.children.link(home)
+    anna, bert = rig("Anna"), rig("Bert")
+    body, coat, hat, other = (new(name, tube(name, 6, 4)) for name in ("body", "coat", "hat", "other"))
+    skin(body, anna)
+    coat.modifiers.new("Armature", "ARMATURE").object = anna  # bound, and not parented
+    hat.parent = body
+    skin(other, bert)
+    bert.location = 3, 2, 1
+    bert["stride"] = 1.5
+    statue, stand = new("statue", tube("statue", 6, 4)), new("stand", None)
+    lamp, camera = new("Lamp", bpy.data.lights.new("Lamp", "POINT")), new("Camera", bpy.data.cameras.new("Camera"))
+    for item in (anna, bert, body, coat, hat, other, statue, stand, lamp, camera):
+        home.objects.link(item)
+    bpy.context.view_layer.update()
+    return scene
+
+
+def test_a_selected_rig_takes_its_meshes_along_and_a_mesh_its_rig(stage, capfd):
+    places = {item.name: item.matrix_world.copy() for item in stage.objects}
+    press(stage.objects["Anna"])
+    assert groups() == {"Anna": ["Anna", "body", "coat", "hat"]}
+    press(stage.objects["other"])
+    assert groups()["Bert"] == ["Bert", "other"]
+    assert "A character in the collection Characters: Bert." in capfd.readouterr().out
+    bpy.context.view_layer.update()
+    assert {item.name: item.matrix_world for item in stage.objects} == places
+    # so that no render shows them besides the crowd
+    assert homes()["Anna"] == ["Anna"] and homes()["statue"] == ["Collection"]
+    (name, objects, origin), (_, _, far) = characters_of(stage)
+    assert name == "Anna" and len(objects) == 3 and origin == (0, 0, 0) and far == (3, 2, 1)
+    assert stage.crowd_lod.characters.children["Bert"]["stride"] == 1.5
+
+
+def test_all_selected_is_a_group_for_each_character_and_names_what_is_left(stage, capfd):
+    press(*stage.objects)
+    assert groups() == {"Anna": ["Anna", "body", "coat", "hat"], "Bert": ["Bert", "other"], "statue": ["statue"]}
+    told = "3 characters in the collection Characters: Anna, Bert, statue. Left where they are: Camera, Lamp, stand."
+    assert told in capfd.readouterr().out
+    assert homes()["Lamp"] == homes()["Camera"] == homes()["stand"] == ["Collection"]
+    before = homes(), [each.name for each in bpy.data.collections]
+    press(*stage.objects)
+    assert (homes(), [each.name for each in bpy.data.collections]) == before
+    stage.crowd_lod.count = 20
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"} and len(stage.crowd_lod.groups) == 3
+
+
+def test_a_selected_empty_brings_what_hangs_on_it(stage):
+    stand, statue = stage.objects["stand"], stage.objects["statue"]
+    stand.location.x = 5
+    base = new("base", tube("base", 6, 4))
+    stage.collection.objects.link(base)
+    for item in (statue, base, stage.objects["Bert"]):
+        item.parent = stand
+    press(stand)
+    assert groups() == {"stand": ["base", "stand", "statue"], "Bert": ["Bert", "other"]}
+    assert dict((name, origin) for name, _, origin in characters_of(stage))["stand"] == (5, 0, 0)
+
+
+def test_meshes_under_an_empty_that_is_not_selected_are_characters_each(stage):
+    stage.objects["statue"].parent = stage.objects["stand"]
+    press(stage.objects["statue"])
+    assert groups() == {"statue": ["statue"]} and homes()["stand"] == ["Collection"]
+
+
+def test_it_adds_to_the_characters_that_there_are(stage):
+    """Also where the collection of all is the characters'."""
+    stage.crowd_lod.characters = bpy.data.collections["Collection"]
+    press(stage.objects["body"])
+    assert stage.crowd_lod.characters.name == "Collection" and groups() == {"Anna": ["Anna", "body", "coat", "hat"]}
+    assert [name for name, _, _ in characters_of(stage)] == ["Anna", "Bert", "statue"]
+
+
+def test_instances_metaballs_and_meshes_without_faces_are_named(stage, capfd):
+    blob, empty = new("blob", bpy.data.metaballs.new("blob")), new("sword", None)
+    empty.instance_type, empty.instance_collection = "COLLECTION", bpy.data.collections.new("swords")
+    blob.parent, empty.parent = stage.objects["Bert"], stage.objects["Bert"]
+    for item in (blob, empty, new("points", bpy.data.meshes.new("points"))):
+        stage.collection.objects.link(item)
+    press(stage.objects["Bert"], stage.objects["points"])
+    assert groups() == {"Bert": ["Bert", "other"]}
+    told = capfd.readouterr().out
+    assert "Left where they are: blob, points." in told and "make them real (Object > Apply): sword." in told
+    assert [name for name, _, _ in characters_of(stage)] == ["Bert"]
+
+
+def test_what_lies_in_a_linked_collection_is_named_and_left(stage, tmp_path, capfd):
+    bpy.data.libraries.write(str(tmp_path / "anna.blend"), {bpy.data.collections["Collection"]})
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    with bpy.data.libraries.load(str(tmp_path / "anna.blend"), link=True) as (_, wanted):
+        wanted.collections = ["Collection"]
+    scene = bpy.context.scene
+    scene.collection.children.link(bpy.data.collections["Collection"])
+    own = new("own", tube("own", 6, 4))
+    scene.collection.objects.link(own)
+    with pytest.raises(RuntimeError, match="Left in linked collections, .*: Anna"):
+        press(scene.objects["Anna"])
+    assert scene.crowd_lod.characters is None
+    press(scene.objects["Anna"], own)
+    assert groups() == {"own": ["own"]} and "Left in linked collections" in capfd.readouterr().out
+    scene.crowd_lod.characters = bpy.data.collections["Collection"]
+    with pytest.raises(RuntimeError, match="linked from another file"):
+        press(own)
+
+
+def test_what_crowd_lod_made_is_no_character(levelled):
+    press(*(item for level in levelled.crowd_lod.levels.children for item in level.all_objects), *levelled.objects)
+    assert set(groups()) == {"adult", "child"}
+
+
+def test_without_a_rig_or_mesh_it_says_what_to_select(stage):
+    with pytest.raises(RuntimeError, match="Select the characters first"):
+        press(stage.objects["Lamp"], stage.objects["Camera"])
+    with pytest.raises(RuntimeError, match=r"Nothing selected is a rig with meshes.*Left where they are: stand"):
+        press(stage.objects["stand"])
+    assert stage.crowd_lod.characters is None
+
+
+def test_undo_takes_it_back(stage):
+    before = homes()
+    bpy.ops.ed.undo_push(message="before")
+    press(*stage.objects)
+    bpy.ops.ed.undo_push(message="pressed")
+    bpy.ops.ed.undo()
+    assert homes() == before and bpy.context.scene.crowd_lod.characters is None
+    bpy.ops.ed.redo()
+    assert set(groups()) == {"Anna", "Bert", "statue"}
+
+
+def test_lamps_and_cameras_beside_the_characters_are_no_groups(stage):
+    home = bpy.data.collections["Collection"]
+    lights = bpy.data.collections.new("Lights")
+    home.children.link(lights)
+    lights.objects.link(stage.objects["Lamp"])
+    stage.objects["coat"].parent = stage.objects["Anna"]
+    stage.crowd_lod.characters, stage.crowd_lod.count = home, 20
+    assert [name for name, _, _ in characters_of(stage)] == ["Anna", "Bert", "statue"]
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    bpy.data.batch_remove([item for item in home.all_objects if item.type in ("MESH", "ARMATURE")])
+    with pytest.raises(RuntimeError, match="Collection holds lamps, cameras and empties alone"):
+        bpy.ops.crowd_lod.populate()

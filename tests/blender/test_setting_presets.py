@@ -1,0 +1,138 @@
+"""Presets and Reset to Defaults of each step, and what buttons say in a scene with nothing in it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+from bl_operators.presets import AddPresetBase
+from crowd_lod_extension.operators import registration
+from crowd_lod_extension.operators.crowd.renamed_settings import STORED
+from crowd_lod_extension.operators.ui import presets
+
+STEPS = [step for step in presets.STEPS if step != "all"]
+
+
+def value(settings, name):
+    found = getattr(settings, name)
+    return found if isinstance(found, str | int | float) else tuple(found)
+
+
+def other(prop):
+    """A value that is allowed and is not the default."""
+    if prop.type == "ENUM":
+        return next(item.identifier for item in prop.enum_items if item.identifier != prop.default)
+    if prop.type == "BOOLEAN":
+        return not prop.default
+    if not prop.is_array:
+        return prop.hard_min if prop.default != prop.hard_min else prop.default + (1 if prop.type == "INT" else 0.25)
+    # in the order of the defaults: thresholds push each other
+    return tuple(0.5 * number if number else 0.25 for number in prop.default_array)
+
+
+def change_all(settings):
+    for name in presets.names_of("all"):
+        setattr(settings, name, other(settings.bl_rna.properties[name]))
+    return {name: value(settings, name) for name in presets.names_of("all")}
+
+
+def values(settings):
+    return {name: value(settings, name) for name in presets.names_of("all")}
+
+
+@pytest.fixture
+def settings():
+    """Those of a new scene."""
+    return bpy.data.scenes.new("Fresh").crowd_lod
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_a_preset_holds_settings_of_its_step_that_can_be_written(settings, step):
+    names = presets.names_of(step)
+    assert names and len(set(names)) == len(names) and not set(names) & set(STORED.values())
+    for name in names:
+        before = value(settings, name)
+        setattr(settings, name, other(settings.bl_rna.properties[name]))
+        assert value(settings, name) != before
+    assert set(names) < set(presets.names_of("all"))
+
+
+@pytest.mark.parametrize("step", [*STEPS, "all"])
+def test_reset_brings_back_the_defaults_of_its_step_alone(settings, step):
+    usual = values(settings)
+    changed = change_all(settings)
+    assert all(changed[name] != usual[name] for name in usual)
+    settings.characters = kept = bpy.data.collections.new("Kept")
+    settings.plan_folder, settings.estimate = "//mine", "old"
+    scene = settings.id_data
+    with bpy.context.temp_override(scene=scene):
+        assert bpy.ops.crowd_lod.reset(step=step) == {"FINISHED"}
+    own = set(presets.names_of(step))
+    assert values(settings) == {name: usual[name] if name in own else changed[name] for name in usual}
+    assert not any(settings.is_property_set(STORED.get(name, name)) for name in own)
+    assert settings.characters == kept and settings.plan_folder == "//mine"
+    assert settings.estimate == ""  # it was of other settings
+
+
+def test_after_a_reset_thresholds_push_from_their_defaults(settings):
+    settings.thresholds = (0.05, 0.06, 0.07, 0.7, 0.8, 0.9, 1.0)
+    with bpy.context.temp_override(scene=settings.id_data):
+        bpy.ops.crowd_lod.reset(step="levels")
+    settings.thresholds[1] = 0.1  # below the first, 0.15: it pushes that one along
+    assert tuple(settings.thresholds)[:2] == pytest.approx((0.099, 0.1))
+
+
+ADDED = """
+import sys
+from pathlib import Path
+import bpy, crowd_lod_extension
+sys.path.insert(0, {here!r})
+from test_setting_presets import change_all, presets, values
+crowd_lod_extension.register()
+settings = bpy.context.scene.crowd_lod
+usual, changed = values(settings), change_all(settings)
+for step in presets.STEPS:
+    getattr(bpy.ops.crowd_lod, step + "_preset_add")(name="Mine " + step)
+for step in presets.STEPS:
+    bpy.ops.crowd_lod.reset(step="all")
+    assert values(settings) == usual
+    path = bpy.utils.preset_find("Mine_" + step, "crowd_lod/" + step)
+    assert Path({user!r}) in Path(path).parents, path
+    assert bpy.ops.script.execute_preset(filepath=path, menu_idname=f"CROWDLOD_PT_{{step}}_presets") == {{"FINISHED"}}
+    own = set(presets.names_of(step))
+    found = values(settings)
+    assert found == {{name: changed[name] if name in own else usual[name] for name in usual}}, (step, found)
+print("restored", len(presets.STEPS))
+crowd_lod_extension.unregister()
+"""
+
+
+def test_a_preset_restores_what_it_was_added_of(tmp_path):
+    script = ADDED.format(here=str(Path(__file__).parent), user=str(tmp_path))
+    own = {"BLENDER_USER_RESOURCES": str(tmp_path), "BLENDER_USER_SCRIPTS": str(tmp_path / "scripts")}
+    done = subprocess.run([sys.executable, "-c", script], env=os.environ | own, capture_output=True, text=True)
+    assert done.returncode == 0 and f"restored {len(presets.STEPS)}" in done.stdout, done.stdout + done.stderr
+
+
+OPERATORS = [kind for kind in registration.CLASSES if issubclass(kind, bpy.types.Operator) and not issubclass(kind, AddPresetBase)]
+ALWAYS = {"add_exception", "machine_preset", "open_report", "reset", "sample"}
+
+
+@pytest.mark.parametrize("name", [kind.bl_idname.partition(".")[2] for kind in OPERATORS])
+def test_a_button_that_cannot_work_says_why(name):
+    operator = getattr(bpy.ops.crowd_lod, name)
+    can = operator.poll()
+    assert can == (name in ALWAYS)
+    if not can:
+        with pytest.raises(RuntimeError, match=r"poll\(\) .*\w+ \w+ \w+") as raised:
+            operator()
+        assert "context is incorrect" not in str(raised.value)
+
+
+def test_no_poll_raises_without_a_scene():
+    with bpy.context.temp_override(scene=None):  # as in a window that closes
+        assert bpy.context.scene is None
+        polled = {kind.bl_idname: getattr(bpy.ops.crowd_lod, kind.bl_idname.partition(".")[2]).poll() for kind in OPERATORS}
+    assert polled == dict.fromkeys(polled, False)

@@ -1,0 +1,78 @@
+"""A build says what has changed since it was made, and after another build nothing."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.build import staleness
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    monkeypatch.setattr(staleness, "LOOK", 0.0)
+
+
+def paint(scene):
+    """Ground between two edges, 20 x 20 pixels."""
+    labels = np.zeros((20, 20), int)
+    labels[:, :2], labels[:, -1] = 1, 2
+    scene.crowd_lod.map_image = image_data.write_image("painted", load_preset("chapter").label_colors[labels])
+
+
+def other_lods(scene):
+    scene.crowd_lod.ratios[1] = 0.2
+    bpy.ops.crowd_lod.make_levels()
+
+
+def bend(scene):
+    mesh = next(item for item in scene.crowd_lod.characters.all_objects if item.type == "MESH")
+    mesh.data.vertices[0].co.z += 0.1
+
+
+CHANGES = {
+    "the crowd": lambda scene: setattr(scene.crowd_lod, "seed", scene.crowd_lod.seed + 1),
+    "the map": paint,
+    "the choice of LODs": lambda scene: scene.crowd_lod.thresholds.__setitem__(0, 0.3),
+    "the LOD meshes": other_lods,
+    "the characters": bend,
+    "the settings": lambda scene: setattr(scene.crowd_lod, "margin_kind", "FIXED"),
+    "the frame rate": lambda scene: setattr(scene.render, "fps", scene.render.fps + 6),
+}
+OF_A_BAKE = {
+    "the camera": lambda scene: setattr(scene.camera, "location", (1, -25, 2)),
+    "the frame range": lambda scene: setattr(scene, "frame_end", 4),
+    "the resolution": lambda scene: setattr(scene.render, "resolution_x", 200),
+}
+
+
+def follow(scene, name, changes):
+    """Make the build, change each thing, look, and make it again."""
+    make = getattr(bpy.ops.crowd_lod, name)
+    scene.frame_start, scene.frame_end = 1, 3
+    bpy.ops.crowd_lod.populate()
+    assert staleness.changed(scene) == []  # there is no build
+    make()
+    assert staleness.changed(scene) == []
+    for told, change in changes.items():
+        change(scene)
+        scene.view_layers[0].update()
+        found = staleness.changed(scene)
+        assert told in found
+        make()
+        assert staleness.changed(scene) == [], told
+
+
+def test_a_live_build_tells_what_it_does_not_follow(scene):
+    follow(scene, "build", CHANGES)
+    for change in OF_A_BAKE.values():
+        change(scene)
+    scene.frame_set(2)
+    assert staleness.changed(scene) == []  # those it follows
+
+
+def test_a_bake_tells_what_differs_from_its_frames(scene):
+    follow(scene, "bake", {"the crowd": CHANGES["the crowd"]} | OF_A_BAKE)
+    bpy.ops.crowd_lod.remove_build()
+    scene.crowd_lod.seed += 1
+    assert staleness.changed(scene) == []

@@ -1,0 +1,124 @@
+"""Thresholds and sizes push their neighbors along, so that no drag leads to an error."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators.crowd.scene_crowd import policy_of
+
+NAN, INF = float("nan"), float("inf")
+
+
+def drag(owner, name, index, values):
+    """What a slider does: it sets the value again and again."""
+    for value in values:
+        getattr(owner, name)[index] = value
+        for owner.id_data.crowd_lod.metric in ("AXIS", "PIXELS"):
+            policy_of(owner.id_data.crowd_lod)
+
+
+@pytest.fixture
+def settings():
+    scene = bpy.context.scene
+    scene.crowd_lod.level_count, scene.crowd_lod.estimate = 4, "old"
+    group = scene.crowd_lod.groups.add()
+    group.name, group.own_thresholds = "someone", True
+    return scene.crowd_lod
+
+
+@pytest.fixture(params=["settings", "group"])
+def owner(request, settings):
+    return settings if request.param == "settings" else settings.groups[0]
+
+
+def test_a_dragged_threshold_takes_the_others_along(owner, settings):
+    drag(owner, "thresholds", 0, np.linspace(0.15, 0.65, 51))
+    assert owner.thresholds[:4] == pytest.approx((0.65, 0.651, 0.652, 0.7)) and settings.estimate == ""
+    drag(owner, "thresholds", 2, np.linspace(0.652, 0.3, 40))
+    assert owner.thresholds[:4] == pytest.approx((0.298, 0.299, 0.3, 0.7))
+    drag(owner, "thresholds", 1, np.linspace(0.3, 1.0, 40))
+    assert owner.thresholds[:3] == pytest.approx((0.298, 0.999, 1.0))
+    drag(owner, "thresholds", 2, np.linspace(1.0, 0.0, 40))
+    assert owner.thresholds[:3] == pytest.approx((0.001, 0.002, 0.003))
+
+
+def test_a_dragged_size_takes_the_others_along(owner):
+    drag(owner, "sizes", 1, (80, 120, 199, 250, 4000))
+    assert owner.sizes[:4] == pytest.approx((4000.1, 4000, 40, 20))
+    drag(owner, "sizes", 0, (4000, 60, 0, -5))
+    assert owner.sizes[:3] == pytest.approx((0.21, 0.11, 0.01))
+
+
+def test_scripts_set_whole_arrays_and_slices(owner):
+    owner.thresholds = (0.5, 0.2, 0.3, 0, 0, 0, 0)
+    assert owner.thresholds[:] == pytest.approx((0.5, 0.501, 0.502, 0, 0, 0, 0))  # LODs that are not there do not count
+    owner.thresholds[:3] = (0.1, 0.2, 0.15)
+    assert owner.thresholds[:3] == pytest.approx((0.1, 0.2, 0.201))
+    ordered = np.array((0.12, 0.12000002, 0.9), np.float32)
+    owner.thresholds[:3] = ordered
+    assert owner.thresholds[:3] == pytest.approx((0.12, 0.121, 0.9))  # as one, to six digits
+    owner.thresholds[:3] = (0.1, 0.100002, 0.9)
+    assert owner.thresholds[1] == np.float32(0.100002)
+
+
+@pytest.mark.parametrize("name, usual", [("thresholds", 0.4), ("sizes", 80)])
+def test_no_value_is_nan_or_infinite(owner, name, usual):
+    getattr(owner, name)[1] = NAN
+    assert getattr(owner, name)[1] == pytest.approx(usual)
+    drag(owner, name, 1, (INF, -INF, NAN, INF))
+    setattr(owner, name, (NAN,) * 7)
+    setattr(owner, name, (INF,) * 7)
+    assert np.isfinite(getattr(owner, name)).all()
+    policy_of(owner.id_data.crowd_lod)
+
+
+def test_more_levels_find_thresholds_that_leave_each_its_place(owner, settings):
+    settings.level_count = 3
+    drag(owner, "thresholds", 1, (0.5, 0.9, 1.0))
+    drag(owner, "sizes", 1, (0.5, 0.01))
+    assert owner.thresholds[:2] == pytest.approx((0.15, 1.0))
+    for settings.level_count in range(1, 9):
+        for settings.metric in ("AXIS", "PIXELS"):
+            assert policy_of(settings).count == settings.level_count
+
+
+def test_each_change_updates_once_more_at_most(owner, monkeypatch):
+    """Blender calls the update of a property that an update sets, too."""
+    from crowd_lod_extension.operators.crowd import threshold_order
+
+    depth, deepest = 0, 0
+    put = threshold_order._put_in_order
+
+    def counted(*which):
+        nonlocal depth, deepest
+        depth += 1
+        deepest = max(deepest, depth)
+        put(*which)
+        depth -= 1
+
+    monkeypatch.setattr(threshold_order, "_put_in_order", counted)
+    for value in (0.9, NAN, 0.0, 1.0, INF):
+        owner.thresholds[1] = value
+    assert deepest == 2
+
+
+def test_values_of_an_old_file_are_the_first_that_a_drag_changes(settings, tmp_path):
+    """A file of before has no note of its thresholds: they count as they are."""
+    settings.thresholds[:3] = (0.2, 0.5, 0.55)
+    for key in [key for key in settings.keys() if key.startswith("crowd_lod_before")]:
+        del settings[key]
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "old.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "old.blend"))
+    settings = bpy.context.scene.crowd_lod
+    settings.thresholds[2] = 0.1
+    assert settings.thresholds[:3] == pytest.approx((0.098, 0.099, 0.1))
+
+
+def test_undo_takes_the_pushed_ones_back(settings):
+    bpy.ops.ed.undo_push(message="before")
+    settings.thresholds[0] = 0.65
+    bpy.ops.ed.undo_push(message="drag")
+    bpy.ops.ed.undo()
+    settings = bpy.context.scene.crowd_lod
+    assert settings.thresholds[:3] == pytest.approx((0.15, 0.4, 0.6))
+    settings.thresholds[1] = 0.1
+    assert settings.thresholds[:3] == pytest.approx((0.099, 0.1, 0.6))

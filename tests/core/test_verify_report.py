@@ -1,0 +1,32 @@
+"""The report of a proof: whole, verdict first, measured beside predicted, nothing of a name's own HTML."""
+
+from crowd_lod_extension.crowd_lod.reporting.verify_report import COLUMNS, verify_page
+from crowd_lod_extension.crowd_lod.validation.render_proof import verdict
+
+from ..support.pages import Reader
+
+EVIL = '<script>alert("x")</script>&'
+ROW = {"frame": 3, "agents": 4096, "visible": 1000, "shadow": 12, "mirrored": 0, "culling_ok": True, "lod_ok": True, "b_pixels": 0,
+       "bare_pixels": 40, "c_share": 0.018, "silhouette_shift": 1.0, "predicted_shift": 1.43}  # fmt: skip
+RESULT = {"command": ["sidebar"], "ok": True, "width": 320, "samples": 4, "bounces": 0, "amplified": 16, "left_out": ["One eye."],
+          "pictures": {"a": "all agents", "b": "culled"}, "not_proved": ["other frames", "denoising"], "frames": [ROW]}  # fmt: skip
+
+
+def test_the_verdict_leads_and_every_frame_has_its_row():
+    bad = ROW | {"frame": 7, "b_pixels": 1234, "culling_ok": False, "predicted_shift": None}
+    result = RESULT | {"frames": [ROW, bad], "ok": False}
+    read = Reader(verify_page("plaza", result))
+    title, heading, said = (text for text in read.texts if "plaza" in text or text == verdict(result))
+    assert (title, heading, said) == ("plaza: proof by renders", "plaza: proof by renders", verdict(result))
+    assert read.cells == [
+        *COLUMNS,
+        *("3", "4,096", "1,000", "12", "0", "0", "40", "1", "1.43", "1.8", "yes"),
+        *("7", "4,096", "1,000", "12", "0", "1,234", "40", "1", "-", "1.8", "no: culling"),
+    ]
+    assert {"One eye.", "other frames", "denoising"} <= set(read.texts) and set(read.links) == {"contact_sheet.png"}
+
+
+def test_names_are_text_and_empty_lists_have_no_heading():
+    read = Reader(verify_page(EVIL, RESULT | {"left_out": [], "command": [EVIL]}))
+    assert "script" not in read.tags and "".join(read.texts).count(EVIL) == 3
+    assert "What is not proved" in read.texts and "What was left out" not in read.texts

@@ -1,0 +1,34 @@
+"""What the overlay shows is never old: characters that are gone, an edit of the state machine."""
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.overlay.appearance import missing_groups
+
+from ..support.overlays import populated, shown
+
+
+@pytest.fixture
+def scene():
+    with populated(50, one=2.0, two=1.0) as scene:
+        scene.crowd_lod.overlay_mode = "POINTS"
+        yield scene
+
+
+def test_a_group_that_is_gone_is_named_until_the_crowd_is_populated_again(scene):
+    assert missing_groups(scene.crowd_lod) == shown(scene).notes == ()
+    bpy.data.objects.remove(scene.crowd_lod.characters.objects["two"])
+    assert shown(scene).notes == missing_groups(scene.crowd_lod)
+    assert shown(scene).notes == ("No longer among the characters: two. Press Populate in the Crowd panel.",)
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        bpy.ops.crowd_lod.populate()
+    assert shown(scene).notes == ()
+
+
+def test_an_edit_of_the_state_machine_shows_in_the_next_drawing(scene):
+    settings = scene.crowd_lod
+    with bpy.context.temp_override(scene=scene):
+        bpy.ops.crowd_lod.machine_preset(name="chapter")
+    before = shown(scene).frame.trajectory.machine
+    settings.machine.from_string(before.text.replace('"walk', '"go'))
+    after = shown(scene).frame.trajectory.machine
+    assert before.states != after.states and all(state.startswith("go") for state in after.states)

@@ -1,0 +1,119 @@
+"""The five minutes of docs/tutorial.md: blender --python tutorial.py -- FOLDER.
+
+Starts where a user starts: Blender's default scene, with a character of their own in place of the cube. Then clicks the
+blue button of the sidebar, again and again, and takes a picture after each step.
+"""
+
+import json
+import sys
+from importlib import import_module
+from math import pi
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+sys.path[:0] = map(str, Path(__file__).parents[:2])
+import robot  # noqa: E402
+from robot import scene, settings  # noqa: E402
+
+FOLDER = Path(sys.argv[sys.argv.index("--") + 1])
+PICTURES = "1_start 2_characters 3_crowd 4_lods 5_plan 6_build 7_verified".split()
+WIDE = 1000  # pixels of a picture
+WIDEST_ICON = 30  # pixels; a blue button is wider, a switch that is on is not
+results = {"pressed": [], "after": {}}
+
+
+def session():
+    """Yields the seconds to wait before going on."""
+    own_scene()
+    area = robot.view_3d()
+    area.spaces[0].show_region_ui = True
+    view = area.spaces[0].region_3d
+    view.view_perspective, view.view_camera_zoom, view.view_camera_offset = "CAMERA", 14, (0.09, 0.0)
+    yield 0.5
+    robot.sidebar(area).active_panel_category = "Crowd LOD"
+    yield 1.0
+    seen = yield from picture(PICTURES[0])
+    for name in PICTURES[1:]:
+        steps = sys.modules[f"{robot.MODULE}.operators.ui.steps"]
+        results["pressed"].append(steps.LABELS[steps.following(scene())])
+        print(f"--- {name}", flush=True)
+        yield from click(*blue_button(seen))
+        seen = yield from picture(name)
+        results["after"][name] = made()
+    results["verified"] = json.loads((FOLDER / "verify_folder" / "verify.json").read_text(encoding="utf-8"))["ok"]
+
+
+def own_scene():
+    """In the default scene, in place of the cube: a rigged, walking character, selected. Few frames, agents and proofs, to be quick."""
+    bpy.data.objects.remove(bpy.data.objects["Cube"])
+    characters, scenery = (import_module(f"{robot.MODULE}.sample_scenes.{name}") for name in ("characters", "scenery"))
+    (group,) = characters.make_characters(scene().collection, builds=characters.BUILDS[:1])
+    rig, mesh = group.objects
+    for item in (rig, mesh):
+        scene().collection.children["Collection"].objects.link(item)
+        item.select_set(True, view_layer=robot.window().view_layer)
+    bpy.data.collections.remove(group)
+    rig.rotation_euler.z = -pi / 2  # it faces +X, and Blender's front is -Y
+    scenery.aim(scene().camera, (-9, -24, 3.2), (1, 0, 0.5))
+    scene().frame_end, scene().render.resolution_x, scene().render.resolution_y = 24, 960, 540
+    settings().count, settings().verify_count, settings().verify_width = 500, 1, 160
+    for name in ("plan_folder", "verify_folder"):
+        setattr(settings(), name, str(FOLDER / name))
+
+
+def made():
+    """What there is after a step."""
+    found, frame = settings(), robot.overlay().latest(scene())
+    return {
+        "characters": [each.name for each in found.characters.children],
+        "agents": len(frame.crowd) if frame else 0,
+        "visible": len(frame.buckets.order) if frame else 0,
+        "lods": [int(count) for count in frame.buckets.counts] if frame else [],
+        "triangles": frame.triangles / frame.full_triangles if frame and frame.full_triangles else 1.0,
+        "planned": bool(frame and frame.planned),
+        "points": sum(len(each.data.vertices) for each in found.build.objects if each.visible_camera) if found.build else 0,
+    }
+
+
+def click(x: int, y: int):
+    """Click there, and wait until the button's work is done."""
+    robot.window().event_simulate(type="MOUSEMOVE", value="NOTHING", x=x, y=y)
+    yield 0.3
+    for value in ("PRESS", "RELEASE"):
+        robot.window().event_simulate(type="LEFTMOUSE", value=value, x=x, y=y)
+    yield 0.5
+    yield from robot.until(lambda: not robot.window().modal_operators, robot.PATIENCE)
+
+
+def blue_button(seen: np.ndarray) -> tuple[int, int]:
+    """Where the topmost button is that is drawn as the default one, near its upper left end: in the window, from below."""
+    region = robot.sidebar(robot.view_3d())
+    blue = bpy.context.preferences.themes[0].user_interface.wcol_tool.inner_sel[:3]
+    part = seen[region.y : region.y + region.height, region.x : region.x + region.width, :3]
+    near = np.abs(part - blue).max(axis=2) < 0.03
+    row = np.flatnonzero(near.sum(axis=1) > WIDEST_ICON)[-1] - 3
+    return int(region.x + np.flatnonzero(near[row])[0] + 4), int(region.y + row)
+
+
+def picture(name: str):
+    """Save a picture of the viewport and its sidebar. Returns all of the window: (height, width, 4) of 0 to 1, from below."""
+    yield from robot.drawn(1.0)
+    yield from robot.picture("window")
+    image = bpy.data.images.load(str(FOLDER / "window.png"))
+    seen = np.empty((image.size[1], image.size[0], 4), np.float32)
+    image.pixels.foreach_get(seen.ravel())
+    bpy.data.images.remove(image)
+    area = robot.view_3d()
+    part = seen[area.y : area.y + area.height, area.x : area.x + area.width]
+    image = bpy.data.images.new(name, area.width, area.height)
+    image.pixels.foreach_set(np.ascontiguousarray(part).ravel())
+    image.scale(WIDE, round(area.height * WIDE / area.width))
+    image.filepath_raw, image.file_format = str(FOLDER / f"{name}.png"), "PNG"
+    image.save()
+    bpy.data.images.remove(image)
+    return seen
+
+
+robot.perform(session(), results, FOLDER)
