@@ -84,7 +84,7 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         column.prop(entry, "kind")
         greyed(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
-        column.prop(entry, {"MAP": "map_image", "NUMBERS": "agents", "REGION": "region"}[entry.chosen_by])
+        column.prop(entry, {"MAP": "map_image", "REGION": "region"}.get(entry.chosen_by, "agents"))
         column.prop(entry, "all_frames")
         frames = greyed(column, not entry.all_frames)
         frames.prop(entry, "first_frame")

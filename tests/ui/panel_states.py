@@ -2,7 +2,7 @@
 
 test_panels.py listens on the PORT of this machine. It gets one line that says what settings there are, and sends the
 changes that make a state, a line each. After each change all panels are drawn and all polls asked; the answer to a line
-is what was said on stderr, and which panels were drawn.
+is what was said on stderr, and which panels were drawn. All panels are open.
 """
 
 import contextlib
@@ -28,18 +28,20 @@ drawn: set[str] = set()  # panels, since the last answer
 
 def session():
     """Yields the seconds to wait before going on."""
+    sys.modules[f"{robot.MODULE}.operators.ui.step_panel"].Step.bl_options = set()  # all open: what is closed is not drawn
+    robot.toggle()
     yield from saved(str(FOLDER / "panels.blend"), str(FOLDER / "panels_files"))
     (FOLDER / "garbage.npz").write_text("no plan")
     robot.view_3d().spaces[0].show_region_ui = True
     yield 0.5
     robot.sidebar(robot.view_3d()).active_panel_category = "Crowd LOD"
-    panels = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CROWDLOD_PT_")]
-    for panel in panels:
-        panel.append(lambda own, _: drawn.add(type(own).__name__))
+    panels, menus = ([name for name in dir(bpy.types) if name.startswith(f"CROWDLOD_{kind}_")] for kind in ("PT", "MT"))
+    for name in panels:
+        getattr(bpy.types, name).append(lambda _, __, name=name: drawn.add(name))
     owners = {"settings": settings(), "group": settings().groups[0], "exception": settings().exceptions[0]}
     known = {owner: list(filter(None, map(told, values.bl_rna.properties))) for owner, values in owners.items()}
     with socket.create_connection(("localhost", PORT)) as line, line.makefile("rw", encoding="utf-8") as talk:
-        said: dict = {"known": known, "done": sorted(DONE), "panels": [panel.__name__ for panel in panels]}
+        said: dict = {"known": known, "done": sorted(DONE), "panels": panels, "menus": menus}
         while True:
             talk.write(json.dumps(said) + "\n")
             talk.flush()
@@ -100,7 +102,7 @@ def change_it(what: str, *words):
             bpy.ops.wm.call_panel("INVOKE_DEFAULT", name=words[0])
     elif what == "menu":
         with robot.over():
-            bpy.ops.wm.call_menu("INVOKE_DEFAULT", name="CROWDLOD_MT_machine_presets")
+            bpy.ops.wm.call_menu("INVOKE_DEFAULT", name=words[0])
     elif what in ("undo", "redo"):
         robot.key("Z", ctrl=True, shift=what == "redo")
     else:
@@ -199,6 +201,7 @@ DONE = {
     "objects removed": lambda: [bpy.data.objects.remove(item) for item in [*bpy.data.objects]],
     "choice unknown": lambda: unknown(settings(), "choice"),
     "metric unknown": lambda: unknown(settings(), "metric"),
+    "exceptions by unknown": lambda: [unknown(entry, "chosen_by") for entry in settings().exceptions],
     "kind of exception unknown": lambda: [unknown(entry, "kind") for entry in settings().exceptions],
     "library missing": lambda: sys.modules.update(fast_simplification=None),
     "new scene": lambda: shown(bpy.data.scenes.new("New")),

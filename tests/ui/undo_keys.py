@@ -1,9 +1,10 @@
 """Two and three buttons, Ctrl-Z and Ctrl-Shift-Z: blender --python undo_keys.py -- FOLDER FIRST COUNT.
 
-Takes COUNT tenths, from the FIRST on (0 to 9), of all pairs of our operators, and of fifty random triples. They are taken in a saved file of the
-plaza that has a build, a shot plan and exceptions, with the overlay on, after Render Viewport Image and Preview. After
-each pair or triple all is undone, redone and undone again by keys; every state must be one that the file was in before.
-A crash ends Blender before results.json is written; the last line printed then names what crashed it.
+All pairs of our operators, and fifty random triples, are in as many parts as there are operators; COUNT parts are taken,
+from the FIRST on, which is 0. They are taken in a saved file of the plaza that has a build, a shot plan and exceptions,
+with the overlay on, after Render Viewport Image and Preview. After each pair or triple all is undone, redone and undone
+again by keys; every state must be one that the file was in before. A crash ends Blender before results.json is written;
+the last line printed then names what crashed it.
 """
 
 import random
@@ -19,7 +20,7 @@ from small_plaza import REST, opened, pressed, saved, worked  # noqa: E402
 from undo_sequences import quicken, state  # noqa: E402
 
 FOLDER, FIRST, COUNT = sys.argv[sys.argv.index("--") + 1 :]
-FOLDER, TENTHS, PARTS = Path(FOLDER), range(int(FIRST), int(FIRST) + int(COUNT)), 10
+FOLDER, CHOSEN = Path(FOLDER), range(int(FIRST), int(FIRST) + int(COUNT))
 TRIPLES = 50
 FILES = str(FOLDER / "undo_files")
 FRESH = 12  # pairs and triples from one opening of the file to the next
@@ -30,12 +31,11 @@ def session():
     """Yields the seconds to wait before going on."""
     path = str(FOLDER / "undo.blend")
     yield from saved(path, FILES)
-    names = results["operators"] = sorted(dir(bpy.ops.crowd_lod))
-    # each operator is the first of as many pairs of a tenth as the second
-    pairs = [
-        (name, names[(n + by) % len(names)]) for by in range(len(names)) if by % PARTS in TENTHS for n, name in enumerate(names)
-    ]
-    triples = [random.Random(seed).choices(names, k=3) for seed in range(TRIPLES) if seed % PARTS in TENTHS]
+    # adding a preset writes a file of the user, and makes no undo step
+    names = results["operators"] = [name for name in sorted(dir(bpy.ops.crowd_lod)) if not name.endswith("_preset_add")]
+    # each operator once the first and once the second of a part's pairs
+    pairs = [(name, names[(n + by) % len(names)]) for by in CHOSEN if by < len(names) for n, name in enumerate(names)]
+    triples = [random.Random(seed).choices(names, k=3) for seed in range(TRIPLES) if seed % len(names) in CHOSEN]
     known: list = []
     for number, chosen in enumerate([*pairs, *triples]):
         if number % FRESH == 0:
