@@ -261,6 +261,7 @@ def test_the_choice_counts_what_shows(fast, precise, takes_fast):
     assert methods.chosen_method(methods.Errors(*fast), methods.Errors(*precise))[0] == takes_fast
 
 
+@pytest.mark.once
 @pytest.mark.usefixtures("exact_levels")
 @pytest.mark.parametrize("way", ["FAST", "PRECISE"])
 def test_normals_of_few_triangles_are_the_source_s_under_posing_too(way):

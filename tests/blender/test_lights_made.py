@@ -119,6 +119,7 @@ def test_they_are_read_where_they_are_at_each_frame(lit, way, blur):  # noqa: F8
             assert all(sizes and max(sizes) < 3 for sizes in held(read(lit).lights, x)), (frame, off)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("way", WAYS)
 def test_no_shadow_of_theirs_is_missing(lit, way, tmp_path):  # noqa: F811
     way(lit)

@@ -32,6 +32,7 @@ def turns(scene):
     return found
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("forward", ["X", "-Y"])
 def test_agents_that_tilt_stand_square_on_the_ground_and_keep_their_way(scene, forward):
     relief(scene)

@@ -94,6 +94,7 @@ def least_within(shot, weight, limit):
     return float((tables[0] + np.flip(tables[1])).min())
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("limit", [6, 7, 8])
 def test_plan_lies_between_its_bound_and_the_best_of_all_assignments(seed, limit):
@@ -134,6 +135,7 @@ def greedy(shot, limit):
     return levels
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("part", [0.1, 0.5])
 def test_plan_costs_no_more_than_a_greedy_and_errs_no_more(engine, part):

@@ -90,6 +90,7 @@ def test_plan_lies_between_its_bound_and_the_best(engine, gap, lods):
         assert plan.bound == pytest.approx(own / bound - 1, abs=1e-6)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("tolerance", [0.5, 1.7])

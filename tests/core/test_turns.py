@@ -67,6 +67,7 @@ def test_between_walls_that_touch_at_a_corner_agents_go_to_and_fro_in_whole_roun
         assert tally.held.all() or away > 1e-5
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect", "stop"])
 @pytest.mark.parametrize(
     "back, more", [(None, {"after": 50, "then": "out"}), ((-1, -0.7001), {}), ((-1, -0.69), {}), ((-1, -0.71), {})]
