@@ -27,7 +27,7 @@ import loop
 import numpy as np
 import peers
 import walkers
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -58,7 +58,7 @@ DRAWN = {
 DRAWN |= {"Vertices": "vertices_millions", "Vertices, neither": "vertices_millions_neither"}
 
 
-def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
+def crowd_of(agents: int, seed: int) -> tuple[Walk, float]:
     """Return (trajectory, side in metres) of the chapter's crowd.
 
     6 agents a square metre, half of them in either state, at 24 frames a second.
@@ -66,7 +66,7 @@ def crowd_of(agents: int, seed: int) -> tuple[Trajectory, float]:
     side = (agents / 6) ** 0.5
     area, machine = Area(-side / 2, -side / 2, side / 2, side / 2), replace(load_preset("chapter"), start=np.array([0.5, 0.5]))
     world = edge_map(area, machine.labels)
-    return Trajectory(populate(agents, seed, 1, machine, world), machine, world, (PERSON,), 1 / 24), side
+    return Walk(populate(agents, seed, 1, machine, world), machine, world, (PERSON,), 1 / 24), side
 
 
 def camera(side: float, part: float, turn: float = 0.0, half: float = 0.5) -> Camera:
@@ -194,7 +194,7 @@ def growth(agents: int, repeats: int, seed: int) -> dict:
     them.
     """
     trajectory, side = crowd_of(agents, seed)
-    state = sum(getattr(trajectory.start, name).nbytes for name in vars(trajectory.start)) / agents
+    state = sum(column.nbytes for column in trajectory.start.columns.values()) / agents
     ms = {"behaviour": [], "core": []}
     for repeat in range(repeats + 1):
         found = plan(trajectory, camera(side, 0.2 + 0.3 * repeat / repeats), POLICY, 1 + repeat).milliseconds
@@ -257,7 +257,7 @@ def busy(agents: int, frames: int, seed: int) -> dict:
     """
     machine = load_preset("plaza")
     world, groups = plaza_map.plan(machine), (PERSON, replace(PERSON, stride=1.1), replace(PERSON, stride=0.9))
-    trajectory = Trajectory(populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24)
+    trajectory = Walk(populate(agents, seed, len(groups), machine, world), machine, world, groups, 1 / 24)
     loop_step = loop.library() and loop.Step(trajectory.start, machine, world, 1 / 24)
     trajectory.at(16)
     took = {"behaviour": [], "c_step": []}

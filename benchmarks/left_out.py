@@ -8,7 +8,7 @@ python benchmarks/left_out.py [AGENTS]    1,000,000 if not given
 import sys
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
@@ -49,7 +49,7 @@ def main(agents: int) -> None:
     for case, (machine, groups, view, policy) in cases.items():
         world = edge_map(area, machine.labels)
         crowd = populate(agents, 1, groups, machine, world)
-        trajectory = Trajectory(crowd, machine, world, (walker,) * groups, 1 / 24)
+        trajectory = Walk(crowd, machine, world, (walker,) * groups, 1 / 24)
         result = savings(trajectory, view, policy, 2, repeats=7)
         print(f"{case:28} full {result.full:8.2f} ms  lean {result.lean:8.2f} ms  x{result.full / result.lean:.2f}")
         for item, saved in result.items.items():

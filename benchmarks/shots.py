@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import Camera, window
@@ -108,14 +108,14 @@ CAMERAS: dict[str, Callable[[float], Camera]] = {
 }
 
 
-def crowd_of(agents: int) -> Trajectory:
+def crowd_of(agents: int) -> Walk:
     """The plaza's people, so many of them."""
     machine = load_preset("plaza")
     world = plaza_map.plan(machine)
-    return Trajectory(populate(agents, 7, len(GROUPS), machine, world), machine, world, GROUPS, 1 / 24)
+    return Walk(populate(agents, 7, len(GROUPS), machine, world), machine, world, GROUPS, 1 / 24)
 
 
-def surveyed(trajectory: Trajectory, camera: Callable[[float], Camera], frames: int) -> tuple[Survey, list[Camera]]:
+def surveyed(trajectory: Walk, camera: Callable[[float], Camera], frames: int) -> tuple[Survey, list[Camera]]:
     """Run through the shot: (its survey, its cameras)."""
     library = Library(np.zeros(len(GROUPS), np.intp))
     survey = empty(range(1, frames + 1), range(1, frames + 1), trajectory.start.group, library.first(trajectory.gaits))

@@ -6,12 +6,12 @@ Agents walk, are culled, given LODs, and become points that Blender can instance
 import bpy
 import numpy as np
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
 from crowd_lod_extension.crowd_lod.crowd import random_streams
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.culling.camera import Camera
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
 from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.trajectory.trajectory import Trajectory
 from crowd_lod_extension.operators.blender import mesh_data
 from crowd_lod_extension.operators.build import frame_update
 from peers import Nodes, Tree
@@ -82,7 +82,7 @@ class Walkers(Nodes):
         self.frame(1)
 
     def prepare(self, tree: Tree) -> None:
-        area, machine = self.trajectory.world.area, self.trajectory.machine
+        area, machine = self.trajectory.area, self.trajectory.machine
         width, depth = area.size
         speed = float(machine.velocity[0, 0, 0])
         entry, leave = (tree.group.nodes.new(f"GeometryNodeSimulation{end}") for end in ("Input", "Output"))

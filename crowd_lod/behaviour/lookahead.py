@@ -11,7 +11,7 @@ together and kept until their frames: the calls of such a step cost more than it
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -218,7 +218,7 @@ def _turns(made: list[tuple], count: int, changing: list[str]) -> tuple[Turn, ..
     parts = [slice(*ends[k : k + 2]) for k in range(count)]
     agents, case = agents[order], case[order]
     after: list[dict[str, np.ndarray]] = [{} for _ in parts]
-    for name in (field.name for field in fields(Crowd)):
+    for name in made[0][2].columns:
         old, new = (np.concatenate([getattr(each[k], name) for each in made]) for k in (2, 3))
         if name in changing or old.tobytes() != new.tobytes():
             old, new = old[order], new[order]

@@ -137,7 +137,7 @@ def mended(moved: Crowd, crowd: Crowd, agents: np.ndarray, way: Callable[[Crowd]
         return moved
     taken = crowd.of(agents)
     other, columns = way(taken), {}
-    for name, column in vars(moved).items():
+    for name, column in moved.columns.items():
         own, before = getattr(other, name), getattr(crowd, name)
         if column is not before or own.tobytes() != getattr(taken, name).tobytes():
             columns[name] = column.copy() if column is before else column

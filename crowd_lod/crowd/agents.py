@@ -114,10 +114,12 @@ class Crowd:
     key: (n,) uint64, hashed for the agent's random draws (crowd/random_streams.py).
     mirror: (n,) uint8, whether the map's edge has reflected the agent's way: 1 in x, 2 in y, 3 in
         both.
-    pace: (n,) uint8, index of the state machine's pace at which the agent walks.
+    pace: (n,) uint8, index of the pace at which the agent walks (Gaits.paces).
+    present: (n,) bool, whether the agent is there; None if all are. An agent that is not stands
+        where it will enter, or where it left.
 
-    These are 49 bytes per agent. The last four may be left out. Then no timer runs, the keys are
-    those of seed 0, no way is reflected, and all have the first pace.
+    These are 49 bytes per agent. The last five may be left out. Then no timer runs, the keys are
+    those of seed 0, no way is reflected, and all have the first pace and are there.
     """
 
     x: np.ndarray
@@ -131,6 +133,7 @@ class Crowd:
     key: np.ndarray = UNSET
     mirror: np.ndarray = UNSET
     pace: np.ndarray = UNSET
+    present: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         n = len(self.x)
@@ -148,7 +151,17 @@ class Crowd:
 
     def of(self, agents: np.ndarray | slice) -> "Crowd":
         """Return the crowd of these agents alone."""
-        return Crowd(**{name: column[agents] for name, column in vars(self).items()})
+        return Crowd(**{name: column[agents] for name, column in self.columns.items()})
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns by their names, without those that are None."""
+        return {name: column for name, column in vars(self).items() if column is not None}
+
+    @property
+    def there(self) -> int:
+        """How many agents are there."""
+        return len(self) if self.present is None else int(np.count_nonzero(self.present))
 
     def places(
         self,

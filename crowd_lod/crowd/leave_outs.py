@@ -57,32 +57,39 @@ ALL = frozenset(ITEMS)
 NOTHING: frozenset[LeftOut] = frozenset()
 
 
-def needless(crowd: Crowd, machine: StateMachine, world: LabelMap, groups: int, relief: bool) -> frozenset[LeftOut]:
-    """Return the work that no frame of the crowd that starts as `crowd` needs.
+def needless_of_places(crowd: Crowd, groups: int, relief: bool, level: bool) -> frozenset[LeftOut]:
+    """Return the work that no frame of the `crowd` needs, whoever moves it.
 
     groups: the number of character groups.
-    relief: whether there is a height map.
+    relief: whether agents stand on a ground that is not level.
+    level: whether nobody ever leaves its height.
     """
-    labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
-    states = np.flatnonzero(_reached(machine, crowd.state, labels))
-    here = np.ix_(states, labels)
-    unchanging = (machine.next_state[here] == states[:, None]).all() and (machine.next_choice[here] < 0).all()
     in_order = groups > 1 and len(runs(crowd.group)) <= max(groups, len(crowd) // SHORT_RUN)
     holds = {
-        STILL: unchanging and not machine.timed and not machine.velocity[here].any(),
-        UNCHANGING: unchanging,
-        ONE_LABEL: len(labels) == 1,
         NO_HEIGHTS: not relief,
-        ONE_PACE: len(machine.paces.speeds) == 1,
         ONE_GROUP: groups == 1,
         IN_ORDER: in_order,
         # of agents of mixed groups the product would be looked up for each, which costs more than
         # it saves
-        FLAT: (groups == 1 or in_order) and not relief and len(crowd) > 0 and bool((crowd.z == crowd.z[0]).all()),
+        FLAT: (groups == 1 or in_order) and level and len(crowd) > 0 and bool((crowd.z == crowd.z[0]).all()),
+        BLOCKS: len(crowd) >= morton_order.FEWEST,
     }
-    holds[BLOCKS] = len(crowd) >= morton_order.FEWEST
-    if holds[STILL]:  # then there are no steps to make shorter
-        holds |= dict.fromkeys((UNCHANGING, ONE_LABEL, ONE_PACE), False)
+    return frozenset(item for item, true in holds.items() if true)
+
+
+def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[LeftOut]:
+    """Return the behavior that no frame of the crowd that starts as `crowd` needs."""
+    labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
+    states = np.flatnonzero(_reached(machine, crowd.state, labels))
+    here = np.ix_(states, labels)
+    unchanging = (machine.next_state[here] == states[:, None]).all() and (machine.next_choice[here] < 0).all()
+    if unchanging and not machine.timed and not machine.velocity[here].any():
+        return frozenset([STILL])  # then there are no steps to make shorter
+    holds = {
+        UNCHANGING: unchanging,
+        ONE_LABEL: len(labels) == 1,
+        ONE_PACE: len(machine.paces.speeds) == 1,
+    }
     return frozenset(item for item, true in holds.items() if true)
 
 

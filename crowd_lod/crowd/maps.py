@@ -197,6 +197,14 @@ class HeightMap:
         """The least and the greatest world z of the ground."""
         return self.area.z + float(self.heights.min()), self.area.z + float(self.heights.max())
 
+    @cached_property
+    def steepest(self) -> tuple[float, float]:
+        """The greatest slopes of the ground along x and along y, as rises over runs."""
+        rows, columns = self.heights.shape
+        width, depth = self.area.size
+        along_x, along_y = (np.abs(np.diff(self.heights.astype(np.float64), axis=axis)).max(initial=0) for axis in (1, 0))
+        return float(along_x * (columns / width)), float(along_y * (rows / depth))
+
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Return world z (n,) float64 of the ground at world positions x, y (n,)."""
         z = np.empty(len(x))

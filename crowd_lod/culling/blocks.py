@@ -20,8 +20,7 @@ import numpy as np
 
 from ..crowd import morton_order
 from ..crowd.agents import Crowd, Spheres
-from ..crowd.maps import Area, HeightMap
-from ..crowd.state_machine import StateMachine
+from ..crowd.maps import Area
 from .frustum_box_test import COLUMNS, HUGE, SLACK, Look, Test
 
 # Agents in the smallest block, blocks in the next larger, and blocks in the tier that is asked
@@ -77,43 +76,6 @@ class Decided:
     own: np.ndarray
 
 
-@dataclass(frozen=True)
-class Pace:
-    """How far agents may get from where they stood, in both directions, m/s.
-
-    low, high: (3,) float64.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-
-    def between(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-        """Return (least, most) displacement, each (3,) metres, at any time in `seconds`.
-
-        seconds: relative to the time of the boxes.
-        """
-        ways = np.multiply.outer((min(seconds), max(seconds)), (self.low, self.high))
-        return np.minimum(ways.min(axis=(0, 1)), 0.0), np.maximum(ways.max(axis=(0, 1)), 0.0)
-
-
-STANDING = Pace(np.zeros(3), np.zeros(3))
-
-
-def pace(machine: StateMachine, heights: HeightMap | None) -> Pace:
-    """Return how fast the table lets agents walk, and the height map lets them climb."""
-    velocity = machine.velocity.reshape(-1, 2)
-    low, high = velocity.min(axis=0, initial=0), velocity.max(axis=0, initial=0)
-    if machine.edge == "reflect":
-        low, high = np.minimum(low, -high), np.maximum(high, -low)
-    climb = 0.0
-    if heights is not None:
-        rows, columns = heights.heights.shape
-        width, depth = heights.area.size
-        steepest = [np.abs(np.diff(heights.heights.astype(np.float64), axis=axis)).max(initial=0) for axis in (1, 0)]
-        climb = (np.array(steepest) * (columns / width, rows / depth) * np.maximum(-low, high)).sum()
-    return Pace(np.append(low, -climb), np.append(high, climb))
-
-
 def filled(order: np.ndarray) -> np.ndarray:
     """Return the order (n,) with the last agent repeated to fill all blocks."""
     beyond = -len(order) % _largest(len(order))
@@ -134,7 +96,7 @@ def blocks_of(
     spheres: Spheres,
     area: Area,
     wraps: tuple | None = None,
-    heights: HeightMap | None = None,
+    span: tuple[float, float] | None = None,
 ) -> Blocks:
     """Return the blocks of `crowd`.
 
@@ -143,7 +105,7 @@ def blocks_of(
         it.
     wraps: (least, most) displacement (3,) within which the boxes will be used, if agents that leave
         the area come back at its other side.
-    heights: the ground that agents stand on; without it they stay at their own z.
+    span: the least and greatest z of the ground that agents climb; None if they stay at their own z.
 
     Needs at most about 9 bytes an agent, of which the result keeps 5.
     """
@@ -154,20 +116,18 @@ def blocks_of(
     boxes = np.empty((8, leaves))
     low, high, radii = boxes[:3], boxes[3:6], boxes[6:]
     with np.errstate(invalid="ignore"):
-        floor = float(crowd.z[0]) if heights is None and crowd.z.min() == crowd.z.max() else None
+        floor = float(crowd.z[0]) if span is None and crowd.z.min() == crowd.z.max() else None
         low[2], high[2] = floor or 0.0, floor or 0.0
         for at in range(0, leaves, COLUMNS // 4):
             some = slice(at, at + COLUMNS // 4)
             # a block a column: many blocks are compared at a time
             agents = rows[some].T.astype(np.intp, order="C")
             places = [column[agents] for column in (crowd.x, crowd.y)]
-            if heights is not None:
-                places.append(heights.at(*map(np.ravel, places)).reshape(agents.shape))
-            elif floor is None:
+            if floor is None:
                 places.append(crowd.z[agents])
             for axis, place in enumerate(places):
                 low[axis, some], high[axis, some] = place.min(axis=0), place.max(axis=0)
-        _stay(low, high, area, wraps, heights)
+        _stay(low, high, area, wraps, span)
         low[2] += _over(centre, np.minimum)[*group]
         high[2] += _over(centre, np.maximum)[*group]
         radii[0], radii[1] = _over(radius, np.minimum)[*group], _over(radius, np.maximum)[*group]
@@ -201,7 +161,7 @@ def _joined(size: int, boxes: np.ndarray, group: np.ndarray) -> tuple[int, np.nd
     )
 
 
-def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, heights: HeightMap | None) -> None:
+def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, span: tuple[float, float] | None) -> None:
     """Grow the boxes low, high (3, b) for agents that are moved onto the area.
 
     With `wraps` the boxes also hold agents that come back at the other side of the area, where the
@@ -211,9 +171,9 @@ def _stay(low: np.ndarray, high: np.ndarray, area: Area, wraps: tuple | None, he
         if wraps is not None:
             crosses = (low[axis] + wraps[0][axis] <= least) | (high[axis] + wraps[1][axis] >= most)
             low[axis, crosses], high[axis, crosses] = np.minimum(low[axis, crosses], least), np.maximum(high[axis, crosses], most)
-            if heights is not None:
-                low[2, crosses] = np.minimum(low[2, crosses], heights.span[0])
-                high[2, crosses] = np.maximum(high[2, crosses], heights.span[1])
+            if span is not None:
+                low[2, crosses] = np.minimum(low[2, crosses], span[0])
+                high[2, crosses] = np.maximum(high[2, crosses], span[1])
         low[axis], high[axis] = np.minimum(low[axis], most), np.maximum(high[axis], least)
 
 

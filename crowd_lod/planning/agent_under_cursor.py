@@ -98,7 +98,7 @@ def account(frame: Frame, agent: int) -> Account:
     return Account(
         agent=agent,
         group=group.name,
-        state=frame.trajectory.machine.states[crowd.state[0]],
+        state=frame.trajectory.states.names[crowd.state[0]],
         visible=bool(alone.visible[0]),
         reason=REASONS[reasons(alone)[0]],
         level=level,

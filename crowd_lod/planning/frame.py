@@ -8,13 +8,13 @@ from functools import cached_property
 
 import numpy as np
 
-from ..behaviour.trajectory import Trajectory
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import ITEMS, ONE_BUCKET, STATIC, STILL, LeftOut
 from ..culling.camera import Camera, pictured
 from ..culling.radar import RadarOptions, radar
 from ..levels.assignment import Bias, LevelPolicy, assign, deviations, limits
 from ..sorting.buckets import Buckets
+from ..trajectory.trajectory import Trajectory
 from .index_cache import kept_of
 from .request import Moment, Request, moments
 from .stages import Sorter, Task, sorted_by_level
@@ -85,6 +85,12 @@ class Frame(Request, Outcome):
         seen = np.zeros(len(self.crowd), bool)
         seen[self.buckets.order] = True
         return seen
+
+    @property
+    def culled(self) -> np.ndarray:
+        """(n,) bool: who is there, and not visible."""
+        present = self.crowd.present
+        return ~self.visible if present is None else present & ~self.visible
 
     @cached_property
     def distances(self) -> np.ndarray:
@@ -185,13 +191,17 @@ def _outcome(task: Task, sorter: Sorter | None) -> Outcome:
     """Return who is seen, and what that costs."""
     groups, done = task.trajectory.groups, sorted_by_level(task, sorter)
     left = done.left_out
-    if ONE_BUCKET in task.trajectory.leave and np.count_nonzero(done.buckets.counts) <= 1:
+    present, buckets = task.crowd.present, done.buckets
+    if present is not None:
+        buckets = buckets.among(present)
+    if ONE_BUCKET in task.trajectory.leave and np.count_nonzero(buckets.counts) <= 1:
         left |= {ONE_BUCKET}
-    counted = done.counted or tally(task.crowd, done.buckets, len(groups))
+    counted = done.counted if present is None else None
+    counted = counted or tally(task.crowd, buckets, len(groups))
     vertices, full_vertices = cost(counted, [group.vertices for group in groups])
     triangles, full_triangles = cost(counted, [group.triangles for group in groups])
     return Outcome(
-        buckets=done.buckets,
+        buckets=buckets,
         begins=task.begins,
         vertices=vertices,
         triangles=triangles,
@@ -209,11 +219,12 @@ def _milliseconds(ticks: list[float]) -> dict[str, float]:
 
 
 def tally(crowd: Crowd, buckets: Buckets, groups: int) -> tuple[np.ndarray, np.ndarray]:
-    """Count agents in the buckets, (n, G) by LOD and group, and in the crowd, (G,)."""
+    """Count agents in the buckets, (n, G) by LOD and group, and those of the crowd that are there, (G,)."""
     if groups == 1:
-        return buckets.counts[:, None], np.array([len(crowd)])
-    present = [np.bincount(crowd.group[buckets[level]], minlength=groups) for level in range(len(buckets.counts))]
-    return np.array(present), np.bincount(crowd.group, minlength=groups)
+        return buckets.counts[:, None], np.array([crowd.there])
+    shown = [np.bincount(crowd.group[buckets[level]], minlength=groups) for level in range(len(buckets.counts))]
+    there = crowd.group if crowd.present is None else crowd.group[crowd.present]
+    return np.array(shown), np.bincount(there, minlength=groups)
 
 
 def cost(counted: tuple[np.ndarray, np.ndarray], sizes: list[tuple[int, ...]]) -> tuple[int, int]:

@@ -17,11 +17,12 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from ..behaviour.trajectory import PART as ORDERED
-from ..behaviour.trajectory import Trajectory
 from ..crowd import morton_order
 from ..crowd.leave_outs import STILL
+from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..culling import blocks
+from ..trajectory.trajectory import PART as ORDERED
+from ..trajectory.trajectory import Trajectory
 
 SHUTTER = 2  # frames beyond those between two makings of the blocks at which they may be asked for
 
@@ -30,13 +31,11 @@ SHUTTER = 2  # frames beyond those between two makings of the blocks at which th
 class Kept:
     """The caches of one trajectory.
 
-    pace: how far agents may get in a second.
     boxes: (frame, the blocks made then).
     order: (frame, the agents in order).
     memo: of frame.plan_of.
     """
 
-    pace: blocks.Pace
     boxes: tuple[int, blocks.Blocks] | None = None
     order: tuple[int, np.ndarray] | None = None
     memo: Any = None
@@ -49,22 +48,23 @@ def kept_of(trajectory: Trajectory) -> Kept:
     """Return the caches of the `trajectory`, which live as long as it does."""
     kept = _KEPT.get(trajectory)
     if kept is None:
-        still = STILL in trajectory.left_out
-        kept = Kept(blocks.STANDING if still else blocks.pace(trajectory.machine, trajectory.heights))
-        _KEPT[trajectory] = kept
+        kept = _KEPT[trajectory] = Kept()
     return kept
 
 
 def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] | None:
     """Return (frame when they were made, the crowd's blocks) for `time`, in frames.
 
-    None for a small crowd (morton_order.FEWEST). Call trajectory.at for this time first.
+    None for a small crowd (morton_order.FEWEST), and for one whose velocity is not known. Call
+    trajectory.at for this time first.
     """
     if len(trajectory.start) < morton_order.FEWEST:
         return None
     kept, every, first = kept_of(trajectory), trajectory.every, trajectory.first_frame
     frame = int(max(time - first, 0.0))
     frame = min(frame, 1) if STILL in trajectory.left_out else frame - frame % every
+    if _velocity(trajectory, first + frame) is None:
+        return None
     made = kept.boxes
     if made is None or made[0] != first + frame:
         made = kept.boxes = None  # let go before others are made
@@ -74,7 +74,8 @@ def blocks_at(trajectory: Trajectory, time: float) -> tuple[int, blocks.Blocks] 
 
 def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
     """Make the blocks at a whole `frame`, counted from 0."""
-    kept, every, heights, area = kept_of(trajectory), trajectory.every, trajectory.heights, trajectory.world.area
+    kept, every, area = kept_of(trajectory), trajectory.every, trajectory.area
+    velocity = _velocity(trajectory, trajectory.first_frame + frame) or STANDING
     since = frame - frame % (ORDERED * every)
     order = kept.order
     if order is None or order[0] != since:
@@ -82,8 +83,15 @@ def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
         crowd = trajectory.kept_at(since)
         order = kept.order = since, blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area))
     longest = [frames * trajectory.seconds_per_frame for frames in (-SHUTTER, every + SHUTTER)]
-    wraps = kept.pace.between(longest) if trajectory.machine.edge == "wrap" else None
-    return blocks.blocks_of(trajectory.kept_at(frame), order[1], trajectory.spheres, area, wraps, heights)
+    wraps = velocity.between(longest) if trajectory.wraps else None
+    climbs = velocity.high[2] > 0 or velocity.low[2] < 0
+    span = trajectory.heights.span if trajectory.heights is not None else (-np.inf, np.inf)
+    return blocks.blocks_of(trajectory.kept_at(frame), order[1], trajectory.spheres, area, wraps, span if climbs else None)
+
+
+def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:
+    """Return bounds of the velocity while blocks made at frame `since` may be asked for; None if not known."""
+    return trajectory.velocity(since - SHUTTER, since + trajectory.every + SHUTTER)
 
 
 def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, np.ndarray]:
@@ -92,10 +100,11 @@ def moved(trajectory: Trajectory, time: float, since: int) -> tuple[np.ndarray, 
     time: now; since: when the blocks were made; both in frames. Infinite where the blocks do not
         hold.
     """
-    frames = max(time, trajectory.first_frame) - since
-    if STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER:
+    frames, velocity = max(time, trajectory.first_frame) - since, _velocity(trajectory, since)
+    beyond = STILL not in trajectory.left_out and not -SHUTTER <= frames <= trajectory.every + SHUTTER
+    if beyond or velocity is None:
         return np.full(3, -np.inf), np.full(3, np.inf)
-    return kept_of(trajectory).pace.between([frames * trajectory.seconds_per_frame])
+    return velocity.between([frames * trajectory.seconds_per_frame])
 
 
 def approach(trajectory: Trajectory, time: float) -> Iterator[float]:

@@ -20,8 +20,9 @@ REASONS = (
     "finer LODs left out for memory",
     "shot plan",
     "exception",
+    "not there at this time",
 )
-NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT, SHOT_PLAN, EXCEPTION = range(len(REASONS))
+NEAR_ENOUGH, DISTANCE, DETAIL_MAP, HYSTERESIS, NEAR, FAR, BESIDE, LEFT_OUT, SHOT_PLAN, EXCEPTION, ABSENT = range(len(REASONS))
 
 
 def reasons(frame: Frame) -> np.ndarray:
@@ -30,7 +31,7 @@ def reasons(frame: Frame) -> np.ndarray:
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
     the distance alone does not give comes from the detail map, stands in for a finer one that builds leave out
     (LevelPolicy.finest), or comes from the shot plan or from hysteresis. An exception from the shot plan is the reason
-    wherever it pins the LOD of a visible agent, or hides the agent.
+    wherever it pins the LOD of a visible agent, or hides the agent. An agent that is not there has no other reason.
     """
     crowd, policy, camera = frame.crowd, frame.policy, frame.camera
     groups, spheres = frame.trajectory.groups, frame.trajectory.spheres
@@ -56,4 +57,6 @@ def reasons(frame: Frame) -> np.ndarray:
     found[culled[along > far + reach]] = FAR
     if frame.plan_row is not None:
         found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))] = EXCEPTION
+    if crowd.present is not None:
+        found[~crowd.present] = ABSENT
     return found

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..behaviour.trajectory import Trajectory
 from ..culling.camera import Camera
 from ..levels.assignment import Bias, LevelPolicy
+from ..trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,17 +48,5 @@ class Moment:
 def moments(trajectory: Trajectory, request: Request) -> list[Moment]:
     """Return the times at which agents may be seen; LODs are those of the first."""
     reach = trajectory.spheres.reach
-    grown = reach + most_moved(trajectory, [time for time, _ in request.shutter])
+    grown = reach + trajectory.most_moved([time for time, _ in request.shutter])
     return [Moment(request.time, request.eyes, reach), *(Moment(time, eyes, grown) for time, eyes in request.shutter)]
-
-
-def most_moved(trajectory: Trajectory, times: Sequence[float]) -> float:
-    """Return how many metres an agent may walk between two of the `times`, in frames.
-
-    It is the distance of the whole gap, not of half of it. So an agent that jumps to the other side
-    of a wrapping map is covered before and after.
-    """
-    if len(times) < 2:
-        return 0.0
-    gap = max(np.diff(times))
-    return float(np.linalg.norm(trajectory.machine.velocity, axis=-1).max()) * gap * trajectory.seconds_per_frame

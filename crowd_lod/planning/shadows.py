@@ -47,7 +47,7 @@ def surround(frame: Frame, around: Surroundings) -> Frame:
     """`frame` with the agents that it culled and that still matter: in `shadow` those that only cast a shadow into the picture or
     into what mirrors show of it, in `mirrored` those that mirrors show. A pure function of its arguments."""
     begun = clock.perf_counter()
-    trajectory, unseen = frame.trajectory, ~frame.visible
+    trajectory, unseen = frame.trajectory, frame.culled
     made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None
     reflects, shades = (_Sought(unseen.copy(), np.ones(len(made[1].rows) if made else 0, bool)) for _ in range(2))
     for moment in moments(trajectory, frame) if around.lights or around.mirrors else ():

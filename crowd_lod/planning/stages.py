@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..behaviour.trajectory import Trajectory
 from ..crowd.agents import Crowd
 from ..crowd.leave_outs import ALL_INSIDE, ALL_OUTSIDE, BLOCKS, IN_ORDER, NOTHING, ONE_BUCKET, ONE_LEVEL, LeftOut
 from ..culling.blocks import CULLED, LEAF, Blocks, decide
@@ -15,6 +14,7 @@ from ..culling.frustum_box_test import Look
 from ..culling.radar import Bounds, RadarOptions, bounds, lost, radar, refuse_lost
 from ..levels.assignment import Bias, LevelPolicy, assign
 from ..sorting.buckets import Buckets, sort, sort_blocks, sort_in_order
+from ..trajectory.trajectory import Trajectory
 from .index_cache import blocks_at, moved
 from .request import Moment, Request
 

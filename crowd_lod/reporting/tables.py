@@ -28,9 +28,9 @@ def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | fl
     stages = {f"{name}_ms": round(ms, 3) for name, ms in (frame.milliseconds | more).items()}
     return {
         "frame": number,
-        "agents": len(frame.crowd),
+        "agents": frame.crowd.there,
         "visible": shown,
-        "culled": len(frame.crowd) - shown,
+        "culled": frame.crowd.there - shown,
         **counts,
         **unseen,
         "vertices": frame.vertices,

@@ -27,6 +27,12 @@ class Buckets:
         """The LOD of each in `order`, (m,) uint8."""
         return np.repeat(np.arange(len(self.offsets) - 1, dtype=np.uint8), self.counts)
 
+    def among(self, agents: np.ndarray) -> "Buckets":
+        """Return the buckets of those that are among `agents`, (n,) bool."""
+        kept = agents[self.order]
+        offsets = np.append(0, np.cumsum(kept))[self.offsets]
+        return Buckets(self.order[kept], offsets)
+
     @property
     def counts(self) -> np.ndarray:
         """Agents in each LOD, (n,) intp."""

@@ -1,20 +1,19 @@
 """Measured milliseconds that each left out part of the work saves."""
 
-import threading
 import time as clock
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from ..behaviour.trajectory import Trajectory
 from ..crowd.leave_outs import ALL, ITEMS, NO_HEIGHTS, STATIC, STILL, LeftOut
 from ..crowd.maps import HeightMap
 from ..culling.camera import Camera
 from ..levels.assignment import LevelPolicy
 from ..planning.frame import plan
 from ..planning.index_cache import blocks_at
+from ..trajectory.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
@@ -48,16 +47,12 @@ def savings(
     time: in frames, two or more after the first.
     The other arguments are those of `plan` (planning/frame.py).
     """
-    start = trajectory.at(time - 1)
-    bare = start if trajectory.heights is None else replace(start, z=trajectory.start.z)
 
     def measured(leave: frozenset[LeftOut]) -> tuple[np.ndarray, tuple[LeftOut, ...]]:
         """Return (milliseconds of behaviour and of the rest, what was left out)."""
         settled = STILL in leave & trajectory.left_out  # then it follows one that was planned
         first = time - 2 if settled else time - 1
-        shot = replace(trajectory, start=bare, leave=leave, first_frame=first, _kept={}, _lock=threading.Lock())
-        # of the whole shot, not of what is still to come
-        shot.left_out = leave & trajectory.left_out
+        shot = trajectory.leaving(leave, first)
         blocks_at(shot, first)  # one making serves many frames
         if settled:
             plan(shot, camera, policy, time - 1, *more)
@@ -86,7 +81,7 @@ def savings(
 
 def _look_up(trajectory: Trajectory, repeats: int) -> np.ndarray:
     """Return (repeats,) milliseconds of looking up all agents on a height map."""
-    level = HeightMap(np.zeros((256, 256), np.float32), trajectory.world.area)
+    level = HeightMap(np.zeros((256, 256), np.float32), trajectory.area)
     took = []
     for _ in range(repeats):
         begun = clock.perf_counter()

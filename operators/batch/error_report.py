@@ -13,6 +13,8 @@ import bpy
 import numpy as np
 
 from ...crowd_lod import __version__
+from ...crowd_lod.behaviour.walk import walks_of
+from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.planning.frame_range import evenly
@@ -50,12 +52,17 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
                 yield begun
         views = [(error_vs_runtime.some(trajectory.at(f), MOST_AGENTS), c) for f, c in zip(chosen, seen, strict=True)]
         center, radius = trajectory.spheres.center, trajectory.spheres.radius
-        crowd = error_vs_runtime.some(trajectory.start, MOST_AGENTS)
+        walks = walks_of(trajectory)
+        if not walks:
+            raise CrowdError(
+                f"The crowd of the scene {scene.name} has no agents that a state machine moves, whose steps could be wrong: run "
+                "crowd-lod error on another scene."
+            )
+        walk = walks[0]
+        crowd = error_vs_runtime.some(walk.start, MOST_AGENTS)
         parts = {  # name: (rows to come, of about how many, share of the time)
             "behaviour": (
-                error_vs_runtime.behaviour(
-                    crowd, trajectory.machine, trajectory.world, trajectory.seconds_per_frame, repeats=repeats
-                ),
+                error_vs_runtime.behaviour(crowd, walk.machine, walk.world, walk.seconds_per_frame, repeats=repeats),
                 15,
                 0.6,
             ),

@@ -177,7 +177,7 @@ class _Run:
 
     def _shoot_above(self, frame: Frame, path: Path, caption: str) -> None:
         stage, layer, camera = self.on.stage, self.on.stage.view_layers[0], self.on.stage.camera
-        self.view = stage.crowd_lod.above or self.view or top_view.straight_down(stage, frame.trajectory.world.area, frame.camera)
+        self.view = stage.crowd_lod.above or self.view or top_view.straight_down(stage, frame.trajectory.area, frame.camera)
         with sized(stage.render, self.on.size):
             layer.update()
             above = cameras.camera_from(self.view, stage.render, layer.depsgraph)
@@ -192,7 +192,7 @@ class _Run:
 def _caption(frame: Frame) -> str:
     seen = int(frame.visible.sum())
     counts = "  ".join(f"LOD{k} {n:,}" for k, n in enumerate(frame.buckets.counts))
-    return f"{len(frame.crowd):,} agents  {seen:,} visible ({seen / len(frame.crowd):.1%})  {counts}  {frame.triangles:,} tris"
+    return f"{frame.crowd.there:,} agents  {seen:,} visible ({seen / max(frame.crowd.there, 1):.1%})  {counts}  {frame.triangles:,} tris"
 
 
 def _sheet(pictures: list[tuple[Path, Path]]) -> np.ndarray:

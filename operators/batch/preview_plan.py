@@ -11,11 +11,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod import __version__
-from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.behaviour.walk import walks_of
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.format import printable
 from ...crowd_lod.progress import aside
 from ...crowd_lod.reporting import tables
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ...crowd_lod.validation.leave_out_timing import savings
 from ..blender import cameras, scene_data
 from ..crowd import lights
@@ -65,7 +66,6 @@ def scene_json(
     characters: of lod_table.tables.
     """
     settings, trajectory = stage.crowd_lod, trajectory_of(stage)
-    labels = trajectory.world.labels
     troubles = yield from aside(lambda: find(trajectory))
     return {
         "version": tables.PLAN_VERSION,
@@ -78,21 +78,29 @@ def scene_json(
         },
         "scene": _scene_of(scene),
         "crowd": _crowd_of(settings, trajectory),
-        "map": {
-            "image": settings.map_image.name if settings.map_image else None,
-            "cells": list(labels.shape[::-1]),
-            "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
-        },
+        "map": _map_of(settings, trajectory),
         "height": {
             "image": settings.height_image.name if settings.height_image else None,
             "scale": settings.height_scale,
             "tilt": settings.tilt,
         },
-        "machine": json.loads(machine_of(settings).text),
+        "machine": json.loads(machine_of(settings).text) if walks_of(trajectory) else None,
         "trouble": troubles.rows,
         "trouble_says": troubles.sentence,
         "camera": cameras.bound_camera(scene, scene_data.remapped(scene.render, last)).name,
         "levels": _levels_of(stage, characters),
+    }
+
+
+def _map_of(settings, trajectory: Trajectory) -> dict[str, Any] | None:
+    walks = walks_of(trajectory)
+    if not walks:
+        return None
+    labels = walks[0].world.labels
+    return {
+        "image": settings.map_image.name if settings.map_image else None,
+        "cells": list(labels.shape[::-1]),
+        "sha256": hashlib.sha256(labels.tobytes()).hexdigest(),
     }
 
 
@@ -106,7 +114,7 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
 
 
 def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
-    area = trajectory.world.area
+    area = trajectory.area
     return {
         "count": settings.count,
         "seed": settings.seed,
@@ -152,7 +160,7 @@ def _left_out(stage: bpy.types.Scene, number: int, engine: str) -> Generator[flo
     trajectory, settings = trajectory_of(stage), stage.crowd_lod
     stage.frame_set(number)
     eyes = cameras.read_cameras(stage, stage.view_layers[0].depsgraph)
-    bias = bias_of(settings, trajectory.world.area)
+    bias = bias_of(settings)
     time = max(number, trajectory.first_frame + 2)
     policy = policy_of(settings)
     found = yield from aside(lambda: savings(trajectory, eyes, policy, time, (), bias))

@@ -99,7 +99,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         milliseconds=through.milliseconds,
         crops=(yield from share(crops_of(scene, through, largest(changes, WORST)), CURVED, 1.0)),
     )
-    bias = bias_of(scene.crowd_lod, trajectory.world.area)
+    bias = bias_of(scene.crowd_lod)
     stored = plan_file.StoredPlan(
         path=wanted.folder / plan_file.NAME,
         numbers=survey.numbers,

@@ -75,7 +75,7 @@ def survey_of(
                     f"The crowd's settings change at frame {frames[f]}: a shot needs one crowd and one choice of LODs, so remove "
                     "their animation and drivers, or plan the frames before and after apart."
                 )
-            frame = surround(plan(trajectory, eyes, policy, time, shutter, bias_of(settings, trajectory.world.area)), around)
+            frame = surround(plan(trajectory, eyes, policy, time, shutter, bias_of(settings)), around)
             if f >= begin:
                 cut = f > 0 and cameras.bound_camera(scene, time) != cameras.bound_camera(scene, times[f - 1])
                 recorder.add(survey, f, frame, library, before, samples_of(scene) * covered(frame, scene), cut)
@@ -99,7 +99,7 @@ def _key(scene: bpy.types.Scene, frames: Sequence[int]) -> str:
     settings, trajectory = scene.crowd_lod, trajectory_of(scene)
     file = Path(bpy.data.filepath)
     data = file.read_bytes() if bpy.data.filepath and file.is_file() else b""
-    about = shot_reference.made_for(settings, trajectory, policy_of(settings), bias_of(settings, trajectory.world.area))
+    about = shot_reference.made_for(settings, trajectory, policy_of(settings), bias_of(settings))
     text = repr((__version__, scene.name, list(frames), about, scene.render.engine))
     return hashlib.sha256(text.encode() + data).hexdigest()[:16]
 

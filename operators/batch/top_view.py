@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 
+from ...crowd_lod.behaviour.walk import stray_places, walks_of
 from ...crowd_lod.crowd.maps import Area
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.planning.frame import Frame
@@ -71,9 +72,10 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
 
     Each is raised towards `view` by its LOD: culled agents lie lowest, the finest LOD on top.
     """
-    crowd = frame.crowd
+    there = np.flatnonzero(frame.visible | frame.culled)
+    crowd, visible, levels = frame.crowd.of(there), frame.visible[there], frame.levels[there]
     at = np.stack(crowd.places(frame.trajectory.spheres.center), axis=1)
-    rank = np.where(frame.visible, len(TINTS) - frame.levels.astype(int), 0)
+    rank = np.where(visible, len(TINTS) - levels.astype(int), 0)
     size = np.maximum(ARROW_METRES, ARROW_PIXELS * _pixel(view, at))
     forward = np.stack([np.cos(crowd.heading), np.sin(crowd.heading)], axis=1)
     left = np.stack([-forward[:, 1], forward[:, 0]], axis=1)
@@ -81,18 +83,18 @@ def _arrows(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     corners = np.repeat(at[:, None], 3, axis=1)
     for i, (ahead, aside) in enumerate(((0.6, 0.0), (-0.4, 0.35), (-0.4, -0.35))):
         corners[:, i, :2] += size[:, None] * (ahead * forward + aside * left)
-    tints = np.where(frame.visible[:, None], np.array(TINTS)[frame.levels], np.array(CULLED))
+    tints = np.where(visible[:, None], np.array(TINTS)[levels], np.array(CULLED))
     return corners, tints
 
 
 def _strays(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Return corners (k, 3, 3) float64 and color (k, 3) of a triangle on each off-color pixel of the map."""
-    world, height = frame.trajectory.world, float(frame.trajectory.spheres.center.max())
-    x, y = world.middles(*world.strays.T)
-    at = np.column_stack([x, y, np.full(len(x), world.area.z + height)]) - view.Z
-    size = np.maximum(max(world.cell), ARROW_PIXELS * _pixel(view, at))[:, None]
+    height = float(frame.trajectory.spheres.center.max())
+    at = stray_places(frame.trajectory) + (0.0, 0.0, height) - view.Z
+    cell = max((max(walk.world.cell) for walk in walks_of(frame.trajectory)), default=0.0)
+    size = np.maximum(cell, ARROW_PIXELS * _pixel(view, at))[:, None]
     around = np.array([(-0.5, -0.5, 0), (0.5, -0.5, 0), (0, 0.5, 0)])
-    return at[:, None] + size[..., None] * around, np.tile(STRAY[:3], (len(x), 1))
+    return at[:, None] + size[..., None] * around, np.tile(STRAY[:3], (len(at), 1))
 
 
 def _frustum(frame: Frame, view: Camera) -> tuple[np.ndarray, np.ndarray]:

@@ -210,10 +210,10 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
     count = len(planned.buckets.counts)
     finest = np.zeros(len(planned.crowd), np.uint8)
     nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
-    finite = np.isfinite(planned.crowd.places()).all(axis=0)
+    everyone = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
     culled = replace(full, buckets=sort(planned.visible, finest, count))
     return {
-        "a": replace(full, buckets=sort(finite, finest, count), shadow=nobody, mirrored=nobody),
+        "a": replace(full, buckets=sort(everyone, finest, count), shadow=nobody, mirrored=nobody),
         "b": culled,
         "bare": replace(culled, shadow=nobody, mirrored=nobody),
         "c": planned,

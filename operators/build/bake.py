@@ -10,11 +10,11 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.ownership import remove_owned
 from ..crowd import lights

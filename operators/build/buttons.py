@@ -70,7 +70,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
             trajectory_of(scene)  # says to populate first
         cast = yield from prepared(scene, lambda: build(scene))
         frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
-        seen = f"{int(frame.visible.sum()):,} of {len(frame.crowd):,} agents stand in the scene"
+        seen = f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene"
         return " ".join(filter(None, (f"{seen}.", frame.unplanned, told_of_cast(scene, cast), told_of_characters(scene))))
 
 

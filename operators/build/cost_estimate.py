@@ -9,7 +9,6 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
@@ -19,6 +18,7 @@ from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.shadows import surround
 from ...crowd_lod.progress import share
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
 from ..crowd import lights, needs
@@ -143,7 +143,7 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
     library = cast_of(characters_of(scene))
     owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(library.first(trajectory.gaits)))
     shown = {name: [] for name in choices}
-    bias, samples = bias_of(settings, trajectory.world.area), samples_of(scene)
+    bias, samples = bias_of(settings), samples_of(scene)
     rays = []
     with frame_stepping.stepped(scene) as at:
         for done, number in enumerate(looked_at):

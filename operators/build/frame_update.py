@@ -10,12 +10,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.crowd.leave_outs import FLAT
 from ...crowd_lod.culling.camera import Camera, differs
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, mesh_data, scene_cache, scene_data
 from ..blender.main_thread import on_main_thread
 from ..crowd import lights
@@ -97,7 +97,7 @@ def columns_by_bucket(
         return column.take(agents, mode="clip")  # several times as fast as column[agents]
 
     place = np.empty((len(agents), 3), np.float32)
-    stays = _jumped(trajectory, crowd, held.crowd, agents)
+    stays = trajectory.jumped(crowd, held.crowd, agents)
     for axis, name in enumerate("xyz"):
         if name == "z" and FLAT in trajectory.left_out:
             place[:, axis] = crowd.z[0]
@@ -116,18 +116,6 @@ def columns_by_bucket(
         found.append({name: values[at : at + len(bucket)] for name, values in columns.items()})
         at += len(bucket)
     return found
-
-
-def _jumped(trajectory: Trajectory, crowd: Crowd, held: Crowd, agents: np.ndarray) -> np.ndarray | None:
-    """Return which agents are half a map away from where they are held, (m,) bool.
-
-    Only a map that wraps around allows that; None where it cannot happen.
-    """
-    if crowd is held or trajectory.machine.edge != "wrap":
-        return None
-    width, depth = trajectory.world.area.size
-    aside, along = (np.abs(getattr(crowd, name)[agents] - getattr(held, name)[agents]) for name in "xy")
-    return (aside > width / 2) | (along > depth / 2)
 
 
 def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd, tilt: bool) -> None:

@@ -12,8 +12,8 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.progress import share
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.ownership import OWNED
 from ..blender.render_evaluation import as_rendered

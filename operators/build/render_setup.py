@@ -11,10 +11,10 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Gaits, Library
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number as figure
 from ...crowd_lod.levels.assignment import MOST_LEVELS
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_data, stored_values
 from ..blender.collection_caches import note_change
 from ..blender.ownership import OWNED, remove_owned

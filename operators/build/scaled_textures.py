@@ -100,7 +100,7 @@ def _pixels(scene: bpy.types.Scene, settings) -> dict[bpy.types.Object, float]:
     0 for the finest LOD.
     """
     policy, trajectory, found = policy_of(settings), trajectory_of(scene), {}
-    bias = bias_of(settings, trajectory.world.area)
+    bias = bias_of(settings)
     farther = 1.0 if bias is None else 4.0 ** (1 - 2 * float(bias.values.min()))
     radius = trajectory.spheres.radius
     frames = {*np.linspace(scene.frame_start, scene.frame_end, LOOKED_AT).round().tolist(), scene.frame_current}

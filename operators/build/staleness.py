@@ -64,7 +64,7 @@ def _compared(scene: bpy.types.Scene, build: bpy.types.Collection) -> list[str]:
 def _now(scene: bpy.types.Scene) -> dict[str, str]:
     """Return digests of what a build depends on, by name."""
     settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
-    bias = bias_of(settings, trajectory.world.area)
+    bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
     items = [item for _, objects, _ in characters_of(scene) for item in objects]
     mirrors = settings.mirrors and settings.mirrors.name

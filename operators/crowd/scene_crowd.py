@@ -8,7 +8,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.behaviour.walk import Walk
 from ...crowd_lod.crowd.agents import MOST_GROUPS, Group, populate
 from ...crowd_lod.crowd.maps import FARTHEST, HeightMap
 from ...crowd_lod.culling.camera import Camera
@@ -18,6 +18,7 @@ from ...crowd_lod.levels.assignment import MOST_LEVELS, LevelPolicy
 from ...crowd_lod.planning.frame import Frame, plan
 from ...crowd_lod.planning.shadows import Surroundings, surround
 from ...crowd_lod.progress import aside, finished, share
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import image_data, scene_cache, scene_data, stored_values
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.character_objects import is_stage, may_have_faces, parts
@@ -190,13 +191,8 @@ def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
     height. The sphere is widened by as much, for the steepest slope that `heights` may have
     anywhere.
     """
-    rows, columns = heights.heights.shape
-    width, depth = heights.area.size
-    relief = heights.heights.astype(np.float64)
-    along_x = np.abs(np.diff(relief, axis=1)).max(initial=0) * columns / width
-    along_y = np.abs(np.diff(relief, axis=0)).max(initial=0) * rows / depth
     # pitch and roll are float32
-    away = 2 * np.sin(np.arctan(np.hypot(along_x, along_y)) / 2) * (1 + 1e-6)
+    away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)
     return tuple(replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups)
 
 
@@ -337,7 +333,7 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
         start = populate(settings.count, settings.seed, len(groups), machine, world)
         while len(_trajectories) >= MOST_TRAJECTORIES:
             _trajectories.pop(next(iter(_trajectories)))
-        _trajectories[digest] = Trajectory(start, machine, world, groups, seconds, settings.first_frame, heights=heights)
+        _trajectories[digest] = Walk(start, machine, world, groups, seconds, settings.first_frame, heights=heights)
     while len(_latest) >= MOST_TRAJECTORIES:
         _latest.pop(next(iter(_latest)))
     _latest[scene.session_uid] = asked, images, _trajectories[digest]
@@ -366,7 +362,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
     shutter = read_shutter(scene, time) if shutter is None else shutter
-    bias = bias_of(settings, trajectory.world.area)
+    bias = bias_of(settings)
     use = use_of(settings, trajectory, policy_of(settings), bias, time, (eyes,) if isinstance(eyes, Camera) else eyes)
     frame = plan(trajectory, eyes, policy_of(settings), time, shutter, bias)
     return use.applied(frame if around is None else surround(frame, around))  # who is hidden casts no shadow

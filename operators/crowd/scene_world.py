@@ -16,15 +16,24 @@ def machine_of(settings) -> machines.StateMachine:
     return machines.parse(settings.machine.as_string(), settings.machine.name)
 
 
+def area_of(settings) -> Area:
+    """Return the rectangle of the settings, which maps are painted over.
+
+    CrowdError if it lies too far from the world's origin.
+    """
+    (x, y, z), (width, depth) = settings.center, settings.size
+    area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
+    _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
+    return area
+
+
 def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     """Return the label map of the settings.
 
     Without an image it is edge_map's. CrowdError if it lies too far from the world's origin, or if
     too many of the image's colors are not those of the labels.
     """
-    (x, y, z), (width, depth) = settings.center, settings.size
-    area = Area(x - width / 2, y - depth / 2, x + width / 2, y + depth / 2, z)
-    _check_reach("The crowd's ground", max(map(abs, (area.x_min, area.y_min, area.x_max, area.y_max, z))), "Center or Size")
+    area = area_of(settings)
     if settings.map_image is None:
         return edge_map(area, machine.labels)
     pixels = image_data.read_pixels(settings.map_image)[..., :3]
@@ -53,7 +62,7 @@ def check_maps(settings) -> None:
     """
     stored_values.check(settings)
     area = world_of(settings, machine_of(settings)).area
-    heights_of(settings, area), bias_of(settings, area)
+    heights_of(settings, area), bias_of(settings)
 
 
 def _check_reach(what: str, reach: float, setting: str) -> None:
@@ -64,12 +73,12 @@ def _check_reach(what: str, reach: float, setting: str) -> None:
         )
 
 
-def bias_of(settings, area: Area) -> Bias | None:
-    """Return the painted map of detail over the area, or None.
+def bias_of(settings) -> Bias | None:
+    """Return the painted map of detail over the settings' rectangle, or None.
 
     Bytes are scaled so that 128 becomes 0.5.
     """
     if settings.bias_image is None:
         return None
     grey = image_data.read_pixels(settings.bias_image)[..., :3].mean(axis=2)
-    return Bias(np.interp(grey, (0, 128, 255), (0, 0.5, 1)), area)
+    return Bias(np.interp(grey, (0, 128, 255), (0, 0.5, 1)), area_of(settings))

@@ -11,13 +11,14 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.planning.exceptions import Exemption, check_level, parse_agents
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
+from .scene_world import area_of
 
 REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
 FLAT = 1e-6  # of its largest size, below which a box has no thickness
@@ -111,7 +112,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
         return partial(_inside, entry.region, entry.name, trajectory)
     if entry.map_image is None:
         raise CrowdError(f"The exception {entry.name} has no map: choose an image that is white where the agents stand it means.")
-    light = LabelMap(_light(entry.map_image), trajectory.world.area)
+    light = LabelMap(_light(entry.map_image), area_of(entry.id_data.crowd_lod))
     return lambda time, at: _painted_on(light, trajectory.at(time))
 
 

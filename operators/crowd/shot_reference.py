@@ -9,13 +9,13 @@ from weakref import WeakKeyDictionary
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_cache
 from .shot_exceptions import digest_of
 
@@ -116,16 +116,11 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
 
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
-    groups, world, heights = trajectory.groups, trajectory.world, trajectory.heights
-    start = b"".join(column.tobytes() for column in vars(trajectory.start).values())
+    groups, parts = trajectory.groups, trajectory.digests()
     bodies = [(g.name, g.center, g.radius, g.stride, g.period) for g in groups]
+    clock = repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame))
     return {
-        "the crowd": _digest(repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame)), start),
-        "the state machine": _digest(trajectory.machine.text),
-        "the map": _digest(repr((world.area, world.labels.shape)), world.labels.tobytes()),
-        "the height map": _digest(
-            "" if heights is None else repr(heights.heights.shape), b"" if heights is None else heights.heights.tobytes()
-        ),
+        **{name: _digest(clock if name == "the crowd" else "", data) for name, data in parts.items()},
         "the LOD meshes": _digest(repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])),
     }
 

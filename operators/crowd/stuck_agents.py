@@ -6,9 +6,10 @@ import numpy as np
 
 from ...crowd_lod.behaviour.courant_number import courant
 from ...crowd_lod.behaviour.exact_walk import Trouble, trouble
-from ...crowd_lod.behaviour.trajectory import Trajectory
+from ...crowd_lod.behaviour.walk import Walk, walks_of
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.trajectory.trajectory import Trajectory
 
 SECONDS = 60.0  # how far ahead is looked
 MOST_AGENTS = 200_000
@@ -94,17 +95,24 @@ class Troubles:
 
 
 def find(trajectory: Trajectory) -> Troubles:
-    """Find the crowd's troubles from its first frame on.
+    """Find the troubles of agents that a state machine moves, from the first frame on.
 
     It looks a minute ahead, but not beyond MOST_BORDERS cells of the fastest agent. It checks all
     agents, but at most MOST_AGENTS and what MOST_READS allow. Agents are placed at random, so the
     first ones are a fair sample.
     """
-    crowd, machine, world = trajectory.start, trajectory.machine, trajectory.world
+    parts = [_of_walk(walk) for walk in walks_of(trajectory)]
+    found = tuple(each for part in parts for each in part.found)
+    agents, count = (sum(getattr(part, name) for part in parts) for name in ("agents", "count"))
+    return Troubles(found, agents, count, min((part.seconds for part in parts), default=SECONDS))
+
+
+def _of_walk(walk: Walk) -> Troubles:
+    crowd, machine, world = walk.start, walk.machine, walk.world
     borders = max(float(courant(machine, world, 1.0).max()), 1 / SECONDS)
     seconds = min(SECONDS, MOST_BORDERS / borders)
     count = min(len(crowd), MOST_AGENTS, max(1, int(MOST_READS / (borders * seconds))))
     if count < len(crowd):
         crowd = replace(crowd, **{each.name: np.ascontiguousarray(getattr(crowd, each.name)[:count]) for each in fields(crowd)})
     found = *off_color(world, machine), *trouble(crowd, machine, world, seconds)
-    return Troubles(found, count, len(trajectory.start), seconds)
+    return Troubles(found, count, len(walk.start), seconds)

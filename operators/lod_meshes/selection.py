@@ -7,13 +7,13 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.radar import radar
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.levels.selection import LADDER, Shot, View, cheapest, choose, counting, priced, within
 from ...crowd_lod.planning.frame_range import evenly
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
 from ..blender.rig_dependencies import action_range
@@ -47,7 +47,7 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
     """
     frames = scene_data.frames_of(scene, settings.step)
     chosen = evenly(frames, MOST_FRAMES)
-    bias, cameras = bias_of(settings, trajectory.world.area), cameras_at(scene, chosen)
+    bias, cameras = bias_of(settings), cameras_at(scene, chosen)
     center, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("center", "radius"))
     library, gaits = cast_of(characters_of(scene)), trajectory.gaits
     first, found = library.first(gaits), [[] for _ in trajectory.groups]

@@ -51,9 +51,9 @@ def by_level(frame: Frame) -> Colors:
 
 
 def by_state(frame: Frame) -> Colors:
-    """Color agents by state, in the state machine's colors."""
-    machine = frame.trajectory.machine
-    return Colors(frame.crowd.state, _opaque(linear(machine.state_colors / 255)), names=machine.states)
+    """Color agents by state, in the colors of their states."""
+    states = frame.trajectory.states
+    return Colors(frame.crowd.state, _opaque(linear(states.colors / 255)), names=states.names)
 
 
 def by_group(frame: Frame) -> Colors:

@@ -102,7 +102,7 @@ def drawing(
     points = style.mode == "POINTS"
     seen = len(frame.buckets.order) if points else 0
     culled = np.arange(0, len(crowd) if style.culled else 0, -(-len(crowd) // MOST_CULLED) or 1)
-    culled = culled[~frame.visible[culled]] if len(culled) else culled
+    culled = culled[frame.culled[culled]] if len(culled) else culled
     order = np.concatenate([frame.buckets.order[:seen], culled])
     group = crowd.group[order]
     agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colors, slopes, fades)

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.culling.camera import planes
 from ...crowd_lod.culling.radar import RadarOptions, radar
@@ -27,6 +26,7 @@ from ...crowd_lod.levels.assignment import assign
 from ...crowd_lod.planning.frame import Frame, plan_of
 from ...crowd_lod.planning.request import Request
 from ...crowd_lod.planning.stages import Unsorted
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from .shader_programs import TEXELS, source
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ class Planner:
     """
 
     def __init__(self, trajectory: Trajectory):
-        area = trajectory.world.area
+        area = trajectory.area
         self.middle = np.array([(area.x_min + area.x_max) / 2, (area.y_min + area.y_max) / 2, area.z])
         self.spheres = trajectory.spheres.center, trajectory.spheres.reach
         self._agents, self._asked = None, (None, None)

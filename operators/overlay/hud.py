@@ -52,7 +52,7 @@ def figures(
     account: of the picked agent, or None.
     notes: sentences for the user.
     """
-    agents, visible = len(frame.crowd), len(frame.buckets.order)
+    agents, visible = frame.crowd.there, len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
     said = [Line(f"{agents:,} agents, {visible:,} visible, {culled:.1%} culled")]
     counts = enumerate(frame.buckets.counts)
@@ -64,7 +64,7 @@ def figures(
         said.append(Line(f"Triangles  {share(frame.triangles, frame.full_triangles)} without LOD"))
     times = frame.milliseconds | {"drawing": drawing}
     said.append(Line(", ".join(f"{STAGES[stage]} {ms:.2f}" for stage, ms in times.items()) + " ms"))
-    state = sum(column.nbytes for column in vars(frame.crowd).values())
+    state = sum(column.nbytes for column in frame.crowd.columns.values())
     said.append(Line(f"{size(state)} of agents' state, {size(gpu_bytes)} on the GPU"))
     if account is not None:
         said.append(

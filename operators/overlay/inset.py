@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ...crowd_lod.crowd.maps import Area, LabelMap
+from ...crowd_lod.crowd.maps import Area
 from .draw_data import Drawing
 from .gpu_draw import Batches, paint
 
@@ -25,13 +25,12 @@ BACKGROUND = 0.02, 0.02, 0.02, 1.0  # linear
 STRAY = 1.0, 0.0, 1.0, 1.0  # linear RGBA, of the map's off-color pixels
 
 
-def with_strays(what: Drawing, world: LabelMap) -> Drawing:
-    """Return the drawing of points with a point more for each stray of the map, over all agents."""
-    if not len(world.strays):
+def with_strays(what: Drawing, strays: np.ndarray) -> Drawing:
+    """Return the drawing of points with a point more for each stray of the maps (k, 3), over all agents."""
+    if not len(strays):
         return what
-    x, y = world.middles(*world.strays.T)
-    top = max(world.area.z - what.origin[2], float(what.positions[:, 2].max(initial=-np.inf)))
-    marks = np.column_stack([x - what.origin[0], y - what.origin[1], np.full(len(x), top + what.diameter)]).astype(np.float32)
+    marks = (strays - what.origin).astype(np.float32)
+    marks[:, 2] = np.maximum(marks[:, 2], what.positions[:, 2].max(initial=-np.inf)) + what.diameter
     return replace(
         what,
         positions=np.concatenate([what.positions, marks]),

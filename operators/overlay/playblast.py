@@ -12,9 +12,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.trajectory import Trajectory
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import console, image_data
 from ..blender.color_space import linear
 from ..crowd.scene_crowd import policy_of

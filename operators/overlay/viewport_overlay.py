@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import bpy
 import numpy as np
 
+from ...crowd_lod.behaviour.walk import stray_places
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
@@ -215,10 +216,10 @@ def _draw_figures(context) -> None:
 def _picture_from_above(shown: Shown, ui_scale: float) -> "GPUTexture":
     """Return the texture of the frame from above, painted once per frame."""
     if shown.above is None or (shown.above.width, shown.above.height) != inset.pixels(ui_scale):
-        world = shown.frame.trajectory.world
-        what = inset.with_strays(drawing(shown.frame, Style("POINTS"), shown.colored), world)
+        trajectory = shown.frame.trajectory
+        what = inset.with_strays(drawing(shown.frame, Style("POINTS"), shown.colored), stray_places(trajectory))
         places = np.concatenate([what.positions, what.lines.reshape(-1, 3), np.zeros((1, 3))])
-        view, projection = inset.from_above(world.area, what.origin, places)
+        view, projection = inset.from_above(trajectory.area, what.origin, places)
         shown.above = inset.picture(Batches(what), view, projection, ui_scale)
     return shown.above
 
@@ -255,7 +256,7 @@ def _shown_now(context, before: Shown | None) -> Shown:
             trajectory, bias, looked = known.trajectory, known.bias, before.looked
         else:
             trajectory = trajectory_of(scene)
-            bias = bias_of(settings, trajectory.world.area)
+            bias = bias_of(settings)
             if known is not None and _same(bias, known.bias):
                 bias = known.bias
         cast_inputs = trajectory.groups, style.mode, characters

@@ -6,6 +6,7 @@ popovers and in the viewport; what does not apply is grayed.
 
 import bpy
 
+from ...crowd_lod.behaviour.walk import walks_of
 from ..lod_meshes.made_for import outdated
 from ..overlay import viewport_overlay
 from . import steps
@@ -35,7 +36,7 @@ def _line(scene: bpy.types.Scene) -> str:
     frame = viewport_overlay.latest(scene)
     if frame is None:
         return "Statistics: overlay off" if not scene.crowd_lod.overlay else "Statistics"
-    seen = f"{len(frame.buckets.order):,} of {len(frame.crowd):,} visible"
+    seen = f"{len(frame.buckets.order):,} of {frame.crowd.there:,} visible"
     return f"{seen}, {frame.triangles / frame.full_triangles:.0%} triangles" if frame.full_triangles else seen
 
 
@@ -93,7 +94,7 @@ class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
         layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
         layout.prop(settings, "first_frame")
         frame = viewport_overlay.latest(context.scene)
-        machine = frame and frame.trajectory.machine
+        machine = next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
         told = f"{len(machine.states)} states, {len(machine.labels)} labels; edge: {machine.edge}" if machine else "-"
         label(layout, told, "INFO")
 

@@ -33,7 +33,7 @@ class CROWDLOD_PT_statistics(_Popover, bpy.types.Panel):
         if frame is None:
             label(self.layout, "Switch the overlay on to see them", "INFO")
             return
-        agents, visible = len(frame.crowd), len(frame.buckets.order)
+        agents, visible = frame.crowd.there, len(frame.buckets.order)
         rows = [
             ("Frame", f"{frame.time:g}", "BLANK1"),
             ("Agents", f"{agents:,}", "BLANK1"),

@@ -3,6 +3,7 @@
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.behaviour.walk import stray_places
 from crowd_lod_extension.crowd_lod.crowd import state_machine
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.batch.preview import Preview, preview
@@ -60,7 +61,7 @@ def test_inset_and_picture_from_above_mark_them(scene, tmp_path):
     bpy.ops.crowd_lod.populate()
     frame = scene_crowd.frame_of(scene, bpy.context.evaluated_depsgraph_get())
     what = drawing(frame)
-    marked = with_strays(what, frame.trajectory.world)
+    marked = with_strays(what, stray_places(frame.trajectory))
     assert len(marked.positions) == len(what.positions) + 3 == len(marked.colors) == len(marked.sizes)
     at = marked.positions[-3:] + marked.origin
     assert at[:, :2].tolist() == pytest.approx(np.array([(c - 19.5, r - 19.5) for r, c in sorted(odd)]), abs=1e-4)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -72,7 +72,7 @@ def accounts(kind="PERSP", groups=GROUPS, row=None):
     camera = Camera(kind, np.array([0.0, 0, 1]), *axes, Window(-edge, edge, -edge, edge), 1.0, 40.0, (1000, 1000))
     policy = LevelPolicy((0.25, 0.6))
     world = edge_map(Area(-60, -60, 60, 60), machine.labels)
-    frame = plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
+    frame = plan(Walk(crowd, machine, world, groups, 1 / 24), camera, policy, 1)
     frame = frame if row is None else with_row(frame, np.array(row, np.uint8))
     return [account(frame, agent) for agent in range(n)], machine, frame
 

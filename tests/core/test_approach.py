@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, parse
@@ -21,14 +21,14 @@ FAST = """{"version": 1, "edge": "wrap", "labels": {"a": {"color": "#000000"}, "
 def trajectory(count=2000):
     machine = load_preset("chapter")
     world = edge_map(AREA, machine.labels)
-    return Trajectory(populate(count, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
+    return Walk(populate(count, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
 
 
 def fast():
     """Agents that enter a cell of another label 41,667 times in a step, which takes seconds."""
     machine = parse(FAST, "fast")
     world = LabelMap(np.arange(100, dtype=np.uint8)[None].repeat(2, 0) % 2, AREA)
-    return Trajectory(populate(1000, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
+    return Walk(populate(1000, 1, 1, machine, world), machine, world, (Group("a", 0.9, 1, 1.25, 1),), 1 / 24)
 
 
 def test_the_crowd_is_the_same_and_then_known():
@@ -38,7 +38,7 @@ def test_the_crowd_is_the_same_and_then_known():
     begun = time.perf_counter()
     crowd = slowly.at(4001)
     assert time.perf_counter() - begun < 0.05
-    for name, column in vars(straight.at(4001)).items():
+    for name, column in straight.at(4001).columns.items():
         assert np.array_equal(column, getattr(crowd, name)), name
 
 

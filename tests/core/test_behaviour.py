@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behaviour.courant_number import courant
 from crowd_lod_extension.crowd_lod.behaviour.step import HOLD, advance, step
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -212,13 +212,13 @@ LIVELY = {
 def lively(seed=1, edge="wrap", **more):
     machine = machine_of(LIVELY, edge)
     world = random_world(np.random.default_rng(seed), 2)
-    return Trajectory(populate(400, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8, **more)
+    return Walk(populate(400, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8, **more)
 
 
 def trajectory(seed=1):
     machine = load_preset("chapter")
     world = edge_map(Area(0, 0, 30, 30), machine.labels)
-    return Trajectory(populate(500, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8)
+    return Walk(populate(500, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8)
 
 
 @pytest.mark.parametrize("make", [trajectory, lively, lambda: lively(edge="reflect")])
@@ -249,7 +249,7 @@ def test_an_agents_chances_do_not_depend_on_the_rest_of_the_crowd():
     whole = lively()
     part = lively()
     chosen = np.arange(0, 400, 7)
-    fields = {f.name: getattr(part.start, f.name)[chosen] for f in dataclasses.fields(part.start)}
+    fields = {name: column[chosen] for name, column in part.start.columns.items()}
     part = dataclasses.replace(part, start=dataclasses.replace(part.start, **fields))
     a, b = whole.at(150), part.at(150)
     assert (a.x[chosen] == b.x).all() and (a.state[chosen] == b.state).all()
@@ -295,7 +295,7 @@ def test_a_long_timer_ends_on_time(after, fps):
     """Who goes when the timer ends is as far as the time since then: to a microsecond, by whatever steps."""
     machine = machine_of({"a": {"start": 1, "after": after, "then": "b", "on": {"*": {}}}, "b": {"on": {"*": {"move": [1, 0]}}}})
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(0, 0, 1000, 1))
-    shot = Trajectory(populate(2, 0, 1, machine, world), machine, world, (walker(),), 1 / fps, 0)
+    shot = Walk(populate(2, 0, 1, machine, world), machine, world, (walker(),), 1 / fps, 0)
     frames = int((after + 2) * fps)
     np.testing.assert_allclose(shot.at(frames).x - shot.start.x, frames / fps - after, atol=1e-6)
     np.testing.assert_allclose(shot.at(int((after - 0.5) * fps)).x, shot.start.x, atol=0)
@@ -306,7 +306,7 @@ def test_a_timer_of_a_million_seconds_runs_at_sixty_frames_a_second(after):
     machine = machine_of({"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [1, 0]}}}}, "wrap")
     world = LabelMap(np.zeros((4, 4), np.uint8), Area(0, 0, 40, 40))
     crowd = populate(20, 0, 1, machine, world)
-    shot = Trajectory(crowd, machine, world, (walker(),), 1 / 60, 0)
+    shot = Walk(crowd, machine, world, (walker(),), 1 / 60, 0)
     for crowd in (shot.at(3600), shot.full.at(3600)):
         np.testing.assert_allclose(crowd.wait, after - 60, atol=1e-5)
 
@@ -318,7 +318,7 @@ def test_a_timer_that_nobody_lives_to_see_runs_without_a_warning(after):
     world = LabelMap(np.zeros((4, 4), np.uint8), Area(0, 0, 40, 40))
     crowd = populate(5000, 0, 1, machine, world)
     assert np.isfinite(crowd.wait).all()
-    shot = Trajectory(crowd, machine, world, (walker(),), 1e-3, 0)
+    shot = Walk(crowd, machine, world, (walker(),), 1e-3, 0)
     assert same(shot.at(40), shot.full.at(40)) and (shot.at(40).state == 0).all() and np.isfinite(shot.at(40).wait).all()
 
 
@@ -396,7 +396,7 @@ def test_time_passes_for_an_agent_that_is_sent_to_and_fro():
 
 def test_an_agent_takes_52_bytes_at_most():
     crowd = lively().at(50)
-    assert sum(getattr(crowd, f.name).nbytes for f in dataclasses.fields(crowd)) <= 52 * len(crowd)
+    assert sum(column.nbytes for column in crowd.columns.values()) <= 52 * len(crowd)
 
 
 def test_before_the_first_frame_the_crowd_stands():

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import leave_outs, morton_order
 from crowd_lod_extension.crowd_lod.crowd.agents import populate, spheres_of
 from crowd_lod_extension.crowd_lod.crowd.maps import HeightMap
@@ -273,6 +273,6 @@ def test_who_comes_back_at_the_other_side_of_the_map_stands_on_other_ground():
 def test_blocks_are_kept_of_large_crowds_alone(monkeypatch):
     monkeypatch.setattr(morton_order, "FEWEST", 401)
     assert index_cache.blocks_at(shot(count=400), 1) is None
-    big = Trajectory(*[getattr(shot(count=401), name) for name in ("start", "machine", "world", "groups", "seconds_per_frame")])
+    big = Walk(*[getattr(shot(count=401), name) for name in ("start", "machine", "world", "groups", "seconds_per_frame")])
     big.at(1)
     assert index_cache.blocks_at(big, 1)[0] == 1 and leave_outs.BLOCKS in big.left_out

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.culling.camera import lens_blur
@@ -26,7 +26,7 @@ PLACES = [(0, 10, 0), (3, 20, 0), (-6, 40, 0), (1, 80, 0)]
 def crowd():
     machine = load_preset("chapter")
     area = Area(-100, -100, 100, 100)
-    return Trajectory(crowd_at(PLACES), machine, edge_map(area, machine.labels), (GROUP,), 1 / 24)
+    return Walk(crowd_at(PLACES), machine, edge_map(area, machine.labels), (GROUP,), 1 / 24)
 
 
 def panned(camera, angle):

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks
@@ -69,7 +69,7 @@ def seen_in_blender(camera, feet):
 def shot(feet):
     low, high = feet.min(axis=0) - 10, feet.max(axis=0) + 10
     world = LabelMap(np.zeros((1, 1), np.uint8), Area(low[0], low[1], high[0], high[1]))
-    return Trajectory(crowd_at(feet), STANDS, world, (GROUP,), 1 / 24, 0)
+    return Walk(crowd_at(feet), STANDS, world, (GROUP,), 1 / 24, 0)
 
 
 @pytest.mark.parametrize("away", [0.0, 1e3, 1e5, 1e6, 1e7])

@@ -2,7 +2,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import MOST_PACES, load_preset
@@ -17,9 +17,7 @@ LABELS = ("ground", "grass", "wall")
 
 
 def test_the_phase_advances_with_the_ground_walked():
-    trajectory = Trajectory(
-        crowd_at([(1.0, 1.0, 0)]), machine_of({"go": {"on": {"*": {"move": [0.75, 1.0]}}}}), PLAIN, (walker(),), 0.1
-    )
+    trajectory = Walk(crowd_at([(1.0, 1.0, 0)]), machine_of({"go": {"on": {"*": {"move": [0.75, 1.0]}}}}), PLAIN, (walker(),), 0.1)
     # 4.1 s at 1.25 m/s are 5.125 m, 4 strides of 1.25 m and 0.1 of one more
     crowd = trajectory.at(42)
     assert (trajectory.phase(crowd, 42) - trajectory.phase(trajectory.start, 1))[0] == pytest.approx(0.1, abs=1e-6)
@@ -29,7 +27,7 @@ def test_the_phase_advances_with_the_ground_walked():
 def test_a_phase_is_exact_after_hours_and_before_the_first_frame():
     idler = Group("idler", 0.9, 1.0, 0.0, 1.7)
     machine = machine_of({"go": {"on": {"*": {"move": [0.75, 1.0]}}}})
-    trajectory = Trajectory(crowd_at([(1, 1, 0), (1, 1, 0)], [0, 1]), machine, PLAIN, (walker(), idler), 1 / 24)
+    trajectory = Walk(crowd_at([(1, 1, 0), (1, 1, 0)], [0, 1]), machine, PLAIN, (walker(), idler), 1 / 24)
     for frame in (-1000, 1, 2, 2.5, 10**6):
         seconds = Fraction(frame) / 24
         wanted = [seconds * Fraction(5, 4) / Fraction(5, 4) % 1, seconds / Fraction(17, 10) % 1]
@@ -45,7 +43,7 @@ def test_a_class_changes_with_the_pace_alone_and_by_half_a_class_at_most(classes
     random = np.random.default_rng(2)
     world = LabelMap(random.integers(3, size=(40, 40), dtype=np.uint8), Area(0, 0, 80, 80))
     start = populate(4000, 3, 2, machine, world, classes)
-    trajectory = Trajectory(start, machine, world, (walker(), walker(stride=0.8)), 1 / 24, classes=classes)
+    trajectory = Walk(start, machine, world, (walker(), walker(stride=0.8)), 1 / 24, classes=classes)
     changed, jumps = 0, []
     for frame in range(2, 200):
         before, crowd = trajectory.at(frame - 1), trajectory.at(frame)
@@ -63,14 +61,14 @@ def test_a_class_changes_with_the_pace_alone_and_by_half_a_class_at_most(classes
 def test_who_plays_by_time_never_changes_its_class():
     machine = machine_of(STATES, labels=LABELS)
     world = LabelMap(np.random.default_rng(2).integers(3, size=(40, 40), dtype=np.uint8), Area(0, 0, 80, 80))
-    trajectory = Trajectory(populate(4000, 3, 1, machine, world), machine, world, (Group("idler", 0.9, 1.0, 0.0, 1.7),), 1 / 24)
+    trajectory = Walk(populate(4000, 3, 1, machine, world), machine, world, (Group("idler", 0.9, 1.0, 0.0, 1.7),), 1 / 24)
     assert (trajectory.at(100).phase_class == trajectory.start.phase_class).all()
     assert (trajectory.at(100).pace != trajectory.start.pace).any()
 
 
 def test_who_stands_at_the_edge_of_the_map_stands_in_its_action():
     machine = machine_of({"go": {"on": {"*": {"move": [1.0, 0.0]}}}}, edge="stop")
-    trajectory = Trajectory(crowd_at([(999.0, 5, 0)]), machine, PLAIN, (walker(),), 0.25)
+    trajectory = Walk(crowd_at([(999.0, 5, 0)]), machine, PLAIN, (walker(),), 0.25)
     assert trajectory.phase(trajectory.at(9), 9) == trajectory.phase(trajectory.at(20), 20)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behaviour.exact_walk import trouble
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -51,7 +51,7 @@ CLOSED = {"market": ("wall", "stall"), "evacuation": ("wall",), "stadium": ("wal
 def test_agents_keep_out_of_walls_and_out_of_trouble(make):
     machine = load_preset(make.__name__)
     world = make(machine)
-    trajectory = Trajectory(populate(1000, 4, 1, machine, world), machine, world, (walker(),), 1 / 12)
+    trajectory = Walk(populate(1000, 4, 1, machine, world), machine, world, (walker(),), 1 / 12)
     closed = [machine.labels.index(label) for label in CLOSED[machine.name]]
     states = []
     for frame in range(1, 720, 30):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.skinning import SkinnedMesh, axes, closed, merge, pose, skin, stance, strongest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -140,7 +140,7 @@ def planned(bias=None, policy=PLAIN):
     machine = load_preset("chapter")
     groups = (Group("one", 0.9, 1.0, 0.0, 1.0),)
     world = edge_map(Area(-100, -100, 100, 100), machine.labels)
-    return plan(Trajectory(crowd, machine, world, groups, 1 / 24), camera, policy, 1, (), bias)
+    return plan(Walk(crowd, machine, world, groups, 1 / 24), camera, policy, 1, (), bias)
 
 
 def test_each_agent_has_its_reason():

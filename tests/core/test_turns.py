@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.behaviour import step
 from crowd_lod_extension.crowd_lod.behaviour.exact_walk import trouble, walk
 from crowd_lod_extension.crowd_lod.behaviour.step import HOLD, MOST_TURNS, advance
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 
@@ -98,7 +98,7 @@ def test_all_forms_of_a_step_agree_on_agents_between_walls(edge, more, monkeypat
     middle, away = 10 * random.integers(6, size=20) + 5, 10.0 ** random.uniform(-9, -2, 20)
     crowd.x[:20], crowd.y[:20] = middle - 30 - away, middle + away * random.uniform(0.1, 0.9, 20)
     crowd.state[:20] = 0
-    make = lambda: Trajectory(crowd, machine, world, (walker(),), FRAME, 0, every=8)  # noqa: E731
+    make = lambda: Walk(crowd, machine, world, (walker(),), FRAME, 0, every=8)  # noqa: E731
     asked, whole = make(), make()
     alone = crowd
     for frame in range(6):

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import gpu
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
 from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
@@ -99,7 +99,7 @@ def test_agents_on_planes_and_on_lod_borders_are_left_open_and_right(lens, tally
         low, high = points.min(axis=0) - 1, points.max(axis=0) + 1
         table = machine()
         world = LabelMap(np.zeros((3, 3), np.uint8), Area(low[0], low[1], high[0], high[1]))
-        trajectory = Trajectory(crowd_at(points), table, world, (group,), 1 / 24)
+        trajectory = Walk(crowd_at(points), table, world, (group,), 1 / 24)
         shown += len(same(gpu_culling.Planner(trajectory), trajectory, camera, LevelPolicy((0.25, 0.5))).buckets.order)
     assert tally.open > 0.1 * tally.asked and shown > 0.1 * tally.asked
 

@@ -1,6 +1,6 @@
 """A frame of a small crowd."""
 
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -12,4 +12,4 @@ def shot():
     machine = load_preset("chapter")
     world = edge_map(Area(-40, 0, 40, 100), machine.labels)
     groups = (walker(), walker(sizes=(500, 50, 5)))
-    return Trajectory(populate(3000, 2, 2, machine, world), machine, world, groups, 1 / 24)
+    return Walk(populate(3000, 2, 2, machine, world), machine, world, groups, 1 / 24)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import bpy
 import numpy as np
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Crowd, Group
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
@@ -48,7 +48,7 @@ def planned(shift=(0.0, 0.0, 0.0)):
     eye = np.array([0.0, 0.0, 1.0]) + shift
     axes = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0]])
     camera = Camera("PERSP", eye, *axes, Window(-0.4, 0.4, -0.3, 0.3), 0.5, 40.0, (640, 480))
-    frame = plan(Trajectory(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
+    frame = plan(Walk(crowd, machine, world, GROUPS, 1 / 24), camera, POLICY, 1)
     what = drawing(frame)
     drawing(frame, Style("BOXES"))
     assert "levels" not in vars(frame)  # those of all agents, whom neither shows

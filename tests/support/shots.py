@@ -4,7 +4,7 @@ import json
 from dataclasses import replace
 
 import numpy as np
-from crowd_lod_extension.crowd_lod.behaviour.trajectory import Trajectory
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import parse
@@ -47,12 +47,12 @@ def ground(walls=(), shape=(7, 9)):
 
 def shot(table=None, world=None, groups=ONE, count=400, seed=3, **more):
     table, world = table or machine(), world or ground()
-    return Trajectory(populate(count, seed, len(groups), table, world), table, world, groups, 1 / 24, **more)
+    return Walk(populate(count, seed, len(groups), table, world), table, world, groups, 1 / 24, **more)
 
 
 def raw(frame):
     """All that a frame says of the crowd, as bytes."""
-    crowd = [getattr(frame.crowd, name).tobytes() for name in vars(frame.crowd)]
+    crowd = [column.tobytes() for column in frame.crowd.columns.values()]
     seen = [a.tobytes() for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
     kinds = [str(a.dtype) for a in (frame.visible, frame.levels, frame.buckets.order, frame.buckets.offsets)]
     return crowd, seen, kinds, frame.vertices, frame.triangles, frame.full_vertices, frame.full_triangles, frame.dropped

@@ -1,4 +1,4 @@
-"""The crowd at any time: steps of behavior, cached forward from the first frame."""
+"""The crowd that the state machine moves: steps of behavior, cached forward from the first frame."""
 
 import operator
 import threading
@@ -10,24 +10,36 @@ from functools import cached_property, lru_cache, partial
 import numpy as np
 
 from ..animation.phase_classes import gaits_of
-from ..crowd import random_streams
-from ..crowd.agents import CLASSES, Crowd, Group, Spheres, spheres_of
-from ..crowd.leave_outs import ALL, NOTHING, STILL, LeftOut, needless
-from ..crowd.maps import HeightMap, LabelMap
+from ..crowd.agents import CLASSES, Crowd, Group
+from ..crowd.leave_outs import ALL, STILL, LeftOut, needless, needless_of_places
+from ..crowd.maps import Area, HeightMap, LabelMap
 from ..crowd.state_machine import StateMachine
+from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import aside
+from ..trajectory.trajectory import PART, States, Trajectory
 from .courant_number import check_speeds
 from .lookahead import Ahead, look, onward, opened
 from .step import advance, pace_of, step
 from .tabulated_step import Tables
 
-# Crowds that are kept, or let go, together.
-PART = 4
 # Bytes of the crowds that a trajectory keeps to go back to, beyond which it keeps fewer.
 MOST_KEPT = 2**30
 # Seconds of a long way to a frame after which others, the drawing of a viewport among them, have
 # their turn, and how many of it.
 TURN, REST = 0.1, 0.001
+
+
+def bounds_of_walk(machine: StateMachine, heights: HeightMap | None) -> VelocityBounds:
+    """Return how fast the table lets agents walk, and the height map lets them climb."""
+    velocity = machine.velocity.reshape(-1, 2)
+    fastest = float(np.linalg.norm(velocity, axis=-1).max())
+    low, high = velocity.min(axis=0, initial=0), velocity.max(axis=0, initial=0)
+    if machine.edge == "reflect":
+        low, high = np.minimum(low, -high), np.maximum(high, -low)
+    climb = 0.0
+    if heights is not None:
+        climb = (np.array(heights.steepest) * np.maximum(-low, high)).sum()
+    return VelocityBounds(np.append(low, -climb), np.append(high, climb), fastest)
 
 
 def _tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
@@ -36,16 +48,14 @@ def _tables(machine: StateMachine, world: LabelMap, seconds: float) -> Tables:
 
 
 @dataclass(eq=False)
-class Trajectory:
-    """The crowd at any time: a pure function of the frame, cached from the first on.
+class Walk(Trajectory):
+    """The crowd that the state machine moves over its map, cached from the first frame on.
 
-    Time is in frames and may be fractional: the last step is then taken in part. Before
-    `first_frame` the crowd stands as populated. On a height map agents stand on the ground. Blender
-    may call this from several threads.
+    At a fractional time the last step is taken in part. Before `first_frame` the crowd stands as
+    populated. On a height map agents stand on the ground.
 
     every: one crowd is kept each so many frames, so that going back is cheap; fewer in a long shot
         of a large crowd (MOST_KEPT).
-    leave: what may be left out where the scene does not need it (crowd/leave_outs.py).
     classes: number of phase classes (animation/phase_classes.py).
     """
 
@@ -76,9 +86,9 @@ class Trajectory:
         self._recent: tuple[tuple[int, Crowd], ...] = ((0, self.start),)
         self._looks_back = False
         self._ground: tuple[np.ndarray, np.ndarray] | None = None  # x, and the ground's z there
-        self.left_out = self.leave and self.leave & needless(
-            self.start, self.machine, self.world, len(self.groups), self.heights is not None
-        )
+        relief = self.heights is not None
+        found = needless_of_places(self.start, len(self.groups), relief, not relief)
+        self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
         # a crowd, and what is known of its next steps
         self._ahead: tuple[Crowd | None, Ahead | None] = None, None
@@ -88,6 +98,9 @@ class Trajectory:
         whole, part = divmod(max(time - self.first_frame, 0.0), 1.0)
         crowd = self._at_whole(int(whole))
         crowd = self._step(crowd, part, int(whole)) if part else crowd
+        return self._on_ground(crowd)
+
+    def _on_ground(self, crowd: Crowd) -> Crowd:
         if self.heights is None:
             return crowd
         x, z = self._ground or (None, crowd.z)
@@ -95,23 +108,6 @@ class Trajectory:
             z = self.heights.at(crowd.x, crowd.y)
             self._ground = (crowd.x, z) if STILL in self.left_out else None
         return replace(crowd, z=z)
-
-    def phase(self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
-        """Return the phases of `agents` in their action's cycle, (m,) float32 in [0, 1).
-
-        crowd: the crowd that holds the agents.
-        time: in frames; it may lie before the first frame, where characters are posed as anywhere
-            else.
-        agents: (m,) indices, or all.
-        """
-        return self.gaits.phase(crowd, self.seconds(time), agents)
-
-    def seconds(self, time: float) -> float:
-        """Return the seconds from frame 0 to `time`, in frames.
-
-        Actions count from frame 0, whichever frame is the crowd's first.
-        """
-        return time * self.seconds_per_frame
 
     def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Iterator[float]:
         """Compute the crowd at `time`, in frames, for `at` to find; then call `then`.
@@ -131,22 +127,61 @@ class Trajectory:
     @cached_property
     def full(self) -> "Trajectory":
         """Return the same trajectory with nothing left out."""
-        return replace(self, leave=NOTHING, _kept={}, _lock=threading.Lock())
-
-    @cached_property
-    def spheres(self) -> Spheres:
-        """The groups' bounding spheres."""
-        return spheres_of(self.groups)
-
-    @cached_property
-    def looks(self) -> np.ndarray:
-        """Return a random number for each agent, (n,) float32 in [0, 1)."""
-        return random_streams.uniform(self.start.key, random_streams.LOOKS).astype(np.float32)
+        return replace(self, leave=frozenset(), _kept={}, _lock=threading.Lock())
 
     def kept_at(self, frame: int) -> Crowd:
-        """Return the crowd at a whole `frame`, counted from 0, on flat ground."""
+        """Return the crowd at a whole `frame`, counted from 0."""
         crowd = self._kept.get(frame)
-        return self._at_whole(frame) if crowd is None else crowd
+        return self._on_ground(self._at_whole(frame) if crowd is None else crowd)
+
+    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Walk":
+        """Return the same crowd from `time` on, a whole frame, with only `leave` left out."""
+        bare = self._at_whole(int(max(time - self.first_frame, 0)))
+        walk = replace(self, start=bare, leave=leave, first_frame=int(time), _kept={}, _lock=threading.Lock())
+        walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
+        return walk
+
+    @property
+    def area(self) -> Area:
+        """The map's."""
+        return self.world.area
+
+    @property
+    def states(self) -> States:
+        """Those of the state machine."""
+        return States(self.machine.states, self.machine.state_colors)
+
+    def velocity(self, since: float, until: float) -> VelocityBounds:
+        """Return how fast the table lets agents walk, and the height map lets them climb, at any time."""
+        return self._velocity
+
+    @cached_property
+    def _velocity(self) -> VelocityBounds:
+        return STANDING if STILL in self.left_out else bounds_of_walk(self.machine, self.heights)
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the map wraps around."""
+        return self.machine.edge == "wrap"
+
+    def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return which of `agents` are half a map away from where they were."""
+        if now is before or not self.wraps:
+            return None
+        width, depth = self.area.size
+        aside, along = (np.abs(getattr(now, name)[agents] - getattr(before, name)[agents]) for name in "xy")
+        return (aside > width / 2) | (along > depth / 2)
+
+    def digests(self) -> dict[str, bytes]:
+        """Return the start, the state machine, and the maps."""
+        world, heights = self.world, self.heights
+        relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
+        return {
+            "the crowd": b"".join(column.tobytes() for column in self.start.columns.values()),
+            "the state machine": self.machine.text.encode(),
+            "the map": repr((world.area, world.labels.shape)).encode() + world.labels.tobytes(),
+            "the height map": relief,
+        }
 
     def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
         """Return the crowd `frames`, at most 1, after frame `since`, counted from 0."""
@@ -177,13 +212,13 @@ class Trajectory:
         return moved
 
     def _keep(self, frame: int, crowd: Crowd) -> None:
-        """Keep the crowd at `frame`; over MOST_KEPT bytes, drop every other PART.
+        """Keep the crowd at `frame`; over MOST_KEPT bytes, drop every other part.
 
-        All crowds of a PART go together, but never the first part nor this one's: a later request
+        All crowds between two orders of the planner's blocks are a part and go together, but never the first part nor this one's: a later request
         for a frame of a dropped part computes all of that part again.
         """
         self._kept[frame] = crowd
-        own = sum(column.nbytes for name, column in vars(crowd).items() if column is not getattr(self.start, name))
+        own = sum(column.nbytes for name, column in crowd.columns.items() if column is not getattr(self.start, name))
         if len(self._kept) * own > MOST_KEPT:
             part = PART * self.every
             parts = sorted({kept // part for kept in self._kept} - {0, frame // part})
@@ -226,3 +261,15 @@ class Trajectory:
                     self._ahead = None, None  # to look again
             self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
         return frame, crowd
+
+
+def walks_of(trajectory: Trajectory) -> list[Walk]:
+    """Return the parts of `trajectory` that a state machine moves."""
+    return [part for part in trajectory.parts if isinstance(part, Walk)]
+
+
+def stray_places(trajectory: Trajectory) -> np.ndarray:
+    """Return (k, 3) world metres of the middles of all cells painted in no label's color."""
+    worlds = [walk.world for walk in walks_of(trajectory)]
+    found = [np.column_stack([*world.middles(*world.strays.T), np.full(len(world.strays), world.area.z)]) for world in worlds]
+    return np.concatenate(found) if found else np.empty((0, 3))

@@ -1,0 +1,158 @@
+"""What all trajectories share: the crowd at any time, and what is known of its motion."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..animation.phase_classes import Gaits
+from ..crowd import random_streams
+from ..crowd.agents import Crowd, Group, Spheres, spheres_of
+from ..crowd.leave_outs import LeftOut
+from ..crowd.maps import Area, HeightMap
+from ..crowd.velocity_bounds import VelocityBounds
+
+# So many times the planner's blocks are made before their agents are ordered anew.
+PART = 4
+
+
+@dataclass(frozen=True)
+class States:
+    """What agents do, as Crowd.state counts them.
+
+    names: S names.
+    colors: (S, 3) uint8.
+    """
+
+    names: tuple[str, ...]
+    colors: np.ndarray
+
+
+class Trajectory(ABC):
+    """The crowd at any time: a pure function of the frame.
+
+    Time is in frames and may be fractional. Blender may call this from several threads.
+
+    start: the crowd at the first frame.
+    groups: the character groups, which Crowd.group counts.
+    seconds_per_frame: of the scene.
+    first_frame: before it the crowd stands as at it.
+    every: so many frames the planner's blocks hold (planning/index_cache.py).
+    leave: what may be left out where the scene does not need it (crowd/leave_outs.py).
+    left_out: what of it no frame needs.
+    area: a rectangle that the crowd stays on.
+    heights: the ground that agents stand on, if they can align to its slope.
+    gaits: at which rates the groups play their actions.
+    states: what agents do.
+    """
+
+    start: Crowd
+    groups: tuple[Group, ...]
+    seconds_per_frame: float
+    first_frame: int
+    every: int
+    leave: frozenset[LeftOut]
+    left_out: frozenset[LeftOut]
+    heights: HeightMap | None
+    gaits: Gaits
+
+    @property
+    @abstractmethod
+    def area(self) -> Area: ...
+
+    @property
+    @abstractmethod
+    def states(self) -> States: ...
+
+    @abstractmethod
+    def velocity(self, since: float, until: float) -> VelocityBounds | None:
+        """Return bounds of all agents' velocities between two times, in frames; None if they are not known."""
+
+    @abstractmethod
+    def at(self, time: float) -> Crowd:
+        """Return the crowd at `time`, in frames."""
+
+    @abstractmethod
+    def digests(self) -> dict[str, bytes]:
+        """Return all that `at` follows from, by names that complete "... changed": a shot plan is made for these."""
+
+    @abstractmethod
+    def leaving(self, leave: frozenset[LeftOut], time: float) -> "Trajectory":
+        """Return the same crowd with only `leave` left out.
+
+        time: the first of the frames that will be asked for.
+        """
+
+    def kept_at(self, frame: int) -> Crowd:
+        """Return the crowd at a whole `frame`, counted from the first."""
+        return self.at(self.first_frame + frame)
+
+    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Iterator[float]:
+        """Do what `at` needs at `time`, in frames, as far as it takes long; then call `then`.
+
+        Yields the progress, 0 to 1. It may be closed at any time.
+        """
+        self.at(time)
+        then()
+        yield 1.0
+
+    def most_moved(self, times: Sequence[float]) -> float:
+        """Return metres that no agent walks between two neighboring `times`, in frames.
+
+        It is the distance of the whole gap, not of half of it. So an agent that jumps to the other
+        side of a wrapping map is covered before and after.
+        """
+        if len(times) < 2:
+            return 0.0
+        velocity = self.velocity(min(times), max(times))
+        if velocity is not None:
+            return velocity.speed * max(np.diff(times)) * self.seconds_per_frame
+        crowds = [self.at(time) for time in times]
+        steps = (np.hypot(b.x - a.x, b.y - a.y).max(initial=0.0) for a, b in zip(crowds[:-1], crowds[1:], strict=True))
+        return float(max(steps))
+
+    @property
+    def wraps(self) -> bool:
+        """Whether agents that leave the area come back at its other side."""
+        return False
+
+    @property
+    def parts(self) -> tuple["Trajectory", ...]:
+        """The trajectories that this one is made of, down to those that move agents."""
+        return (self,)
+
+    def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return which of `agents` (m,) came back at the other side of their area since `before`, (m,) bool.
+
+        None where that cannot happen.
+        """
+        return None
+
+    def phase(self, crowd: Crowd, time: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
+        """Return the phases of `agents` in their action's cycle, (m,) float32 in [0, 1).
+
+        crowd: the crowd that holds the agents.
+        time: in frames; it may lie before the first frame, where characters are posed as anywhere
+            else.
+        agents: (m,) indices, or all.
+        """
+        return self.gaits.phase(crowd, self.seconds(time), agents)
+
+    def seconds(self, time: float) -> float:
+        """Return the seconds from frame 0 to `time`, in frames.
+
+        Actions count from frame 0, whichever frame is the crowd's first.
+        """
+        return time * self.seconds_per_frame
+
+    @cached_property
+    def spheres(self) -> Spheres:
+        """The groups' bounding spheres."""
+        return spheres_of(self.groups)
+
+    @cached_property
+    def looks(self) -> np.ndarray:
+        """Return a random number for each agent, (n,) float32 in [0, 1)."""
+        return random_streams.uniform(self.start.key, random_streams.LOOKS).astype(np.float32)
