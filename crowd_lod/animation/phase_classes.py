@@ -31,20 +31,24 @@ class Gaits:
     classes: the number of phases that agents share.
     paces: the P paces of the state machine.
     rates: (G, P) float64, cycles per second of each group at each pace.
+    played: (G, P) bool, which groups may play at which paces; None for all.
     """
 
     classes: int
     paces: Paces
     rates: np.ndarray
+    played: np.ndarray | None = None
 
     @cached_property
     def distinct(self) -> tuple[np.ndarray, ...]:
-        """For each group, its different rates in increasing order."""
-        return tuple(np.unique(rates.round(9)) for rates in self.rates)
+        """For each group, its different rates in increasing order; 0 alone if it plays none."""
+        played = np.ones(self.rates.shape, bool) if self.played is None else self.played
+        found = [np.unique(rates[own].round(9)) for rates, own in zip(self.rates, played, strict=True)]
+        return tuple(rates if len(rates) else np.zeros(1) for rates in found)
 
     @cached_property
     def which(self) -> np.ndarray:
-        """(G, P) intp: which of its distinct rates each group plays at each pace."""
+        """(G, P) intp: which of its distinct rates each group plays at each pace; no meaning where it does not play."""
         return np.array([np.searchsorted(own, rates.round(9)) for own, rates in zip(self.distinct, self.rates, strict=True)])
 
     def phase(self, crowd: Crowd, seconds: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:

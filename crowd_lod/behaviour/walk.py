@@ -3,7 +3,7 @@
 import operator
 import threading
 import time as clock
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 
@@ -56,6 +56,7 @@ class Walk(Trajectory):
 
     every: one crowd is kept each so many frames, so that going back is cheap; fewer in a long shot
         of a large crowd (MOST_KEPT).
+    tilts: whether agents stand square on the slopes of the height map.
     classes: number of phase classes (animation/phase_classes.py).
     """
 
@@ -67,6 +68,7 @@ class Walk(Trajectory):
     first_frame: int = 1
     every: int = 16
     heights: HeightMap | None = None
+    tilts: bool = False
     leave: frozenset[LeftOut] = ALL
     classes: int = CLASSES
     _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
@@ -86,8 +88,7 @@ class Walk(Trajectory):
         self._recent: tuple[tuple[int, Crowd], ...] = ((0, self.start),)
         self._looks_back = False
         self._ground: tuple[np.ndarray, np.ndarray] | None = None  # x, and the ground's z there
-        relief = self.heights is not None
-        found = needless_of_places(self.start, len(self.groups), relief, not relief)
+        found = needless_of_places(self.start, len(self.groups), self.heights is not None, self.level)
         self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
         # a crowd, and what is known of its next steps
@@ -109,7 +110,7 @@ class Walk(Trajectory):
             self._ground = (crowd.x, z) if STILL in self.left_out else None
         return replace(crowd, z=z)
 
-    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Iterator[float]:
+    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Generator[float, None, None]:
         """Compute the crowd at `time`, in frames, for `at` to find; then call `then`.
 
         Yields the progress, 0 to 1, where that takes long. It may be closed at any time.
@@ -158,6 +159,17 @@ class Walk(Trajectory):
     @cached_property
     def _velocity(self) -> VelocityBounds:
         return STANDING if STILL in self.left_out else bounds_of_walk(self.machine, self.heights)
+
+    def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return (pitch, roll) of `agents` on the height map, if they align to its slopes."""
+        if not self.tilts or self.heights is None:
+            return None
+        return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents])
+
+    @property
+    def level(self) -> bool:
+        """Whether there is no height map."""
+        return self.heights is None
 
     @property
     def wraps(self) -> bool:

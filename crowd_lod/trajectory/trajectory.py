@@ -1,7 +1,7 @@
 """What all trajectories share: the crowd at any time, and what is known of its motion."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -43,7 +43,7 @@ class Trajectory(ABC):
     leave: what may be left out where the scene does not need it (crowd/leave_outs.py).
     left_out: what of it no frame needs.
     area: a rectangle that the crowd stays on.
-    heights: the ground that agents stand on, if they can align to its slope.
+    heights: the ground that agents stand on, if it is a height map.
     gaits: at which rates the groups play their actions.
     states: what agents do.
     """
@@ -89,7 +89,7 @@ class Trajectory(ABC):
         """Return the crowd at a whole `frame`, counted from the first."""
         return self.at(self.first_frame + frame)
 
-    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Iterator[float]:
+    def approach(self, time: float, then: Callable[[], object] = lambda: None) -> Generator[float, None, None]:
         """Do what `at` needs at `time`, in frames, as far as it takes long; then call `then`.
 
         Yields the progress, 0 to 1. It may be closed at any time.
@@ -112,6 +112,18 @@ class Trajectory(ABC):
         crowds = [self.at(time) for time in times]
         steps = (np.hypot(b.x - a.x, b.y - a.y).max(initial=0.0) for a, b in zip(crowds[:-1], crowds[1:], strict=True))
         return float(max(steps))
+
+    def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return (pitch, roll) of `agents` (m,) who stand square on their ground; see HeightMap.tilt.
+
+        Each is (m,) float32, radians. None if all stand upright.
+        """
+        return None
+
+    @property
+    def level(self) -> bool:
+        """Whether nobody ever leaves its height."""
+        return False
 
     @property
     def wraps(self) -> bool:

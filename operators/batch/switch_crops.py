@@ -55,7 +55,7 @@ def _posed(scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
-    columns = columns_of(trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters), settings.tilt)
+    columns = columns_of(trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters))
     own = {key: values[0].tolist() for key, values in columns.items()}
     stance = Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
     turn = Matrix.Rotation(scene_data.rotation(settings.forward), 4, "Z")

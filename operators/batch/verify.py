@@ -197,7 +197,7 @@ def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: 
     points = render_setup.points_of(home)
     for name, agents in members(frame).items():
         library = render_setup.library_of(home, points[name], trajectory.gaits)
-        columns = bake.columns_in_time(trajectory, held, number, agents, library, stage.crowd_lod.tilt)
+        columns = bake.columns_in_time(trajectory, held, number, agents, library)
         mesh_data.write_points(points[name].data, columns)
 
 

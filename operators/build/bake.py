@@ -144,7 +144,7 @@ def _rows(
 
     Yields the progress.
     """
-    render, trajectory, tilt = scene.render, trajectory_of(scene), scene.crowd_lod.tilt
+    render, trajectory = scene.render, trajectory_of(scene)
     rows: dict[str, list[dict[str, np.ndarray]]] = {bucket.name: [] for bucket in buckets_of(scene)}
     points = dict.fromkeys(rows, 0)
     with frame_stepping.stepped(scene) as at:
@@ -157,7 +157,7 @@ def _rows(
             told[1][number] = cameras_digest(film)
             held = held_by(scene, trajectory, number, frame.crowd)
             for name, agents in members(frame).items():
-                rows[name].append(columns_in_time(trajectory, held, number, agents, library, tilt))
+                rows[name].append(columns_in_time(trajectory, held, number, agents, library))
                 points[name] += len(agents)
                 if points[name] > MOST_POINTS:
                     raise CrowdError(
@@ -167,20 +167,18 @@ def _rows(
     return rows
 
 
-def columns_in_time(
-    trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library, tilt: bool
-) -> dict[str, np.ndarray]:
+def columns_in_time(trajectory: Trajectory, held: Held, number: int, agents: np.ndarray, library: Library) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) for the group of nodes/baked.py.
 
     They are those of frame_update.columns_of, the frame's `number` and, from what the frame holds,
     velocities.
     """
-    columns = columns_of(trajectory, held.crowd, held, agents, library, tilt)
+    columns = columns_of(trajectory, held.crowd, held, agents, library)
     moving = {"frame": np.full(len(agents), number, np.int32)}
     for part, crowd in held.ends:
         if not part:
             continue
-        then = columns_of(trajectory, crowd, held, agents, library, tilt)
+        then = columns_of(trajectory, crowd, held, agents, library)
         when = "before" if part < 0 else "after"
         moving[f"move_{when}"] = (then["position"] - columns["position"]) / np.float32(part)
         moving[f"turn_{when}"] = _turn(columns, then) / np.float32(part)

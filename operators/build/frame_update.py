@@ -62,25 +62,23 @@ def held_by(scene: bpy.types.Scene, trajectory: Trajectory, number: float, crowd
     )
 
 
-def columns_of(
-    trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library, tilt: bool
-) -> dict[str, np.ndarray]:
+def columns_of(trajectory: Trajectory, crowd: Crowd, held: Held, agents: np.ndarray, library: Library) -> dict[str, np.ndarray]:
     """Return the point attributes of `agents` (m,) as they stand in `crowd`, by name.
 
     See `columns_by_bucket`.
     """
-    return columns_by_bucket(trajectory, crowd, held, [agents], library, tilt)[0]
+    return columns_by_bucket(trajectory, crowd, held, [agents], library)[0]
 
 
 def columns_by_bucket(
-    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], library: Library, tilt: bool
+    trajectory: Trajectory, crowd: Crowd, held: Held, buckets: Sequence[np.ndarray], library: Library
 ) -> list[dict[str, np.ndarray]]:
     """Return the point attributes of each bucket's agents (m,), by name.
 
     The agents stand as in `crowd`. For mesh_data.write_points.
 
     position: metres, world space.
-    heading, with `tilt` also pitch and roll (see HeightMap.tilt): radians.
+    heading, of agents on slopes also pitch and roll (see HeightMap.tilt): radians.
     phase, group: those of the agent.
     pose: which of the `library`'s characters the agent shows, of the frame that is `held`.
     looks: a number in [0, 1) per agent, by which materials may vary.
@@ -108,9 +106,9 @@ def columns_by_bucket(
     columns = {"position": place, "heading": heading, "phase": trajectory.gaits.phase(held.crowd, seconds, agents)}
     columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
     columns["pose"] = library.shown(trajectory.gaits, held.crowd, seconds, agents)
-    if tilt and trajectory.heights is not None:
-        pitch, roll = trajectory.heights.tilt(of(crowd.x), of(crowd.y), heading)
-        columns |= {"pitch": np.float32(pitch), "roll": np.float32(roll)}
+    leaning = trajectory.tilt(crowd, agents)
+    if leaning is not None:
+        columns |= dict(zip(("pitch", "roll"), leaning, strict=True))
     found, at = [], 0
     for bucket in buckets:
         found.append({name: values[at : at + len(bucket)] for name, values in columns.items()})
@@ -118,7 +116,7 @@ def columns_by_bucket(
     return found
 
 
-def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd, tilt: bool) -> None:
+def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held: Held, crowd: Crowd) -> None:
     """Write the agents of the frame's buckets to the points of the build `top`.
 
     The agents stand as in `crowd`. Buckets without a point object are skipped: an older build, or a
@@ -128,7 +126,7 @@ def write(top: bpy.types.Collection, trajectory: Trajectory, frame: Frame, held:
     shown = {name: agents for name, agents in members(frame).items() if name in points}
     shown = {name: agents for name, agents in shown.items() if len(agents) or not _empty(points[name].data)}
     for library, names in libraries_of(top, points, shown, trajectory):
-        made = columns_by_bucket(trajectory, crowd, held, [shown[name] for name in names], library, tilt)
+        made = columns_by_bucket(trajectory, crowd, held, [shown[name] for name in names], library)
         for name, columns in zip(names, made, strict=True):
             mesh_data.write_points(points[name].data, columns)
 
@@ -250,7 +248,7 @@ def update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
         kept[own] = _planned(scene, depsgraph, number, time, blurred)
     trajectory, frame, held, shutter = kept[own]
     _compare(scene, depsgraph, number, time, shutter)
-    write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time), scene.crowd_lod.tilt)
+    write(top, trajectory, frame, held, frame.crowd if frame.time == time else trajectory.at(time))
 
 
 def _planned(

@@ -1,6 +1,6 @@
 """The cost estimate is forgotten when a setting changes that it rests on."""
 
 
-def outdate(settings, _) -> None:
+def outdate(owner, _) -> None:
     """Clear the cost estimate: update callback of settings that change the cost."""
-    settings.estimate = ""
+    owner.id_data.crowd_lod.estimate = ""

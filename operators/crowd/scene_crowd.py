@@ -1,6 +1,5 @@
 """From the scene's settings to the core's crowd: groups, map, trajectory, plan."""
 
-import hashlib
 from collections.abc import Generator, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -8,9 +7,8 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.behaviour.walk import Walk
-from ...crowd_lod.crowd.agents import MOST_GROUPS, Group, populate
-from ...crowd_lod.crowd.maps import FARTHEST, HeightMap
+from ...crowd_lod.crowd.agents import MOST_GROUPS, Group
+from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
@@ -19,23 +17,20 @@ from ...crowd_lod.planning.frame import Frame, plan
 from ...crowd_lod.planning.shadows import Surroundings, surround
 from ...crowd_lod.progress import aside, finished, share
 from ...crowd_lod.trajectory.trajectory import Trajectory
-from ..blender import image_data, scene_cache, scene_data, stored_values
+from ..blender import scene_data, stored_values
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.rig_dependencies import action_range
-from . import needs
+from . import crowd_sources, needs
 from .character_extent import bounds, frames_of, lowest, posing, unknown
-from .scene_world import bias_of, check_maps, heights_of, machine_of, world_of
+from .scene_world import bias_of, check_maps
 from .settings_versions import VERSION
 from .shot_reference import use_of
 from .stuck_agents import find
 
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
-# Trajectories by the digest of all they depend on.
-_trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
-MOST_TRAJECTORIES = 4
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
 OF_LEVELS = (
@@ -48,8 +43,6 @@ OF_LEVELS = (
     "diagonal",
     "shaded",
 )  # what is known of a group's LOD meshes
-# Of each scene what was asked last: (numbers and texts, the images' values, the trajectory).
-_latest: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 
 def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
@@ -184,18 +177,6 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
     return float(stored_values.read(owner, key, float, "set a number of metres, or remove it", bounds=(0, FARTHEST)))
 
 
-def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
-    """Return `groups` with spheres that hold characters leaning on slopes.
-
-    A lean of t moves a sphere's center, `center` metres above the feet, by 2 sin(t / 2) of that
-    height. The sphere is widened by as much, for the steepest slope that `heights` may have
-    anywhere.
-    """
-    # pitch and roll are float32
-    away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)
-    return tuple(replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups)
-
-
 def groups_of(settings) -> tuple[Group, ...]:
     """Return the measured groups of the settings."""
     return tuple(_group(g, count_of(settings)) for g in settings.groups)
@@ -302,42 +283,10 @@ def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = Non
 
     groups: measured groups in place of those that the settings hold.
     """
-    settings = scene.crowd_lod
-    stored_values.check(
-        settings, ("map_image", "height_image", "machine")
-    )  # read at each call; all else where something has changed
-    groups = groups or groups_of(settings)
+    groups = groups or groups_of(scene.crowd_lod)
     if not groups:
         raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
-    seconds = scene.render.fps_base / scene.render.fps
-    # the pixels are compared, not trusted; all that is made of them is made again only where they
-    # differ
-    images = [image and image_data.read_values(image) for image in (settings.map_image, settings.height_image)]
-    text = settings.machine and settings.machine.as_string()
-    numbers = (*settings.center, *settings.size, settings.height_scale, settings.count, settings.seed, settings.first_frame)
-    asked = text, numbers, settings.tilt, groups, seconds
-    before = _latest.get(scene.session_uid)
-    if before is not None and before[0] == asked and all(a is b for a, b in zip(before[1], images, strict=True)):
-        return before[2]
-    stored_values.check(settings)
-    machine = machine_of(settings)
-    world = world_of(settings, machine)
-    heights = heights_of(settings, world.area)
-    crowd = (settings.count, settings.seed, settings.first_frame, settings.tilt)
-    key = (machine.text, world.area, world.labels.shape, groups, *crowd, seconds)
-    relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
-    digest = hashlib.sha256(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief).digest()
-    if digest not in _trajectories:
-        if settings.tilt and heights is not None:
-            groups = leaning(groups, heights)
-        start = populate(settings.count, settings.seed, len(groups), machine, world)
-        while len(_trajectories) >= MOST_TRAJECTORIES:
-            _trajectories.pop(next(iter(_trajectories)))
-        _trajectories[digest] = Walk(start, machine, world, groups, seconds, settings.first_frame, heights=heights)
-    while len(_latest) >= MOST_TRAJECTORIES:
-        _latest.pop(next(iter(_latest)))
-    _latest[scene.session_uid] = asked, images, _trajectories[digest]
-    return _trajectories[digest]
+    return crowd_sources.together(scene, groups)
 
 
 def frame_of(  # noqa: PLR0913 - most are at hand, and read if not

@@ -77,9 +77,8 @@ def drawing_of(settings, frame: Frame, style: Style, colored: agent_colors.Color
 
     framed: whether to draw the lines of the camera's frustum and LOD ranges.
     """
-    slopes = frame.trajectory.heights if settings.tilt else None
     fades = None
     if style.mode == "MESHES" and settings.overlay_fade:
         fades = fades_of(frame, settings.overlay_fade)
-    what = drawing(frame, style, colored, slopes, fades)
+    what = drawing(frame, style, colored, fades)
     return what if framed else replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...crowd_lod.crowd.maps import HeightMap
 from ...crowd_lod.culling.camera import Camera, frustum_corners
 from ...crowd_lod.planning.frame import Frame
 from ..lod_meshes.make_lods import TINTS
@@ -86,13 +85,11 @@ def drawing(
     frame: Frame,
     style: Style = Style(),
     colors: Colors | None = None,
-    slopes: HeightMap | None = None,
     fades: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> Drawing:
     """Return the Drawing of `frame`.
 
     colors: None for the colors of the LODs.
-    slopes: height map that agents lean with; None to keep them upright.
     fades: (finer, share) of all agents, from crowd_lod.planning.cross_fade.fades_of; None for no
         cross-fade.
     """
@@ -105,7 +102,7 @@ def drawing(
     culled = culled[frame.culled[culled]] if len(culled) else culled
     order = np.concatenate([frame.buckets.order[:seen], culled])
     group = crowd.group[order]
-    agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colors, slopes, fades)
+    agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colors, fades)
 
     positions = np.stack(crowd.places(center, order, origin), axis=1, dtype=np.float32, casting="same_kind")
     tints = np.empty((len(order), 4), np.float32)
@@ -136,9 +133,7 @@ def drawing(
     )
 
 
-def _instances(
-    frame: Frame, colors: Colors, slopes: HeightMap | None, fades: tuple[np.ndarray, np.ndarray] | None
-) -> tuple[np.ndarray, tuple]:
+def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, tuple]:
     """Return (agents, draws) of a Drawing; cross-fading agents are in both LODs."""
     crowd, order = frame.crowd, frame.buckets.order
     levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
@@ -160,8 +155,9 @@ def _instances(
     agents[:, 3] = crowd.heading[order]
     agents[:, 4] = frame.phase_of(order)
     agents[:, 5] = 4.0 * colors.index[order] + 2.0 + shares
-    if slopes is not None:
-        agents[:, 6], agents[:, 7] = slopes.tilt(crowd.x[order], crowd.y[order], crowd.heading[order])
+    leaning = frame.trajectory.tilt(crowd, order)
+    if leaning is not None:
+        agents[:, 6], agents[:, 7] = leaning
     draws = zip(kinds // 256, kinds % 256, first, count, strict=True)
     return agents, tuple(tuple(int(value) for value in each) for each in draws)
 

@@ -20,6 +20,7 @@ from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
+from ..crowd.crowd_sources import inputs_of
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import drawn_inputs
@@ -298,10 +299,8 @@ def _shown_now(context, before: Shown | None) -> Shown:
 def _crowd_inputs(scene) -> tuple:
     """Return the inputs of trajectory and bias, except image pixels."""
     settings = scene.crowd_lod
-    blocks = (block and block.session_uid for block in (settings.map_image, settings.height_image, settings.bias_image))
-    machine = settings.machine and settings.machine.as_string()
-    numbers = settings.count, settings.seed, settings.first_frame, scene.render.fps, scene.render.fps_base
-    return groups_of(settings), *blocks, machine, *numbers, *settings.center, *settings.size, settings.height_scale, settings.tilt
+    bias = settings.bias_image and settings.bias_image.session_uid
+    return groups_of(settings), bias, *inputs_of(scene)
 
 
 def _values(camera: Camera) -> tuple:

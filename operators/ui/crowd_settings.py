@@ -11,13 +11,14 @@ from ..blender.labelled_properties import (
     FloatVectorProperty,
     IntProperty,
     PointerProperty,
+    StringProperty,
 )
 from ..crowd.outdated_estimate import outdate
 from ..crowd.renamed_settings import OLD, renamed
 
 
-class CrowdSettings:
-    """Who the agents are, how many, and where."""
+class CharacterSettings:
+    """Who the agents are."""
 
     characters: PointerProperty(
         type=bpy.types.Collection,
@@ -32,6 +33,18 @@ class CrowdSettings:
         name="Forward",
         description="The way the characters face where they stand",
         items=[("-Y", "-Y", "Blender's front"), ("Y", "+Y", "Blender's back"), ("X", "+X", "Right"), ("-X", "-X", "Left")],
+    )
+
+
+class CrowdSettings:
+    """How many agents one crowd has, who moves them, and where."""
+
+    use_crowd: BoolProperty(
+        name="Show", default=True, description="The agents of this crowd are there; they keep their numbers if not"
+    )
+    group_names: StringProperty(
+        name="Groups",
+        description="Character groups that this crowd's agents are drawn from, such as Robot, Woman; all if empty",
     )
     count: IntProperty(
         update=outdate,
@@ -83,6 +96,10 @@ class BehaviorSettings:
     first_frame: IntProperty(
         name="Start Frame", default=1, subtype="TIME", description="Before it the crowd stands where it was populated"
     )
+
+
+class CrowdLodCrowd(CrowdSettings, BehaviorSettings, bpy.types.PropertyGroup):
+    """A further crowd of a scene, called `name`, beside the one of the scene's own settings."""
 
 
 class CameraSettings:

@@ -3,13 +3,14 @@
 import bpy
 
 from ..blender.labelled_properties import CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
-from .crowd_settings import BehaviorSettings, CameraSettings, CrowdSettings
+from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdLodCrowd, CrowdSettings
 from .level_settings import CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
 from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifySettings
 
 
 class CrowdLodSettings(
+    CharacterSettings,
     CrowdSettings,
     BehaviorSettings,
     CameraSettings,
@@ -27,6 +28,8 @@ class CrowdLodSettings(
     """
 
     version: IntProperty(name="Version", min=0, description="Which version of Crowd LOD these settings are of")
+    crowds: CollectionProperty(type=CrowdLodCrowd, name="Further Crowds", description="Crowds beside that of these settings")
+    crowd_index: IntProperty(name="Active Crowd", min=0, description="Which of the further crowds the sidebar shows")
     groups: CollectionProperty(type=CrowdLodGroup, name="Character Groups", description="What was measured of each")
     trouble: StringProperty(name="Trouble", description="Agents that get stuck, found by Populate")
     memory_tolerance: FloatProperty(
@@ -42,4 +45,4 @@ class CrowdLodSettings(
     build: PointerProperty(type=bpy.types.Collection, name="Build", description="Made by Build or Bake")
 
 
-CLASSES = (CrowdLodGroup, CrowdLodSettings)
+CLASSES = (CrowdLodCrowd, CrowdLodGroup, CrowdLodSettings)

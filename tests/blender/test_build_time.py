@@ -11,7 +11,7 @@ from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.blender import cameras, image_data, main_thread, scene_data
 from crowd_lod_extension.operators.build import frame_update, render_setup
 from crowd_lod_extension.operators.build.bake import bake
-from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.crowd import crowd_sources
 from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 
 
@@ -271,7 +271,7 @@ def test_a_repainted_map_or_an_edited_number_is_never_missed_and_nothing_is_kept
     assert not np.array_equal(trajectory_of(built).start.x, walled.start.x)
     settings.height_image = image_data.write_image("hills", pixels)
     assert trajectory_of(built).at(1).z.max() > 0.4
-    kept = scene_crowd._trajectories, scene_crowd._latest, image_data._values
+    kept = crowd_sources._trajectories, crowd_sources._latest, image_data._values
     assert all(kept)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     assert not any(kept)

@@ -12,7 +12,7 @@ from crowd_lod_extension.operators.blender import scene_cache
 from crowd_lod_extension.operators.blender.operator import left_words
 from crowd_lod_extension.operators.build.bake import bake
 from crowd_lod_extension.operators.build.buttons import prepared
-from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.crowd import crowd_sources
 from crowd_lod_extension.operators.crowd.scene_crowd import CROWDLOD_OT_populate
 
 FAR = 10**6
@@ -53,7 +53,7 @@ def test_a_frame_far_away_is_approached_by_steps_that_end_at_once(levelled, tmp_
     steps = work(levelled, tmp_path)
     before = set(bpy.data.user_map())
     scene_cache.forget()
-    while not any(1000 < crowds._recent[0][0] < FAR for crowds in scene_crowd._trajectories.values()):
+    while not any(1000 < crowds._recent[0][0] < FAR for crowds in crowd_sources._trajectories.values()):
         next(steps)  # it is not on its way yet
     longest = 0.0
     for _ in range(10):

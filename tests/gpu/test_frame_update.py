@@ -3,7 +3,7 @@
 import bpy
 import pytest
 from crowd_lod_extension.operators.blender import scene_cache
-from crowd_lod_extension.operators.crowd import scene_crowd
+from crowd_lod_extension.operators.crowd import crowd_sources
 from crowd_lod_extension.operators.overlay import character_cache, viewport_overlay
 
 from ..support.overlays import populated, shown
@@ -171,5 +171,5 @@ def test_another_file_lets_everything_go(scene):
     with_meshes(scene)
     assert scene_cache.forget in bpy.app.handlers.load_pre
     scene_cache.forget()
-    assert not viewport_overlay._shown and not character_cache._castings and not scene_crowd._trajectories
+    assert not viewport_overlay._shown and not character_cache._castings and not crowd_sources._trajectories
     assert viewport_overlay._faster._trajectory is None and character_cache.bake_some() is None

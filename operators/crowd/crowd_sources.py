@@ -1,0 +1,142 @@
+"""From a scene's crowds to one trajectory: who moves the agents of each, and all of them together."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.behaviour.walk import Walk
+from ...crowd_lod.crowd.agents import Group, populate
+from ...crowd_lod.crowd.maps import HeightMap
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.trajectory.several import Several
+from ...crowd_lod.trajectory.trajectory import Trajectory
+from ..blender import image_data, scene_cache, stored_values
+from .scene_world import heights_of, machine_of, world_of
+
+# Trajectories by the digest of all they depend on.
+_trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
+MOST_TRAJECTORIES = 8
+# Of each crowd of a scene what was asked last: (numbers and texts, the images' values, the trajectory).
+_latest: dict[int, dict[int, tuple]] = scene_cache.kept({}, by_scene=True)
+# Of each scene the crowds that were put together last, and the trajectory of all.
+_together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=True)
+
+
+def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
+    """Return the settings of all crowds of a scene: its own, then the further ones."""
+    return [settings, *settings.crowds]
+
+
+def inputs_of(scene: bpy.types.Scene) -> tuple:
+    """Return all that the trajectory depends on but the character groups and the pixels of images."""
+    found = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
+    images = [tuple(image and image.session_uid for image in _images(crowd)) for crowd in crowds_of(scene.crowd_lod)]
+    return *found, *images, scene.render.fps, scene.render.fps_base
+
+
+def together(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Trajectory:
+    """Return the trajectory of all crowds of `scene`.
+
+    CrowdError if a setting is bad.
+
+    groups: the measured groups.
+    """
+    crowds = crowds_of(scene.crowd_lod)
+    members = [_member(scene, k, crowd, groups) for k, crowd in enumerate(crowds)]
+    if len(members) == 1 and crowds[0].use_crowd:
+        return members[0]
+    radius = np.max([[group.radius for group in member.groups] for member in members], axis=0).tolist()
+    key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
+    known = _together.get(scene.session_uid)
+    if known is None or known[0] != key:
+        several = Several(members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds])
+        several.groups = tuple(replace(group, radius=most) for group, most in zip(groups, radius, strict=True))
+        known = _together[scene.session_uid] = key, several
+    return known[1]
+
+
+def _images(crowd) -> tuple:
+    return crowd.map_image, crowd.height_image
+
+
+def _asked(crowd) -> tuple:
+    """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
+    numbers = (*crowd.center, *crowd.size, crowd.height_scale, crowd.count, crowd.seed, crowd.first_frame)
+    return crowd.machine and crowd.machine.as_string(), numbers, crowd.tilt, crowd.group_names, crowd.use_crowd
+
+
+def _member(scene: bpy.types.Scene, index: int, crowd, groups: tuple[Group, ...]) -> Trajectory:
+    """Return the trajectory of one crowd, cached while its inputs stay the same."""
+    # read at each call; all else where something has changed
+    stored_values.check(crowd, ("map_image", "height_image", "machine"))
+    seconds = scene.render.fps_base / scene.render.fps
+    # the pixels are compared, not trusted; all that is made of them is made again only where they
+    # differ
+    images = [image and image_data.read_values(image) for image in _images(crowd)]
+    asked = _asked(crowd), groups, seconds
+    latest = _latest.setdefault(scene.session_uid, {})
+    before = latest.get(index)
+    if before is None or before[0] != asked or not all(a is b for a, b in zip(before[1], images, strict=True)):
+        stored_values.check(crowd)
+        latest[index] = asked, images, _walk(crowd, groups, seconds)
+    return latest[index][2]
+
+
+def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
+    """Return the trajectory of a crowd that its state machine moves."""
+    machine = machine_of(crowd)
+    world = world_of(crowd, machine)
+    heights, own = heights_of(crowd, world.area), chosen_groups(crowd, groups)
+    numbers = (crowd.count, crowd.seed, crowd.first_frame, crowd.tilt)
+    key = machine.text, world.area, world.labels.shape, groups, tuple(own.tolist()), *numbers, seconds
+    relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
+
+    def made() -> Trajectory:
+        lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
+        start = populate(crowd.count, crowd.seed, len(own), machine, world)
+        if len(own) < len(groups):
+            start = replace(start, group=own[start.group])
+        return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt)
+
+    return _kept(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made)
+
+
+def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
+    """Return the trajectory that `data` fixes; `make` makes it where it is not known."""
+    digest = hashlib.sha256(data).digest()
+    if digest not in _trajectories:
+        made = make()
+        while len(_trajectories) >= MOST_TRAJECTORIES:
+            _trajectories.pop(next(iter(_trajectories)))
+        _trajectories[digest] = made
+    return _trajectories[digest]
+
+
+def chosen_groups(crowd, groups: tuple[Group, ...]) -> np.ndarray:
+    """Return the indices (k,) uint8 of the groups that the crowd's agents are drawn from, increasing.
+
+    CrowdError if the crowd names a group that is not there.
+    """
+    names = [group.name for group in groups]
+    chosen = {name.strip() for name in crowd.group_names.split(",")} - {""}
+    for name in sorted(chosen - set(names)):
+        raise CrowdError(
+            f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: its Groups may name "
+            f"{', '.join(names)}; with none, all are used."
+        )
+    return np.array([g for g, name in enumerate(names) if name in chosen or not chosen], np.uint8)
+
+
+def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
+    """Return `groups` with spheres that hold characters leaning on slopes.
+
+    A lean of t moves a sphere's center, `center` metres above the feet, by 2 sin(t / 2) of that
+    height. The sphere is widened by as much, for the steepest slope that `heights` may have
+    anywhere.
+    """
+    # pitch and roll are float32
+    away = 2 * np.sin(np.arctan(np.hypot(*heights.steepest)) / 2) * (1 + 1e-6)
+    return tuple(replace(group, radius=float(group.radius + abs(group.center) * away)) for group in groups)
