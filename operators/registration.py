@@ -9,7 +9,7 @@ from .cli import commands
 from .crowd import characters_from_selection, sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import exception_list, menus, panels, popovers, presets, properties, shot_panels
+from .ui import crowd_list, exception_list, menus, panels, popovers, presets, properties, shot_panels
 
 MODULES = (
     exception_list,
@@ -32,6 +32,7 @@ MODULES = (
     popovers,
     menus,
     panels,
+    crowd_list,
     shot_panels,
 )
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)

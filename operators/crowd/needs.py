@@ -38,5 +38,9 @@ def build(scene: bpy.types.Scene) -> str:
     return "" if scene.crowd_lod.build is not None else "The scene has no build"
 
 
+def further_crowds(scene: bpy.types.Scene) -> str:
+    return "" if len(scene.crowd_lod.crowds) else "There are no further crowds"
+
+
 def exceptions(scene: bpy.types.Scene) -> str:
     return "" if len(scene.crowd_lod.exceptions) else "There are no exceptions"

@@ -1,6 +1,6 @@
 """Agents that chatter or get stuck, found ahead of time at a bounded cost, and off-color pixels of the map."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -113,6 +113,6 @@ def _of_walk(walk: Walk) -> Troubles:
     seconds = min(SECONDS, MOST_BORDERS / borders)
     count = min(len(crowd), MOST_AGENTS, max(1, int(MOST_READS / (borders * seconds))))
     if count < len(crowd):
-        crowd = replace(crowd, **{each.name: np.ascontiguousarray(getattr(crowd, each.name)[:count]) for each in fields(crowd)})
+        crowd = replace(crowd, **{name: np.ascontiguousarray(column[:count]) for name, column in crowd.columns.items()})
     found = *off_color(world, machine), *trouble(crowd, machine, world, seconds)
     return Troubles(found, count, len(walk.start), seconds)

@@ -42,6 +42,42 @@ class CrowdSettings:
     use_crowd: BoolProperty(
         name="Show", default=True, description="The agents of this crowd are there; they keep their numbers if not"
     )
+    source: EnumProperty(
+        name="Source",
+        description="Who moves the agents of this crowd",
+        items=[
+            ("MACHINE", "State Machine", "Agents walk by the state machine on the label map"),
+            ("FILE", "File", "Trajectories that were recorded or simulated elsewhere"),
+            ("POINTS", "Points", "Points or instances of an object, read in each frame"),
+        ],
+    )
+    tracks_file: StringProperty(
+        name="File",
+        subtype="FILE_PATH",
+        description="Trajectories: a table of text (CSV, PedPy, PeTrack, ETH and UCY), NPZ, or JuPedSim's SQLite",
+    )
+    tracks_unit: EnumProperty(
+        name="Unit",
+        description="Unit of length in the file",
+        items=[
+            ("AUTO", "From File", "The unit that the file names, or else metres"),
+            ("M", "Meters", ""),
+            ("CM", "Centimeters", ""),
+            ("MM", "Millimeters", ""),
+            ("FT", "Feet", ""),
+        ],
+    )
+    tracks_rate: FloatProperty(
+        name="Frame Rate",
+        min=0,
+        max=10_000,
+        description="Frames a second of the file's frame numbers; 0 for the rate that the file names",
+    )
+    points: PointerProperty(
+        type=bpy.types.Object,
+        name="Object",
+        description="Object whose points or instances are the agents. Attributes: id, group, heading, phase",
+    )
     group_names: StringProperty(
         name="Groups",
         description="Character groups that this crowd's agents are drawn from, such as Robot, Woman; all if empty",

@@ -10,6 +10,7 @@ from ...crowd_lod.behaviour.walk import walks_of
 from ..lod_meshes.made_for import outdated
 from ..overlay import viewport_overlay
 from . import steps
+from .crowd_list import draw_behavior, draw_source
 from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
 from .step_panel import Sidebar, Step, presets_button
 
@@ -56,8 +57,8 @@ class CROWDLOD_PT_crowd(Step, bpy.types.Panel):
         following = steps.following(context.scene)
         layout.prop(settings, "characters")
         button(layout, "crowd_lod.characters_from_selection", icon="RESTRICT_SELECT_OFF", following=following)
-        for name in ("forward", "count", "seed", "center", "size"):
-            layout.prop(settings, name)
+        layout.prop(settings, "forward")
+        draw_source(layout, settings)
         button(layout, "crowd_lod.populate", icon="OUTLINER_OB_POINTCLOUD", following=following)
 
 
@@ -87,10 +88,7 @@ class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
     step = "behavior"
 
     def body(self, context, layout, settings) -> None:
-        label(layout, "Label Map")
-        layout.template_ID(settings, "map_image", open="image.open")
-        label(layout, "State Machine")
-        layout.template_ID(settings, "machine", new="text.new", open="text.open")
+        draw_behavior(layout, settings)
         layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
         layout.prop(settings, "first_frame")
         frame = viewport_overlay.latest(context.scene)

@@ -14,14 +14,14 @@ from ..blender.operator import Reporting
 from ..crowd.outdated_estimate import outdate
 from ..crowd.renamed_settings import STORED
 from ..crowd.threshold_order import note_thresholds
-from .crowd_settings import BehaviorSettings, CameraSettings, CrowdSettings
+from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdSettings
 from .level_settings import LevelSettings
 from .overlay_settings import OverlaySettings
 from .properties import CrowdLodSettings
 from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifySettings
 
 STEPS: dict[str, tuple[type, ...]] = {
-    "crowd": (CrowdSettings,),
+    "crowd": (CharacterSettings, CrowdSettings),
     "behavior": (BehaviorSettings,),
     "camera": (CameraSettings,),
     "levels": (LevelSettings,),

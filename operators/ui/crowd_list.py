@@ -1,0 +1,101 @@
+"""The further crowds of a scene: their list in the sidebar, and its buttons."""
+
+import bpy
+
+from ..blender.operator import Reporting
+from ..crowd import needs
+from .drawing import greyed, label
+from .step_panel import Step
+
+
+class CROWDLOD_UL_crowds(bpy.types.UIList):
+    """One crowd a row: whether it is there, its name and its size."""
+
+    def draw_item(  # noqa: PLR0913 - Blender's own signature
+        self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
+    ) -> None:
+        row = layout.row(align=True)
+        row.prop(item, "name", text="", emboss=False)
+        row.prop(item, "use_crowd", text="", icon="HIDE_OFF" if item.use_crowd else "HIDE_ON", emboss=False)
+
+
+class CROWDLOD_OT_add_crowd(Reporting, bpy.types.Operator):
+    """Add a crowd beside those that are there, with settings of its own"""
+
+    bl_idname = "crowd_lod.add_crowd"
+    bl_label = "Add Crowd"
+    needs = (needs.characters,)
+
+    def run(self, context) -> str:
+        settings = context.scene.crowd_lod
+        number = len(settings.crowds) + 2
+        taken = {each.name for each in settings.crowds}
+        while f"Crowd {number}" in taken:
+            number += 1
+        crowd = settings.crowds.add()
+        crowd.name, crowd.count, crowd.seed = f"Crowd {number}", 100, number
+        crowd.center, crowd.size = settings.center, settings.size
+        settings.crowd_index = len(settings.crowds) - 1
+        return f"{crowd.name} is added: choose its source and place."
+
+
+class CROWDLOD_OT_remove_crowd(Reporting, bpy.types.Operator):
+    """Remove the selected crowd; the agents of crowds after it get other numbers"""
+
+    bl_idname = "crowd_lod.remove_crowd"
+    bl_label = "Remove Crowd"
+    needs = (needs.further_crowds,)
+
+    def run(self, context) -> str:
+        settings = context.scene.crowd_lod
+        index = min(settings.crowd_index, len(settings.crowds) - 1)
+        name = settings.crowds[index].name
+        settings.crowds.remove(index)
+        settings.crowd_index = max(index - 1, 0)
+        return f"{name} is removed."
+
+
+class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
+    bl_label = "Further Crowds"
+    bl_parent_id = "CROWDLOD_PT_crowd"
+
+    def body(self, context, layout, settings) -> None:
+        row = layout.row()
+        row.template_list("CROWDLOD_UL_crowds", "", settings, "crowds", settings, "crowd_index", rows=2)
+        column = row.column(align=True)
+        column.operator("crowd_lod.add_crowd", text="", icon="ADD")
+        column.operator("crowd_lod.remove_crowd", text="", icon="REMOVE")
+        if not len(settings.crowds):
+            label(layout, "One plan covers all crowds", "INFO")
+            return
+        crowd = settings.crowds[min(settings.crowd_index, len(settings.crowds) - 1)]
+        draw_source(layout, crowd)
+        if crowd.source == "MACHINE":
+            draw_behavior(layout, crowd)
+
+
+def draw_source(layout, crowd) -> None:
+    """Draw who moves the agents of a crowd, and where it is."""
+    layout.prop(crowd, "source")
+    if crowd.source == "FILE":
+        for name in ("tracks_file", "tracks_unit", "tracks_rate"):
+            layout.prop(crowd, name)
+    elif crowd.source == "POINTS":
+        layout.prop(crowd, "points")
+    else:
+        layout.prop(crowd, "count")
+    layout.prop(crowd, "seed")
+    layout.prop(crowd, "group_names")
+    layout.prop(crowd, "center")
+    greyed(layout, crowd.source == "MACHINE").prop(crowd, "size")
+
+
+def draw_behavior(layout, crowd) -> None:
+    """Draw what the agents of a crowd do."""
+    label(layout, "Label Map")
+    layout.template_ID(crowd, "map_image", open="image.open")
+    label(layout, "State Machine")
+    layout.template_ID(crowd, "machine", new="text.new", open="text.open")
+
+
+CLASSES = (CROWDLOD_UL_crowds, CROWDLOD_OT_add_crowd, CROWDLOD_OT_remove_crowd, CROWDLOD_PT_crowds)
