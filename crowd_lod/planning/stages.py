@@ -142,7 +142,7 @@ def _one_by_one(task: Task, blocks: Blocks | None) -> Sorted:
     task.ticks.append(clock.perf_counter())
     if every is not None:
         items.add(ALL_INSIDE if every else ALL_OUTSIDE)
-    return Sorted(buckets, gone, trajectory.left_out | items, levels=levels)
+    return Sorted(buckets, gone, (trajectory.left_out - {BLOCKS}) | items, levels=levels)
 
 
 def _by_blocks(task: Task, since: int, blocks: Blocks) -> Sorted:
