@@ -34,7 +34,7 @@ class Points:
         found = plan(self.trajectory, camera, self.policy, frame)
         held, buckets = frame_update.Held(found.crowd, frame), [found.buckets[level] for level in range(len(self.objects))]
         library = Library(np.full(len(self.trajectory.groups), POSES))
-        made = frame_update.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library, False)
+        made = frame_update.columns_by_bucket(self.trajectory, found.crowd, held, buckets, library)
         for each, columns in zip(self.objects, made, strict=True):
             mesh_data.write_points(each.data, columns)
         self.scene.view_layers[0].update()

@@ -208,7 +208,7 @@ def _dress(scene: bpy.types.Scene, way: str) -> None:
             shown = name == "LOD 0" if way in (EVERYONE, CAMERA_CULL) else way == NODES and name.startswith("LOD")
             if shown:
                 library = render_setup.library_of(top, item, trajectory.gaits)
-                rows[name].append(bake.columns_in_time(trajectory, held, number, agents, library, settings.tilt))
+                rows[name].append(bake.columns_in_time(trajectory, held, number, agents, library))
     bake.mark(scene, FRAMES)
     render_setup.dress_all(scene)
     settings.build = None

@@ -57,7 +57,7 @@ def each(views: Sequence[View], method: Callable[[View], Found]) -> list[Found]:
 def some(crowd: Crowd, most: int) -> Crowd:
     """Return the crowd, or `most` of its agents, evenly taken, if there are more."""
     chosen = np.linspace(0, len(crowd) - 1, min(len(crowd), most)).round().astype(np.intp)
-    return replace(crowd, **{name: getattr(crowd, name)[chosen] for name in crowd.__dataclass_fields__})
+    return crowd.of(chosen)
 
 
 def behaviour(

@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.crowd import state_machine
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.batch.preview import Preview, preview
 from crowd_lod_extension.operators.blender import image_data
-from crowd_lod_extension.operators.crowd import scene_crowd, stuck_agents
+from crowd_lod_extension.operators.crowd import scene_crowd, scene_world, stuck_agents
 from crowd_lod_extension.operators.overlay.draw_data import drawing
 from crowd_lod_extension.operators.overlay.inset import STRAY, with_strays
 
@@ -50,7 +50,7 @@ def test_a_soft_brush_and_a_jpeg_leave_the_labels(scene, tmp_path):
     for row in range(4):
         pixels[row, 1, :3] = pixels[row, 0, :3] * 0.5 + pixels[row, 2, :3] * 0.5
     scene.crowd_lod.map_image.pixels.foreach_set(pixels.ravel())
-    world = scene_crowd.world_of(scene.crowd_lod, state_machine.load_preset("chapter"))
+    world = scene_world.world_of(scene.crowd_lod, state_machine.load_preset("chapter"))
     assert (world.labels[:, 0] == 1).all() and not world.labels[:, 1:-1].any()
     assert world.strays.tolist() == [[row, 1] for row in range(4)]
 

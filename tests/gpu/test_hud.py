@@ -89,9 +89,8 @@ def test_what_is_not_known_of_an_agent_is_said():
 
 def test_an_empty_crowd_has_its_lines_too():
     frame, _ = planned()
-    none = {name: column[:0] for name, column in vars(frame.crowd).items()}
     buckets = replace(frame.buckets, order=frame.buckets.order[:0], offsets=np.zeros_like(frame.buckets.offsets))
-    empty = replace(frame, crowd=replace(frame.crowd, **none), buckets=buckets)
+    empty = replace(frame, crowd=frame.crowd.of(slice(0)), buckets=buckets)
     said = texts(hud.figures(empty, by_level(empty), 0.0, 0))
     assert said[0] == "0 agents, 0 visible, 0.0% culled"
 
@@ -163,7 +162,7 @@ def test_off_color_pixels_of_the_map_are_magenta_over_the_agents():
     what = replace(what, lines=what.lines[:0], line_colors=what.line_colors[:0])
     (x, y, z), _, _ = AGENTS[0]
     world = LabelMap(np.zeros((100, 100), np.uint8), Area(-50, -50, 50, 50), np.array([(int(y + 50), int(x + 50)), (90, 7)]))
-    marked = inset.with_strays(what, world)
+    marked = inset.with_strays(what, np.array([(*place, z) for place in zip(*world.middles(*world.strays.T), strict=True)]))
     view, projection = inset.from_above(world.area, marked.origin, marked.positions)
     texture = inset.picture(Batches(marked), view, projection, 2.0)
     seen = np.array(texture.read().to_list(), np.float32).reshape(texture.height, texture.width, 4) / 255
