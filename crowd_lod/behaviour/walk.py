@@ -166,6 +166,16 @@ class Walk(Trajectory):
             return None
         return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents])
 
+    def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return the height map's height under `agents`."""
+        return None if self.heights is None else self.heights.at(crowd.x[agents], crowd.y[agents])
+
+    def regrouped(self, group: np.ndarray) -> "Walk":
+        """Return the same walk from its start on, where agents of another group change their phase class by its rates."""
+        if np.array_equal(group, self.start.group):
+            return self
+        return replace(self, start=replace(self.start, group=group), _kept={}, _lock=threading.Lock())
+
     @property
     def level(self) -> bool:
         """Whether there is no height map."""

@@ -48,12 +48,10 @@ def together(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Trajectory:
     members = [_member(scene, k, crowd, groups) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
         return members[0]
-    radius = np.max([[group.radius for group in member.groups] for member in members], axis=0).tolist()
     key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
     known = _together.get(scene.session_uid)
     if known is None or known[0] != key:
         several = Several(members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds])
-        several.groups = tuple(replace(group, radius=most) for group, most in zip(groups, radius, strict=True))
         known = _together[scene.session_uid] = key, several
     return known[1]
 
