@@ -63,7 +63,8 @@ def _images(crowd) -> tuple:
 def _asked(crowd) -> tuple:
     """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
     numbers = (*crowd.center, *crowd.size, crowd.height_scale, crowd.count, crowd.seed, crowd.first_frame)
-    return crowd.machine and crowd.machine.as_string(), numbers, crowd.tilt, crowd.group_names, crowd.use_crowd
+    own = crowd.source == "FILE" and (*tracks_source.stamp_of(crowd), crowd.tracks_unit, crowd.tracks_rate)
+    return crowd.machine and crowd.machine.as_string(), numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, own
 
 
 def _member(scene: bpy.types.Scene, index: int, crowd, groups: tuple[Group, ...]) -> Trajectory:
