@@ -13,11 +13,13 @@ from .crowd import (
     scene_crowd,
     scenery,
     settings_versions,
+    simulate,
     state_machine_menu,
 )
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .ui import (
+    agent_edits,
     crowd_list,
     exception_list,
     machine_panels,
@@ -33,12 +35,14 @@ from .ui import (
 
 MODULES = (
     exception_list,
+    agent_edits,
     properties,
     machine_settings,
     sample_menu,
     state_machine_menu,
     machine_buttons,
     scene_crowd,
+    simulate,
     characters_from_selection,
     make_lods,
     deviation,

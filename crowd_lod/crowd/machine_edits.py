@@ -18,10 +18,10 @@ from .json_reader import FieldError, FieldPath, Reader
 from .state_machine import parse
 
 # the usual order of a state's and of a rule's fields
-STATE = ("color", "start", "action", "animation", "fade", "after", "then", "on")
-RULE = ("next", "move", "speed", "heading")
-LABEL = ("color", "spawn")
-ROOT = ("$schema", "version", "name", "edge", "labels", "states")
+STATE_FIELDS = ("color", "start", "action", "animation", "fade", "after", "then", "on")
+RULE_FIELDS = ("next", "move", "speed", "heading")
+LABEL_FIELDS = ("color", "spawn")
+ROOT_FIELDS = ("$schema", "version", "name", "edge", "labels", "states")
 FALLBACK = "#808080"
 
 Edit = Callable[[str], str]
@@ -133,7 +133,7 @@ def edited(text: str, where: str, edit: Edit) -> str:
 
 def set_field(path: FieldPath, value: object) -> Edit:
     """Set a field of the machine, of a label or of a state; None removes it."""
-    order = {1: ROOT, 3: STATE if path[0] == "states" else LABEL}[len(path)]
+    order = {1: ROOT_FIELDS, 3: STATE_FIELDS if path[0] == "states" else LABEL_FIELDS}[len(path)]
     return lambda text: _put_or_drop(text, path, value, order)
 
 
@@ -143,12 +143,12 @@ def set_timer(state: str, least: float, most: float) -> Edit:
     path = "states", state
 
     def edit(text: str) -> str:
-        machine, text = draft(text, ""), json_splices.put(text, (*path, "after"), seconds, STATE)
+        machine, text = draft(text, ""), json_splices.put(text, (*path, "after"), seconds, STATE_FIELDS)
         if "then" in machine.state(state):
             return text
         names = machine.states
         following = names[(names.index(state) + 1) % len(names)]
-        return json_splices.put(text, (*path, "then"), following, STATE)
+        return json_splices.put(text, (*path, "then"), following, STATE_FIELDS)
 
     return edit
 
@@ -156,7 +156,7 @@ def set_timer(state: str, least: float, most: float) -> Edit:
 def drop_timer(state: str) -> Edit:
     def edit(text: str) -> str:
         for field in ("after", "then"):
-            text = _put_or_drop(text, ("states", state, field), None, STATE)
+            text = _put_or_drop(text, ("states", state, field), None, STATE_FIELDS)
         return text
 
     return edit
@@ -236,7 +236,7 @@ def duplicate(kind: str, name: str, new: str) -> Edit:
         if kind == "states":
             return text
         color = _unused_color([machine.label(each).get("color") for each in taken])
-        text = json_splices.put(text, ("labels", new, "color"), color, LABEL)
+        text = json_splices.put(text, ("labels", new, "color"), color, LABEL_FIELDS)
         for state in machine.states:
             if machine.has_rule(state, name):
                 text = json_splices.copied(text, ("states", state, "on", name), new)
@@ -319,7 +319,7 @@ def _with_rule(state: str, label: str, change: Callable[[dict[str, Any]], dict[s
         rule = change(draft(text, "").rule(state, label))
         if unless_same and rule.get("next") == unless_same:
             del rule["next"]
-        ordered = {key: rule[key] for key in (*RULE, *rule) if key in rule}
+        ordered = {key: rule[key] for key in (*RULE_FIELDS, *rule) if key in rule}
         return json_splices.put(text, ("states", state, "on", label), ordered, ("*",) if label == "*" else ())
 
     return edit
