@@ -341,6 +341,26 @@ def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[s
         )
 
 
+def populating(scene: bpy.types.Scene) -> Generator[float, None, tuple[str, list[str]]]:
+    """Measure the characters of `scene` and place the crowd: yield the progress.
+
+    Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a setting is bad.
+    """
+    settings = scene.crowd_lod
+    check_maps(settings)
+    groups = yield from measuring_groups(scene)
+    trajectory = trajectory_of(scene, groups)
+    troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+    warnings = [troubles.sentence] if troubles.found else []
+    warnings += [*_off_ground(scene, groups), *_unmeasured(scene, groups)]
+    store_groups(settings, groups)
+    _place_levels(scene)
+    settings.trouble = troubles.sentence
+    said = [] if troubles.found else [troubles.sentence]
+    agents = f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}."
+    return " ".join(filter(None, (agents, *warnings, *said))), warnings
+
+
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     """Measure the characters and place the crowd at its first frame"""
 
@@ -349,25 +369,11 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
-        settings = context.scene.crowd_lod
-        check_maps(settings)
-        groups = yield from measuring_groups(context.scene)
-        trajectory = trajectory_of(context.scene, groups)
-        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
-        warnings = [troubles.sentence] if troubles.found else []
-        warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
-        store_groups(settings, groups)
-        _place_levels(context.scene)
-        settings.overlay, settings.trouble = True, troubles.sentence
+        said, warnings = yield from populating(context.scene)
+        context.scene.crowd_lod.overlay = True
         for warning in warnings:
             self.report({"WARNING"}, warning)
-        said = [] if troubles.found else [troubles.sentence]
-        return " ".join(
-            filter(
-                None,
-                (f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}.", *warnings, *said),
-            )
-        )
+        return said
 
 
 CLASSES = (CROWDLOD_OT_populate,)
