@@ -59,7 +59,7 @@ class Gaits:
         """
         played = np.ones(self.rates.shape, bool) if self.played is None else self.played
         paces = [np.flatnonzero(own) for own in played]
-        return tuple(tuple(sorted({self._pair(g, p) for p in own} or {(0, 0.0)})) for g, own in enumerate(paces))
+        return tuple(tuple(sorted({self._pair(g, int(p)) for p in own} or {(0, 0.0)})) for g, own in enumerate(paces))
 
     @cached_property
     def distinct(self) -> tuple[np.ndarray, ...]:
