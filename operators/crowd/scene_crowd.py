@@ -276,17 +276,20 @@ def _thresholds(owner, settings) -> tuple[float, ...]:
     return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
 
 
-def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:
+def trajectory_of(
+    scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None, depsgraph: bpy.types.Depsgraph | None = None
+) -> Trajectory:
     """Return the scene's crowd over time, cached while its inputs stay the same.
 
     CrowdError if the crowd is not populated or a setting is bad.
 
     groups: measured groups in place of those that the settings hold.
+    depsgraph: where objects are evaluated whose points are agents; the view layer's own if None.
     """
     groups = groups or groups_of(scene.crowd_lod)
     if not groups:
         raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
-    return crowd_sources.together(scene, groups)
+    return crowd_sources.together(scene, groups, depsgraph)
 
 
 def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
@@ -308,7 +311,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     """
     if time is None:
         time = scene_data.time_of(scene)
-    trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
+    trajectory, settings = trajectory or trajectory_of(scene, depsgraph=depsgraph), scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings)
@@ -352,7 +355,7 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
         settings = context.scene.crowd_lod
         check_maps(settings)
         groups = yield from measuring_groups(context.scene)
-        trajectory = trajectory_of(context.scene, groups)
+        trajectory = crowd_sources.populated(context.scene, groups, context.evaluated_depsgraph_get())
         troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
         warnings = [troubles.sentence] if troubles.found else []
         warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
