@@ -42,6 +42,15 @@ def stamp_of(crowd) -> tuple:
     return str(path), found.st_mtime_ns, found.st_size
 
 
+def asked(crowd) -> tuple:
+    """Return what the crowd's tracks depend on."""
+    try:
+        stamp = stamp_of(crowd)
+    except CrowdError:  # whoever reads the file says so
+        stamp = (crowd.tracks_file,)
+    return *stamp, crowd.tracks_unit, crowd.tracks_rate
+
+
 def tracks_of_crowd(crowd, usual: float) -> Tracks:
     """Return the tracks of the crowd's file, kept while its content stays the same.
 

@@ -10,6 +10,7 @@ from ...crowd_lod.behaviour.walk import walks_of
 from ..lod_meshes.made_for import outdated
 from ..overlay import viewport_overlay
 from . import steps
+from .agent_edits import draw_edits
 from .crowd_list import draw_behavior, draw_simulation, draw_source
 from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
 from .step_panel import Sidebar, Step, presets_button
@@ -225,6 +226,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
         row.prop(settings, "agent")
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
         row.popover("CROWDLOD_PT_agent", text="", icon="INFO")
+        draw_edits(column)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
 
 
