@@ -14,6 +14,10 @@ KINDS = "MESH", "POINTCLOUD", "CURVE", "CURVES", "SURFACE", "FONT", "META", "VOL
 ALIVE = 3  # Particle.alive_state
 
 
+class NoPoints(CrowdError):
+    """An object has no points at the time."""
+
+
 def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...], chosen: np.ndarray, seconds: float, before: Points | None
 ) -> Points:
@@ -38,7 +42,7 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
         return before
     drawn = before.drawn if before is not None else None
     if drawn is None or not drawn.holds(found, seed, chosen.tolist()):
-        _check_ids(crowd.points, found.ids)
+        check_ids(crowd.points, found.ids)
         drawn = drawn_for(found, seed, chosen.tolist())
     return Points(found, drawn, time, groups, seconds, crowd.points.name)
 
@@ -74,7 +78,7 @@ def read_points(
     else:
         found = {}
     if not found or not len(found["x"]):
-        raise CrowdError(
+        raise NoPoints(
             f"The object {item.name} has no points, instances or particles in this frame: choose another, or another frame."
         )
     _check(item, found)
@@ -116,8 +120,9 @@ def _attributes(item: bpy.types.Object, shape, matrix: np.ndarray, facing: float
         x, y = (along @ turn[:, :2]).T
         heading = np.arctan2(y, x) - np.float32(ahead)
     x, y, z = place.T.astype(np.float64) if (matrix == np.eye(4)).all() else (place @ turn + matrix[:3, 3]).T
-    columns = {"x": x, "y": y, "z": z, "heading": np.zeros(len(x)) if heading is None else heading}
-    columns["heading"] = columns["heading"].astype(np.float32)
+    columns = {"x": x, "y": y, "z": z}
+    if heading is not None:
+        columns["heading"] = heading.astype(np.float32)
     phase, ids = _values(item, shape, "phase"), _values(item, shape, "id")
     if phase is not None:
         with np.errstate(invalid="ignore"):  # what is not finite is told below
@@ -195,7 +200,8 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray]) -> None:
             )
 
 
-def _check_ids(item: bpy.types.Object, ids: np.ndarray | None) -> None:
+def check_ids(item: bpy.types.Object, ids: np.ndarray | None) -> None:
+    """Raise CrowdError if two points of `item` have one id."""
     ordered = np.sort(ids) if ids is not None else np.empty(0, np.int64)
     twice = np.flatnonzero(ordered[1:] == ordered[:-1])
     if len(twice):
