@@ -12,7 +12,7 @@ from ..blender.labelled_properties import BoolProperty, EnumProperty, IntPropert
 from ..blender.operator import Reporting
 from .machine_editor import cell_of, change, draft_of, lacking, selected
 
-KINDS = [("states", "State", "A state of the machine"), ("labels", "Label", "A label of the map")]
+LISTS = [("states", "State", "A state of the machine"), ("labels", "Label", "A label of the map")]
 
 
 class _Editing(Reporting):
@@ -22,7 +22,7 @@ class _Editing(Reporting):
 class _Listed(_Editing):
     """An edit of what is selected in the list of states or of labels."""
 
-    kind: EnumProperty(name="Kind", items=KINDS, description="Which list")
+    kind: EnumProperty(name="Kind", items=LISTS, description="Which list")
 
     def names(self, scene) -> list[str]:
         found = draft_of(scene)
