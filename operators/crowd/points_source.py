@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS, Group
+from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.trajectory.points import Points, Snapshot, drawn_for
 from ..blender import scene_data
@@ -192,6 +193,11 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray]) -> None:
     count = len(found["x"])
     if count > MOST_AGENTS:
         raise CrowdError(f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} agents.")
+    reach = max(np.abs(found[name]).max() for name in "xyz")
+    if reach > FARTHEST:  # not for NaN
+        raise CrowdError(
+            f"Points of {item.name} lie up to {reach:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
+        )
     for name in ("x", "y", "z", "heading", "phase"):
         wrong = np.flatnonzero(~np.isfinite(found[name])) if name in found else ()
         if len(wrong):

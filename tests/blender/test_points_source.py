@@ -143,6 +143,7 @@ BAD = [
     ("Point 2 .* has the group 2: the crowd has 2", lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])])),
     ("name a group elephant: the crowd has", lambda scene: bare(scene, 1, [("group", "STRING", ["elephant"])])),
     ("Point 0 .* has phase nan", lambda scene: bare(scene, 1, [("phase", "FLOAT", [np.inf])])),
+    ("lie up to 1e\\+0?9 m", lambda scene: _far(scene)),
     ("is disabled", lambda scene: _disabled(scene)),
     ("in no collection", lambda scene: _nowhere(scene)),
 ]
@@ -151,6 +152,12 @@ BAD = [
 def _broken(scene):
     item = bare(scene, 3)
     item.data.vertices[1].co.y = np.nan  # the object is turned
+    return item
+
+
+def _far(scene):
+    item = bare(scene, 3)
+    item.location.x = 1e9
     return item
 
 
