@@ -20,11 +20,11 @@ from .rows import Rows
 
 MAGIC = b"SQLite format 3\0"
 VERSIONS = ("1", "2", "3")
-PART = 2**17  # rows that are read at a time
+ROWS_AT_ONCE = 2**17  # rows that are read at a time
 ROW = np.dtype([("id", np.int64), ("frame", np.float64), ("x", np.float64), ("y", np.float64)])
 
 
-def read(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
+def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
     """Return the rows of the database `path`, as they are: check_rows has not seen them.
 
     tell: called with the progress, 0 to 1.
@@ -55,8 +55,8 @@ def read(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
 def _parts(database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
     """Yield the `count` rows of the database, a part at a time."""
     rows = database.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data")
-    rows.arraysize = PART
-    for at in range(0, count, PART):
-        yield np.fromiter(rows, ROW, min(PART, count - at))
+    rows.arraysize = ROWS_AT_ONCE
+    for at in range(0, count, ROWS_AT_ONCE):
+        yield np.fromiter(rows, ROW, min(ROWS_AT_ONCE, count - at))
         tell(at / count)
         breath()

@@ -31,9 +31,9 @@ def read_rows(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
         if head.startswith(ZIP):
             rows = npz.read(path)
         elif head == jupedsim.MAGIC:
-            rows = jupedsim.read(path, tell)
+            rows = jupedsim.read_jupedsim(path, tell)
         else:
-            rows = text.read(path, tell)
+            rows = text.read_text(path, tell)
     except OSError as error:
         reason = error.strerror or error
         raise CrowdError(f"The file of trajectories {where} cannot be read ({reason}): choose another.") from None

@@ -7,7 +7,7 @@ from .samples import Samples
 
 SPAN = 0.5  # seconds, of which one bound is kept
 MOST = 20_000  # such spans
-PART = 2**20  # samples looked at together
+SAMPLES_AT_ONCE = 2**20  # samples looked at together
 
 
 class StepBounds:
@@ -27,8 +27,8 @@ class StepBounds:
         self.spans = np.zeros((7, int(whole / self.width) + 1))
         for begin, end, longest in classes:
             own = np.zeros_like(self.spans)
-            for at in range(begin, end, PART):
-                self._add(own, slice(at, min(at + PART, end)))
+            for at in range(begin, end, SAMPLES_AT_ONCE):
+                self._add(own, slice(at, min(at + SAMPLES_AT_ONCE, end)))
             self._join(own, int(longest / self.width) + 1)
 
     def between(self, since: float, until: float) -> VelocityBounds:

@@ -21,7 +21,7 @@ from .numbers import parsed, tokens
 from .order import numbered, order_by
 from .rows import Rows
 
-PART = 2**20  # bytes that are read at a time
+BYTES_AT_ONCE = 2**20  # bytes that are read at a time
 HEAD = 2**16  # bytes in which the titles are
 ANNOTATED = 0.4  # seconds between two rows of an agent in the tables of ETH and UCY
 RATE = re.compile(r"(?:frame\s*rate|fps)\s*[:=]?\s*([0-9]+(?:\.[0-9]+)?)", re.IGNORECASE)
@@ -52,7 +52,7 @@ class Table:
     titled: bool
 
 
-def read(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
+def read_text(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
     """Return the rows of the text file `path`, as they are: check_rows has not seen them.
 
     tell: called with the progress, 0 to 1.
@@ -64,7 +64,7 @@ def read(path: Path, tell: Callable[[float], None] = lambda _: None) -> Rows:
     found: dict[str, list[np.ndarray]] = {name: [] for name in table.columns}
     at, line = table.begins, data.count(b"\n", 0, table.begins)
     while at < len(data):
-        end = data.find(b"\n", min(at + PART, len(data)) - 1) + 1 or len(data)
+        end = data.find(b"\n", min(at + BYTES_AT_ONCE, len(data)) - 1) + 1 or len(data)
         part = _values(data[at:end], table, where, line)
         for name, values in part.items():
             found[name].append(values)

@@ -71,7 +71,7 @@ def _asked(crowd) -> tuple:
     """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
     numbers = (*crowd.center, *crowd.size, crowd.height_scale, crowd.count, crowd.seed, crowd.first_frame)
     points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
-    file = tracks_source.asked(crowd) if crowd.source == "FILE" else ()
+    file = tracks_source.file_asked(crowd) if crowd.source == "FILE" else ()
     return crowd.machine and crowd.machine.as_string(), numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, file
 
 

@@ -42,7 +42,7 @@ def stamp_of(crowd) -> tuple:
     return str(path), found.st_mtime_ns, found.st_size
 
 
-def asked(crowd) -> tuple:
+def file_asked(crowd) -> tuple:
     """Return what the crowd's tracks depend on."""
     try:
         stamp = stamp_of(crowd)
