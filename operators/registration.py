@@ -6,17 +6,19 @@ from .batch import open_report, preview, shot_plan, verify_button
 from .blender import collection_caches, main_thread, scene_cache
 from .build import buttons, cost_estimate, frame_update, render_setup
 from .cli import commands
-from .crowd import characters_from_selection, sample_menu, scene_crowd, scenery, settings_versions, state_machine_menu
+from .crowd import characters_from_selection, sample_menu, scene_crowd, scenery, settings_versions, simulate, state_machine_menu
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import crowd_list, exception_list, menus, panels, popovers, presets, properties, shot_panels
+from .ui import agent_edits, crowd_list, exception_list, menus, panels, popovers, presets, properties, shot_panels
 
 MODULES = (
     exception_list,
+    agent_edits,
     properties,
     sample_menu,
     state_machine_menu,
     scene_crowd,
+    simulate,
     characters_from_selection,
     make_lods,
     deviation,

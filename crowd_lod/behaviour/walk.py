@@ -107,6 +107,7 @@ class Walk(Trajectory):
         found = needless_of_places(self.start, len(self.groups), not self.level, self.level)
         self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
+        self._regrouped: Walk | None = None  # the last that was asked for
         # a crowd, and what is known of its next steps
         self._ahead: tuple[Crowd | None, Ahead | None] = None, None
 
@@ -203,7 +204,11 @@ class Walk(Trajectory):
         """Return the same walk from its start on, where agents of another group change their phase class by its rates."""
         if np.array_equal(group, self.start.group):
             return self
-        return replace(self, start=replace(self.start, group=group), _kept={}, _lock=threading.Lock())
+        other = self._regrouped
+        if other is None or not np.array_equal(group, other.start.group):
+            start = replace(self.start, group=group)
+            other = self._regrouped = replace(self, start=start, _kept={}, _lock=threading.Lock())
+        return other
 
     @property
     def level(self) -> bool:

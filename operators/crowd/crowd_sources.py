@@ -14,6 +14,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.trajectory.several import Several
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import image_data, scene_cache, stored_values
+from . import hand_edits
 from .scene_world import heights_of, machine_of, world_of
 
 # Trajectories by the digest of all they depend on.
@@ -34,26 +35,26 @@ def inputs_of(scene: bpy.types.Scene) -> tuple:
     """Return all that the trajectory depends on but the character groups and the pixels of images."""
     found = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
     images = [tuple(image and image.session_uid for image in _images(crowd)) for crowd in crowds_of(scene.crowd_lod)]
-    return *found, *images, scene.render.fps, scene.render.fps_base
+    return *found, *images, scene.render.fps, scene.render.fps_base, hand_edits.asked(scene.crowd_lod)
 
 
 def together(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Trajectory:
-    """Return the trajectory of all crowds of `scene`.
+    """Return the trajectory of all crowds of `scene`, with what is edited by hand.
 
-    CrowdError if a setting is bad.
+    CrowdError if a setting of a crowd is bad.
 
     groups: the measured groups.
     """
     crowds = crowds_of(scene.crowd_lod)
     members = [_member(scene, k, crowd, groups) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
-        return members[0]
+        return hand_edits.with_edits(scene, members[0])
     key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
     known = _together.get(scene.session_uid)
     if known is None or known[0] != key:
         several = Several(members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds])
         known = _together[scene.session_uid] = key, several
-    return known[1]
+    return hand_edits.with_edits(scene, known[1])
 
 
 def _images(crowd) -> tuple:

@@ -44,3 +44,11 @@ def further_crowds(scene: bpy.types.Scene) -> str:
 
 def exceptions(scene: bpy.types.Scene) -> str:
     return "" if len(scene.crowd_lod.exceptions) else "There are no exceptions"
+
+
+def place(scene: bpy.types.Scene) -> str:
+    settings = scene.crowd_lod
+    if not 0 <= settings.exception_index < len(settings.exceptions):
+        return "Select an exception in the list"
+    by = settings.exceptions[settings.exception_index].chosen_by
+    return "" if by in ("REGION", "MAP") else "Agents are found by a region or a painted map: set Agents By"

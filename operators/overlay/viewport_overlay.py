@@ -24,7 +24,7 @@ from ..crowd.crowd_sources import inputs_of
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import drawn_inputs
-from ..crowd.shot_reference import Use, reference, use_of
+from ..crowd.shot_reference import reference, use_of
 from . import agent_colors, character_cache, gpu_culling, hud, inset, redraw, shader_programs, visibility
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style, drawing
@@ -266,11 +266,11 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
-        use = Use() if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
+        use = use_of(settings, trajectory, policy, bias, time, eyes if own is None else ())
         asked = Request(time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias)
         frame = use.applied(_faster.plan_of(trajectory, asked))
         same_view = before is not None and before.frame_inputs[:1] == (own,)
-        if policy.hysteresis and same_view and same_crowd and not frame.planned:
+        if policy.hysteresis and same_view and same_crowd and frame.plan_row is None:
             frame = held(frame, known.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)

@@ -10,7 +10,8 @@ from ...crowd_lod.behaviour.walk import walks_of
 from ..lod_meshes.made_for import outdated
 from ..overlay import viewport_overlay
 from . import steps
-from .crowd_list import draw_behavior, draw_source
+from .agent_edits import draw_edits
+from .crowd_list import draw_behavior, draw_simulation, draw_source
 from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
 from .step_panel import Sidebar, Step, presets_button
 
@@ -106,6 +107,14 @@ class CROWDLOD_PT_heights(Step, bpy.types.Panel):
         column = greyed(layout, settings.height_image is not None)
         column.prop(settings, "height_scale")
         column.prop(settings, "tilt")
+
+
+class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
+    bl_label = "Simulation"
+    bl_parent_id = "CROWDLOD_PT_behaviour"
+
+    def body(self, context, layout, settings) -> None:
+        draw_simulation(layout, settings, 0)
 
 
 class CROWDLOD_PT_camera(Step, bpy.types.Panel):
@@ -217,6 +226,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
         row.prop(settings, "agent")
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
         row.popover("CROWDLOD_PT_agent", text="", icon="INFO")
+        draw_edits(column)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
 
 
@@ -237,6 +247,7 @@ CLASSES = (
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behaviour,
     CROWDLOD_PT_heights,
+    CROWDLOD_PT_simulation,
     CROWDLOD_PT_camera,
     CROWDLOD_PT_culling,
     CROWDLOD_PT_levels,
