@@ -179,6 +179,33 @@ def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, sp
     return Places(np.concatenate([each.points for each in parts]), np.concatenate([each.heading for each in parts]))
 
 
+def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
+    """Return the chains of a wire, each its points (k,) intp in order, and whether it is closed.
+
+    edges: (e, 2), the points that each joins; count: of all points. A chain ends where more than two edges meet. It
+        goes on from its end that was made first.
+    """
+    beside: list[list[int]] = [[] for _ in range(count)]
+    for a, b in edges.tolist():
+        beside[a].append(b)
+        beside[b].append(a)
+    left = {(a, b) for a, b in edges.tolist()} | {(b, a) for a, b in edges.tolist()}
+    found = []
+    ends = [point for point in range(count) if len(beside[point]) not in (0, 2)]
+    for start in [*ends, *range(count)]:
+        for onward in sorted(beside[start]):
+            chain = [start]
+            while (chain[-1], onward) in left:
+                left -= {(chain[-1], onward), (onward, chain[-1])}
+                chain.append(onward)
+                if len(beside[onward]) == 2:
+                    onward = sum(beside[onward]) - chain[-2]
+            if len(chain) > 1:
+                closed = chain[0] == chain[-1] and len(chain) > 2
+                found.append((np.array(chain[:-1] if closed else chain, np.intp), closed))
+    return found
+
+
 def _row(points: np.ndarray, closed: bool, k: int, spacing: Spacing) -> tuple[np.ndarray, np.ndarray]:
     """Return (points (p, 3), lengths (p - 1,)) of the row `k` along a curve; a closed one ends at its first point."""
     if not np.isfinite(points).all():

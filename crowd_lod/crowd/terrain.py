@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import CrowdError
+from ..progress import breath
 from .maps import LOOK_UPS, HeightMap, lean
 
 STEP = 0.5  # metres: how far an agent steps up at once
@@ -68,6 +69,7 @@ class Terrain:
         cells = self._low + (np.stack([columns, rows], axis=1) + 0.5) * self._size
         places = np.concatenate([middles, cells])
         for at in range(0, len(places), LOOK_UPS):
+            breath()
             who, _, z = self._over(*places[at : at + LOOK_UPS].T)
             if len(who):
                 begin = _begins(who)
@@ -109,6 +111,10 @@ class Terrain:
         for agents, _, _ in self._stood(x, y, None):
             none[agents] = False
         return none
+
+    def prepare(self) -> None:
+        """Make what look-ups need: seconds for a million triangles."""
+        _ = self.layered, self._heights
 
     def digest(self) -> bytes:
         """Return all that the heights follow from."""
@@ -213,6 +219,7 @@ class Terrain:
         ends = np.cumsum(wide * high)
         cells, triangles, since = [], [], 0
         while since < len(plan):
+            breath()
             before = ends[since - 1] if since else 0
             until = max(int(np.searchsorted(ends, before + PAIRS, side="right")), since + 1)
             which = np.repeat(np.arange(since, until), (wide * high)[since:until])
@@ -235,7 +242,7 @@ class Terrain:
 
 
 def upward(corners: np.ndarray) -> np.ndarray:
-    """Return the triangles (k, 3, 3) of one object, `corners` (m, 3, 3), that carry somebody.
+    """Return which triangles of one object, `corners` (m, 3, 3), carry somebody, (m,) bool.
 
     Left out are upright ones, and those that face down: they are ceilings. If all face down, the
     mesh is taken for one that is inside out, and they count.
@@ -246,7 +253,7 @@ def upward(corners: np.ndarray) -> np.ndarray:
     # what is NaN stays, to be told of
     wide = ~(np.abs(double) <= CLOSE * longest)
     faces_up = ~(double < 0)
-    return corners[wide & faces_up] if (wide & faces_up).any() else corners[wide]
+    return wide & faces_up if (wide & faces_up).any() else wide
 
 
 def _double(along: np.ndarray, up: np.ndarray) -> np.ndarray:

@@ -23,7 +23,7 @@ from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.rig_dependencies import action_range
-from . import crowd_sources, needs
+from . import crowd_sources, kept_meshes, needs, terrain_source
 from .character_extent import bounds, frames_of, lowest, posing, unknown
 from .scene_world import bias_of, check_maps
 from .settings_versions import VERSION
@@ -55,19 +55,19 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     origin: world metres.
     """
     stored_values.check(scene.crowd_lod)
-    top = scene.crowd_lod.characters
+    top, ground = scene.crowd_lod.characters, _ground(scene)
     if top is None:
         raise CrowdError(
             f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
         )
-    kept = [child for child in top.children if not is_stage(child.all_objects)]
+    kept = [child for child in top.children if not is_stage(child.all_objects) and not _all_ground(child, ground)]
     groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in kept]
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
             # LODs hang on the same armature
             below = [item for item in root.children_recursive if not item.get(OWNED)]
-            if not is_stage([root, *below]):
+            if not is_stage([root, *below]) and root not in ground:
                 groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
     if not groups:
         state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
@@ -81,6 +81,15 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     if len(groups) > MOST_GROUPS:
         raise CrowdError(f"The collection {top.name} holds {len(groups)} character groups; use at most {MOST_GROUPS}.")
     return sorted(groups, key=lambda group: group[0].casefold())
+
+
+def _ground(scene: bpy.types.Scene) -> set[bpy.types.Object]:
+    """Return what crowds of the scene stand on: it is no character."""
+    return {item for crowd in crowd_sources.crowds_of(scene.crowd_lod) for item in terrain_source.objects_of(crowd)}
+
+
+def _all_ground(child: bpy.types.Collection, ground: set[bpy.types.Object]) -> bool:
+    return bool(child.all_objects) and ground.issuperset(child.all_objects[:])
 
 
 def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
@@ -351,11 +360,15 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     def steps(self, context) -> Generator[float, None, str]:
         settings = context.scene.crowd_lod
         check_maps(settings)
-        groups = yield from measuring_groups(context.scene)
-        trajectory = trajectory_of(context.scene, groups)
-        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
-        warnings = [troubles.sentence] if troubles.found else []
-        warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
+        crowds = crowd_sources.crowds_of(settings)
+        with kept_meshes.taken_back(crowds):
+            yield from crowd_sources.reading(crowds, settings.forward, context.evaluated_depsgraph_get())
+            groups = yield from measuring_groups(context.scene)
+            trajectory = trajectory_of(context.scene, groups)
+            troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+            warnings = [troubles.sentence] if troubles.found else []
+            warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
+            warnings += crowd_sources.notes(crowds, trajectory)
         store_groups(settings, groups)
         _place_levels(context.scene)
         settings.overlay, settings.trouble = True, troubles.sentence
