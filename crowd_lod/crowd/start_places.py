@@ -153,10 +153,9 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
 
 
 def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, spacing: Spacing) -> Places:
-    """Return places in rows along curves; all face to the left of their curve, seen from above.
+    """Return places in rows along curves; all face inward from a closed curve, and to the right of an open one.
 
-    The first row lies on the curve, and each further one to its right, where the last one's agents
-    look over it. With a distance the curves fix the number of places; without one there are
+    The first row lies on the curve, and each further one behind it. With a distance the curves fix the number of places; without one there are
     `count`, spread evenly over all rows.
 
     curves: of each its points (k, 3) float64, world metres, and whether it is closed.
@@ -211,23 +210,34 @@ def _row(points: np.ndarray, closed: bool, k: int, spacing: Spacing) -> tuple[np
     if not np.isfinite(points).all():
         raise CrowdError("The curves to start along have points at NaN or infinity: mend the object or its modifiers.")
     points = np.concatenate([points, points[:1]]) if closed else points
-    flat = np.hypot(*np.diff(points[:, :2], axis=0).T) > ONE_POINT if len(points) > 1 else np.zeros(0, bool)
-    points = points[np.append(True, flat)] if len(points) else points
+    points = points[np.append(True, _lengths(points[:, :2]) > ONE_POINT)] if len(points) else points
     if len(points) < 2:
         return points, np.empty(0)
+    if closed and _turns_left(points):
+        points = points[::-1]
     way = np.diff(points[:, :2], axis=0)
-    right = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.hypot(*way.T)[:, None]
+    left = np.stack([-way[:, 1], way[:, 0]], axis=1) / _lengths(points[:, :2])[:, None]
     before, after = (
-        np.concatenate([right[-1:] if closed else right[:1], right]),
-        np.concatenate([right, right[:1] if closed else right[-1:]]),
+        np.concatenate([left[-1:] if closed else left[:1], left]),
+        np.concatenate([left, left[:1] if closed else left[-1:]]),
     )
     # where two sides meet, the corner lies on both rows
     both = before + after
     length = (both**2).sum(axis=1, keepdims=True)
     corner = both * np.minimum(2 / np.maximum(length, 1e-12), SHARPEST / np.sqrt(np.maximum(length, 1e-12)))
     points = points + np.concatenate([corner * (k * spacing.depth), np.full((len(points), 1), k * spacing.rise)], axis=1)
-    step = np.diff(points, axis=0)
-    return points, np.sqrt(step[:, 0] ** 2 + step[:, 1] ** 2 + step[:, 2] ** 2)
+    return points, _lengths(points)
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    """Return the distances of neighboring points (k, 2) or (k, 3), (k - 1,) metres."""
+    return np.sqrt(sum(step**2 for step in np.diff(points, axis=0).T))
+
+
+def _turns_left(points: np.ndarray) -> bool:
+    """Return whether a closed way (k, 3), which ends where it begins, goes counter-clockwise seen from above."""
+    x, y = (points[:, axis] - points[0, axis] for axis in (0, 1))
+    return bool((x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0)
 
 
 def _along(points: np.ndarray, lengths: np.ndarray, count: int, random: np.random.Generator, spacing: Spacing) -> Places:
@@ -239,10 +249,10 @@ def _along(points: np.ndarray, lengths: np.ndarray, count: int, random: np.rando
     side = np.clip(np.searchsorted(until, at, side="right") - 1, 0, len(lengths) - 1)
     part = (at - until[side]) / np.maximum(lengths[side], ONE_POINT)
     way = points[side + 1] - points[side]
-    left = np.stack([-way[:, 1], way[:, 0]], axis=1) / np.maximum(np.hypot(way[:, 0], way[:, 1]), ONE_POINT)[:, None]
+    right = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(_lengths(points[:, :2])[side], ONE_POINT)[:, None]
     found = points[side] + part[:, None] * way
-    found[:, :2] += left * (shift[1] * apart)[:, None]
-    return Places(found, (np.arctan2(left[:, 1], left[:, 0]) + spacing.turn).astype(np.float32))
+    found[:, :2] += right * (shift[1] * apart)[:, None]
+    return Places(found, (np.arctan2(right[:, 1], right[:, 0]) + spacing.turn).astype(np.float32))
 
 
 def stays(machine: StateMachine, world: LabelMap) -> bool:

@@ -128,11 +128,17 @@ class CrowdSettings:
     )
     rows: IntProperty(update=outdate, name="Rows", default=1, min=1, max=1000, description="Rows along each curve, outward from it")
     row_depth: FloatProperty(
-        name="Row Depth", default=0.9, min=0, unit="LENGTH", description="Distance from one row to the next, to the curve's right"
+        name="Row Depth",
+        default=0.9,
+        min=0,
+        unit="LENGTH",
+        description="Distance from one row to the next: outward from a closed curve, to the left of an open one",
     )
     row_rise: FloatProperty(name="Row Rise", unit="LENGTH", description="Height of each row above the one before")
     row_turn: FloatProperty(
-        name="Turn", subtype="ANGLE", description="Angle by which agents face away from the left side of their curve"
+        name="Turn",
+        subtype="ANGLE",
+        description="Angle added to where agents face: inward from a closed curve, to the right of an open one",
     )
     start_places: PointerProperty(
         type=bpy.types.Mesh, name="Places", description="Places to start on an object, as Populate drew them"
