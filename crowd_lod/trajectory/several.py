@@ -157,7 +157,10 @@ class Several(Trajectory):
     def _gaits(self) -> Gaits:
         own = [each.gaits for each in self.members]
         speeds = np.concatenate([each.paces.speeds for each in own])
-        paces = Paces(speeds, np.zeros((0, 0), np.uint8), max(each.paces.off for each in own))
+        actions = [each.paces.actions or ("",) * len(each.paces.speeds) for each in own]
+        names = tuple(name for each in actions for name in each)
+        off = max(each.paces.off for each in own)
+        paces = Paces(speeds, np.zeros((0, 0), np.uint8), off, names if any(names) else ())
         played = np.zeros((len(self.groups), len(speeds)), bool)
         for each, pace in zip(self.members, self._moved_up["pace"], strict=True):
             playing = np.ix_(np.unique(each.start.group), range(pace, pace + len(_speeds(each))))

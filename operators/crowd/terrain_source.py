@@ -1,6 +1,6 @@
 """The terrain of a crowd: from a collection or an object to triangles that the file keeps."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import bpy
 import numpy as np
@@ -25,6 +25,11 @@ def objects_of(crowd) -> list[bpy.types.Object]:
     if crowd.terrain is not None:
         found |= set(crowd.terrain.all_objects)
     return sorted((item for item in found if not item.get(OWNED)), key=lambda item: item.name_full)
+
+
+def grounds_of(crowds: Sequence) -> set[bpy.types.ID]:
+    """Return all objects that one of the crowds stands on: they are no characters."""
+    return {item for crowd in crowds for item in objects_of(crowd)}
 
 
 def wanted(crowd) -> bool:

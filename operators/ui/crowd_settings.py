@@ -79,6 +79,7 @@ class CrowdSettings:
         name="Object",
         description="Object whose points or instances are the agents. Attributes: id, group, heading, phase",
     )
+    points_count: IntProperty(options={"HIDDEN"}, description="How many points the object had at Populate; 0 if not known")
     group_names: StringProperty(
         name="Groups",
         description="Character groups that this crowd's agents are drawn from, such as Robot, Woman; all if empty",
