@@ -35,7 +35,7 @@ _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=T
 # Of each scene when `outdated` looked last, and what it found.
 _outdated: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
 LOOK = 1.0  # seconds between two looks
-ASKED = start_source.outdated, terrain_source.outdated
+ASKED = start_source.places_outdated, terrain_source.terrain_outdated
 
 
 def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
@@ -78,8 +78,8 @@ def reading(crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph) -> G
     Yields the progress of what takes long. CrowdError if an object has none.
     """
     for crowd in crowds:
-        start_source.read(crowd, forward, depsgraph)
-        terrain_source.read(crowd, depsgraph)
+        start_source.read_places(crowd, forward, depsgraph)
+        terrain_source.read_terrain(crowd, depsgraph)
         yield 0.0
     for crowd in crowds:
         terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
@@ -90,7 +90,7 @@ def reading(crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph) -> G
 def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
     """Yield sentences on what the crowds' places and terrain lack."""
     for crowd, part in zip(crowds, trajectory.parts, strict=True):
-        yield from terrain_source.notes(crowd, part)
+        yield from terrain_source.terrain_notes(crowd, part)
         if isinstance(part, Walk) and crowd.start_on != "RECTANGLE":
             places = start_source.places_of(crowd, part.world.area)
             lost = len(places or ()) - len(part.start)
@@ -123,7 +123,7 @@ def _asked(crowd) -> tuple:
     points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
     ground = terrain_source.wanted(crowd) and (crowd.terrain_mesh and crowd.terrain_mesh.session_uid)
     text = crowd.machine and crowd.machine.as_string()
-    return text, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, start_source.asked(crowd), ground
+    return text, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, start_source.places_asked(crowd), ground
 
 
 def is_live(crowd) -> bool:
@@ -192,7 +192,16 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     own = chosen_groups(crowd, groups)
     heights = terrain_source.terrain_of(crowd, world.area.z) or heights_of(crowd, world.area)
     numbers = (crowd.count, crowd.seed, crowd.first_frame, crowd.tilt)
-    key = machine.text, world.area, world.labels.shape, groups, tuple(own.tolist()), *numbers, seconds, start_source.asked(crowd)
+    key = (
+        machine.text,
+        world.area,
+        world.labels.shape,
+        groups,
+        tuple(own.tolist()),
+        *numbers,
+        seconds,
+        start_source.places_asked(crowd),
+    )
     relief = b"" if heights is None else heights.digest()
 
     def made() -> Trajectory:

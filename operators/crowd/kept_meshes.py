@@ -42,7 +42,7 @@ def keep(crowd: bpy.types.PropertyGroup, name: str, mesh: bpy.types.Mesh, made_o
     setattr(crowd, name, mesh)
 
 
-def marks_of(objects: Sequence[bpy.types.Object]) -> str:
+def shape_marks(objects: Sequence[bpy.types.Object]) -> str:
     """Return what changes, most likely, when one of the objects looks or stands otherwise; it is quick."""
     return repr([_marks(item) for item in objects])
 

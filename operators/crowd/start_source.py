@@ -21,7 +21,7 @@ HEADING = "heading"  # attribute of the kept mesh, and of the user's points
 LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
 
 
-def read(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
+def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
     """Keep the places where the crowd starts, as `depsgraph` has evaluated its object; none where they need no object.
 
     forward: the way the characters face, as in the settings.
@@ -71,7 +71,7 @@ def spacing_of(crowd) -> Spacing:
     return Spacing(crowd.spacing, crowd.jitter, crowd.rows, crowd.row_depth, crowd.row_rise, crowd.row_turn)
 
 
-def asked(crowd) -> tuple:
+def places_asked(crowd) -> tuple:
     """Return all that the places follow from."""
     if crowd.start_on == "RECTANGLE":
         return ()
@@ -80,7 +80,7 @@ def asked(crowd) -> tuple:
     return crowd.start_on, crowd.start_places and crowd.start_places.session_uid
 
 
-def outdated(crowd) -> Iterator[str]:
+def places_outdated(crowd) -> Iterator[str]:
     """Yield a sentence if the crowd's places are not those that Populate would draw now."""
     mesh = crowd.start_places
     drawn = crowd.source == "MACHINE" and crowd.start_on not in LIVE
@@ -93,7 +93,7 @@ def _made_of(crowd) -> str:
     volumes = () if crowd.density_volumes is None else crowd.density_volumes.all_objects
     image = crowd.density_image and crowd.density_image.name_full
     numbers = crowd.start_on, crowd.count, crowd.seed, spacing_of(crowd), crowd.density_group, image
-    return repr(numbers) + kept_meshes.marks_of([crowd.start_object, *volumes])
+    return repr(numbers) + kept_meshes.shape_marks([crowd.start_object, *volumes])
 
 
 def _on_surface(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Places:

@@ -37,7 +37,7 @@ def wanted(crowd) -> bool:
     return crowd.terrain is not None or crowd.terrain_object is not None
 
 
-def read(crowd, depsgraph: bpy.types.Depsgraph) -> None:
+def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
     """Keep the terrain of the crowd as `depsgraph` has evaluated it, or none if there is none.
 
     CrowdError if it has no faces to stand on, or lies too far from the world's origin.
@@ -61,7 +61,7 @@ def read(crowd, depsgraph: bpy.types.Depsgraph) -> None:
     if np.abs(places).max() > FARTHEST:
         raise CrowdError(f"The terrain {_name(crowd)} reaches beyond {FARTHEST:,.0f} m from the world's origin: move or shrink it.")
     mesh = mesh_data.new_mesh("Crowd LOD terrain", places, which.reshape(-1, 3))
-    kept_meshes.keep(crowd, "terrain_mesh", mesh, kept_meshes.marks_of(objects))
+    kept_meshes.keep(crowd, "terrain_mesh", mesh, kept_meshes.shape_marks(objects))
 
 
 def terrain_of(crowd, z: float) -> Terrain | None:
@@ -87,14 +87,14 @@ def terrain_of(crowd, z: float) -> Terrain | None:
     return _terrains[key]
 
 
-def outdated(crowd) -> Iterator[str]:
+def terrain_outdated(crowd) -> Iterator[str]:
     """Yield a sentence if the crowd's terrain is not what Populate read."""
     mesh = crowd.terrain_mesh
-    if wanted(crowd) and mesh is not None and mesh.get(kept_meshes.MADE_OF) != kept_meshes.marks_of(objects_of(crowd)):
+    if wanted(crowd) and mesh is not None and mesh.get(kept_meshes.MADE_OF) != kept_meshes.shape_marks(objects_of(crowd)):
         yield f"The terrain {_name(crowd)} has changed: press Populate"
 
 
-def notes(crowd, trajectory: Trajectory) -> Iterator[str]:
+def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
     """Yield sentences on agents that have no ground under them at the start, and on ground that may move."""
     ground, start = trajectory.heights, trajectory.start
     if not isinstance(ground, Terrain):
