@@ -7,7 +7,7 @@ popovers and in the viewport; what does not apply is grayed.
 import bpy
 
 from ...crowd_lod.behaviour.walk import walks_of
-from ..lod_meshes.made_for import outdated
+from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
 from . import steps
 from .agent_edits import draw_edits
@@ -161,6 +161,15 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         told = outdated(context.scene)
         made = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         label(layout, told or made, "FILE_REFRESH" if told else "INFO")
+        change = forecast(context.scene)
+        label(layout, change.short if change else self.made(settings), "BLANK1")
+
+    def made(self, settings) -> str:
+        """Return how many LODs each group has."""
+        if settings.levels is None:
+            return ""
+        counts = [f"{group.name} {len(set(filter(None, group.triangles)))}" for group in settings.groups]
+        return f"LODs: {', '.join(counts)}"
 
     def ratios(self, context, layout, settings) -> None:
         """Draw, for each LOD, the settings of what it keeps and where it begins."""
