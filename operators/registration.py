@@ -9,6 +9,7 @@ from .cli import commands
 from .crowd import (
     characters_from_selection,
     machine_buttons,
+    record_points,
     sample_menu,
     scene_crowd,
     scenery,
@@ -43,6 +44,7 @@ MODULES = (
     machine_buttons,
     scene_crowd,
     simulate,
+    record_points,
     characters_from_selection,
     make_lods,
     deviation,

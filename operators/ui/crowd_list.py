@@ -84,12 +84,13 @@ def draw_source(layout, crowd) -> None:
             layout.prop(crowd, name)
     elif crowd.source == "POINTS":
         layout.prop(crowd, "points")
+        button(layout, "crowd_lod.record_points", icon="REC")
     else:
         layout.prop(crowd, "count")
         draw_start(layout, crowd)
     layout.prop(crowd, "seed")
     layout.prop(crowd, "group_names")
-    layout.prop(crowd, "center")
+    greyed(layout, crowd.source != "POINTS").prop(crowd, "center")
     greyed(layout, crowd.source == "MACHINE").prop(crowd, "size")
 
 
