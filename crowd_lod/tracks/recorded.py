@@ -9,9 +9,11 @@ from ..animation.phase_classes import cycles_of, gaits_of
 from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Group
 from ..crowd.leave_outs import ALL, LeftOut, needless_of_places
-from ..crowd.maps import Area, HeightMap
+from ..crowd.maps import Area
 from ..crowd.state_machine import Paces
+from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import VelocityBounds
+from ..progress import breath
 from ..trajectory.trajectory import States, Trajectory
 from .tracks import Tracks
 
@@ -30,8 +32,10 @@ class Recorded(Trajectory):
     group: (n,) uint8, the index of each agent's character group.
     seed: of the agents' random draws.
     offset: (x, y, z) metres, added to all places.
-    heights: the ground that agents stand on if the file has no z; None for a level one.
-    tilts: whether agents stand square on the slopes of the height map.
+    heights: the ground that agents stand on; None for a level one, and for a height map if the file
+        has z. On a terrain an agent stands on the floor that it gets to from the file's z, or else
+        from its floor at the row before.
+    tilts: whether agents stand square on the slopes of the ground.
     """
 
     tracks: Tracks
@@ -41,14 +45,14 @@ class Recorded(Trajectory):
     first_frame: int = 1
     seed: int = 0
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    heights: HeightMap | None = None
+    heights: Ground | None = None
     tilts: bool = False
     leave: frozenset[LeftOut] = ALL
     every: int = 16
 
     def __post_init__(self) -> None:
         tracks, samples = self.tracks, self.tracks.samples
-        if samples.z is not None:
+        if samples.z is not None and not isinstance(self.heights, Terrain):
             self.heights = None  # the file tells where agents stand
         self.ids, count = tracks.ids, len(tracks.ids)
         key = random_streams.keys_of(self.seed, tracks.ids)
@@ -68,6 +72,7 @@ class Recorded(Trajectory):
             "mirror": np.zeros(count, np.uint8),
         }
         self._at_level = np.full(count, float(self.offset[2]))
+        self._lasts = self._floors()
         (x_min, y_min, z_min), (x_max, y_max, _) = (tracks.spread + self.offset).tolist()
         self._area = Area(x_min - AROUND, y_min - AROUND, x_max + AROUND, y_max + AROUND, z_min)
         self._latest: tuple[float, Crowd] | None = None
@@ -92,16 +97,14 @@ class Recorded(Trajectory):
         return known[1]
 
     def digests(self) -> dict[str, bytes]:
-        """Return all samples, who the agents are and where, and the height map."""
-        heights = self.heights
+        """Return all samples, who the agents are and where, and the ground."""
         own = repr((self.first_frame, self.seconds_per_frame, self.seed, self.offset, self.tilts)).encode()
-        return {
-            "the tracks": self.tracks.digest,
-            "the crowd": own + self.group.tobytes(),
-            "the height map": b""
-            if heights is None
-            else repr((heights.area, heights.heights.shape)).encode() + heights.heights.tobytes(),
-        }
+        found = {"the tracks": self.tracks.digest, "the crowd": own + self.group.tobytes()}
+        if self.heights is None:
+            return found
+        ground = "the terrain" if isinstance(self.heights, Terrain) else "the height map"
+        area = b"" if isinstance(self.heights, Terrain) else repr(self.heights.area).encode()
+        return found | {ground: area + self.heights.digest()}
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Recorded":
         """Return the same crowd with only `leave` left out."""
@@ -125,7 +128,7 @@ class Recorded(Trajectory):
 
     @property
     def level(self) -> bool:
-        """Whether neither the file nor a height map tells where agents stand."""
+        """Whether neither the file nor a ground tells where agents stand."""
         return self.tracks.samples.z is None and self.heights is None
 
     @property
@@ -137,20 +140,23 @@ class Recorded(Trajectory):
     def velocity(self, since: float, until: float) -> VelocityBounds:
         """Return the bounds of the steps between rows in that time, and of the climbing of who makes them."""
         found = self.tracks.bounds.between(self.file_frame(since), self.file_frame(until))
+        if isinstance(self.heights, Terrain):  # which may have steps of any height
+            flat = found.low * (1, 1, 0), found.high * (1, 1, 0)
+            return VelocityBounds(*flat, found.fastest, self.heights.span[1] - self.heights.span[0])
         if self.heights is None:
             return found
         climb = (np.array(self.heights.steepest) * np.maximum(-found.low, found.high)[:2]).sum()
         return VelocityBounds(np.append(found.low[:2], -climb), np.append(found.high[:2], climb), found.fastest)
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return (pitch, roll) of `agents` on the height map, if they align to its slopes."""
+        """Return (pitch, roll) of `agents` on the ground, if they align to its slopes."""
         if not self.tilts or self.heights is None:
             return None
-        return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents])
+        return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents], crowd.z[agents])
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
-        """Return the height map's height under `agents`."""
-        return None if self.heights is None else self.heights.at(crowd.x[agents], crowd.y[agents])
+        """Return the height of the ground under `agents`."""
+        return None if self.heights is None else self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
 
     def _made(self, time: float) -> Crowd:
         tracks, samples, count = self.tracks, self.tracks.samples, len(self.tracks.ids)
@@ -183,10 +189,15 @@ class Recorded(Trajectory):
         heading = around("heading")
         heading[agent] = samples.heading[rows] + part.astype(np.float32) * samples.turn[rows]
         z = self._at_level
-        if samples.z is not None:
+        if self.heights is not None:
+            last = None
+            if self._lasts is not None:
+                enters, leaves = self._lasts[tracks.ends]
+                last = enters if left is None else np.where(left, leaves, enters)
+                last[agent] = self._lasts[rows]
+            z = self.heights.at(x, y, last)
+        elif samples.z is not None:
             z = between("z", self.offset[2])
-        elif self.heights is not None:
-            z = self.heights.at(x, y)
         pace, present = stepped(samples.pace), np.zeros(count, bool)
         present[agent] = ~samples.hidden[rows]
         return Crowd(
@@ -200,6 +211,21 @@ class Recorded(Trajectory):
             present=None if present.all() else present,
             **self._fixed,
         )
+
+    def _floors(self) -> np.ndarray | None:
+        """Return the last height of each sample, (k,) metres, from which its agent gets to a floor; None on a single floor."""
+        samples, ground = self.tracks.samples, self.heights
+        if ground is None or not ground.layered:
+            return None
+        if samples.z is not None:
+            return samples.z + self.offset[2]
+        found, rows, last = np.empty(len(samples.x)), self.tracks.ends[0], None
+        while len(rows):
+            breath()
+            found[rows] = ground.at(samples.x[rows] + self.offset[0], samples.y[rows] + self.offset[1], last)
+            goes = samples.after[rows] != rows
+            last, rows = found[rows[goes]], samples.after[rows[goes]].astype(np.intp)
+        return found
 
     def _classes(self, way: np.ndarray, pace: np.ndarray, time: float) -> np.ndarray:
         """Return the phase classes (n,) uint8 whose poses at `time` are nearest to those walked.

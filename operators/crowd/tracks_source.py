@@ -61,7 +61,7 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
     return _kept(stamp, told) or _read(stamp, told, [0.0])
 
 
-def reading(crowds: list, usual: float) -> Generator[float, None, None]:
+def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
     """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find; yield the progress, 0 to 1."""
     wanted = dict.fromkeys((stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE")
     for k, (stamp, told) in enumerate(wanted):
