@@ -219,7 +219,7 @@ class Recorded(Trajectory):
             return None
         if samples.z is not None:
             return samples.z + self.offset[2]
-        found, rows, last = np.empty(len(samples.x)), self.tracks.ends[0], None
+        found, rows, last = np.empty(len(samples.x)), self.tracks.ends[0], self._at_level
         while len(rows):
             breath()
             found[rows] = ground.at(samples.x[rows] + self.offset[0], samples.y[rows] + self.offset[1], last)

@@ -7,6 +7,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap
+from crowd_lod_extension.crowd_lod.crowd.terrain import Terrain
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
 from crowd_lod_extension.crowd_lod.planning.volumes import Light
@@ -17,6 +18,7 @@ from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
 from ..support.cameras import straight
 from ..support.shots import POLICY, raw, shot, walking
 from ..support.tracks import GROUPS, recorded, wanderers
+from .test_terrain import two_floors
 
 COLUMNS = ("x", "y", "z", "heading", "state", "phase_class", "pace", "present")
 
@@ -113,11 +115,12 @@ def test_a_slip_of_a_tracker_counts_in_its_own_second_alone():
 
 
 @pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
-@pytest.mark.parametrize("kind", ["alone", "heights", "several"])
+@pytest.mark.parametrize("kind", ["alone", "heights", "terrain", "several"])
 def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kind):
     monkeypatch.setattr(morton_order, "FEWEST", fewest)
     random = np.random.default_rng(9)
     heights = HeightMap(random.uniform(0, 3, (9, 9)).astype(np.float32), Area(-60, -20, 60, 120)) if kind == "heights" else None
+    heights = Terrain(two_floors()) if kind == "terrain" else heights
     crowd, found = recorded(wanderers(250, z=kind == "alone"), heights=heights), set()
     if kind == "several":
         crowd = Several([shot(walking(), groups=GROUPS), crowd], ("", "File"), (True, True))
@@ -226,3 +229,17 @@ def test_the_crowd_is_moved_and_played_from_its_start_frame_on():
     assert np.array_equal(before.x, after.x) and np.array_equal(before.present, after.present) and not before.pace.any()
     assert moved.told.startswith("The file has 30 agents in frames")
     assert plain.regrouped(np.zeros(30, np.uint8)).at(31).x.tobytes() == a.x.tobytes()
+
+
+def test_on_several_floors_agents_keep_to_theirs_and_a_files_z_chooses_it():
+    y = np.linspace(10, 70, 500)
+    up, under = (np.stack([np.full(500, x), y]) for x in (0.0, 30.0))  # one takes the ramp
+    ids, frame = np.repeat([1, 2], 500), np.tile(np.arange(500.0), 2)
+    rows = Rows(ids, frame, *np.concatenate([up, under], axis=1), rate=10.0)
+    crowd = recorded(rows, fps=10.0, heights=Terrain(two_floors()))
+    assert crowd.at(500).z.tolist() == [4, 0] and crowd.at(1).z.tolist() == [0, 0]
+    middle = crowd.at(168.5)
+    assert middle.z[0] == pytest.approx((middle.y[0] - 20) / 5) and middle.z[1] == 0
+    assert crowd.at(500).z.tolist() == crowd.leaving(NOTHING, 1).at(500).z.tolist()
+    told = recorded(replace(rows, z=np.repeat([0.0, 3.9], 500)), fps=10.0, heights=Terrain(two_floors()))
+    assert told.at(500).z.tolist() == [0, 4] and told.at(1).z.tolist() == [0, 0]
