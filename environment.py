@@ -24,6 +24,9 @@ DEBIAN_LIBRARIES = (
     "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libice6 libsm6 libxfixes3 libxi6 libxkbcommon0 libxrender1 libxxf86vm1"
 )
 
+# For tests. With what it depends on it would bring Qt and VTK, 1.2 GB for a viewer of its own.
+ALONE = "jupedsim==1.4.*"
+
 ROOT = Path(__file__).resolve().parent
 VERSION = "{}.{}".format(*sys.version_info)
 FOLDER = ROOT / f".venv-{VERSION}"
@@ -71,8 +74,9 @@ def install() -> None:
     with locked(ROOT / f".venv-{VERSION}.lock"):
         if marked("installed"):  # by another crowd-lod, while this one waited for the lock
             return
+        pip = [PYTHON, "-m", "pip", "install"]
         with LOG.open("wb") as log:
-            for step in create, [PYTHON, "-m", "pip", "install", "--editable", f"{ROOT}[test]"]:
+            for step in create, [*pip, "--editable", f"{ROOT}[test]"], [*pip, "--no-deps", ALONE]:
                 if subprocess.call(step, stdin=subprocess.DEVNULL, stdout=log, stderr=log, cwd=ROOT):
                     raise Failure(f"could not install its packages (no network?); see the end of {LOG}")
         mark("installed")

@@ -18,7 +18,7 @@ from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.crowd.renamed_settings import STORED
 from crowd_lod_extension.operators.ui import panels, presets, shot_panels
-from crowd_lod_extension.operators.ui.crowd_settings import BehaviorSettings, CrowdSettings
+from crowd_lod_extension.operators.ui.crowd_settings import BehaviorSettings, CrowdSettings, SimulationSettings
 from crowd_lod_extension.operators.ui.exception_list import CrowdLodException
 from crowd_lod_extension.operators.ui.properties import CrowdLodGroup, CrowdLodSettings
 
@@ -92,7 +92,7 @@ def settings_page() -> str:
         if step != "all":
             about = " ".join((kind.__doc__ or "").strip() for kind in kinds)
             parts.append(section(labels[step], about, [name for kind in kinds for name in kind.__annotations__], CrowdLodSettings))
-    own = [*CrowdSettings.__annotations__, *BehaviorSettings.__annotations__]
+    own = [*CrowdSettings.__annotations__, *BehaviorSettings.__annotations__, *SimulationSettings.__annotations__]
     parts += [
         section("What the steps made", "Read these; the buttons write them.", CrowdLodSettings.__annotations__, CrowdLodSettings),
         section("Each of groups", "What was measured of a character group.", CrowdLodGroup.__annotations__, CrowdLodGroup),

@@ -5,8 +5,9 @@ A renderer then poses a few characters instead of every agent.
 The phase of a walk is arbitrary; only its advance must be right. So an agent's phase is one of
 CLASSES (crowd/agents.py) at first, and then linear in time: class / CLASSES + rate x seconds. The
 class is part of the agent's state. It changes only when another state or label gives the agent
-another pace: the agent then takes the class whose phase at the new pace is nearest, at most half a
-class away.
+another pace, which is an action at a speed: the agent then takes the class whose phase at the new
+pace is nearest, at most half a class away. So feet keep step from a walk to a run, and agents that
+begin to wait are not in step, because they were not before.
 
 CLASSES is 16. An agent that sets off or stops then jumps by half a class at most, which is one
 frame of a walk (a cycle takes 24 to 32). Classes are drawn at random, so two neighbors of one group
@@ -40,16 +41,42 @@ class Gaits:
     played: np.ndarray | None = None
 
     @cached_property
-    def distinct(self) -> tuple[np.ndarray, ...]:
-        """For each group, its different rates in increasing order; 0 alone if it plays none."""
+    def actions(self) -> tuple[str, ...]:
+        """The names of the actions that are played, in order; "" for the groups' own."""
+        return tuple(sorted({*self.paces.actions})) or ("",)
+
+    @cached_property
+    def action(self) -> np.ndarray:
+        """(P,) intp: which of `actions` is played at each pace."""
+        names = self.paces.actions or ("",) * len(self.paces.speeds)
+        return np.array([self.actions.index(name) for name in names], np.intp)
+
+    @cached_property
+    def plays(self) -> tuple[tuple[tuple[int, float], ...], ...]:
+        """For each group what it plays, without repeats: (which of `actions`, rate), increasing.
+
+        The first action at rate 0 alone if the group plays nothing.
+        """
         played = np.ones(self.rates.shape, bool) if self.played is None else self.played
-        found = [np.unique(rates[own].round(9)) for rates, own in zip(self.rates, played, strict=True)]
-        return tuple(rates if len(rates) else np.zeros(1) for rates in found)
+        paces = [np.flatnonzero(own) for own in played]
+        return tuple(tuple(sorted({self._pair(g, int(p)) for p in own} or {(0, 0.0)})) for g, own in enumerate(paces))
+
+    @cached_property
+    def distinct(self) -> tuple[np.ndarray, ...]:
+        """For each group the rates of what it `plays`."""
+        return tuple(np.array([rate for _, rate in own]) for own in self.plays)
+
+    def _pair(self, g: int, p: int) -> tuple[int, float]:
+        return int(self.action[p]), float(self.rates[g, p].round(9))
 
     @cached_property
     def which(self) -> np.ndarray:
-        """(G, P) intp: which of its distinct rates each group plays at each pace; no meaning where it does not play."""
-        return np.array([np.searchsorted(own, rates.round(9)) for own, rates in zip(self.distinct, self.rates, strict=True)])
+        """(G, P) intp: which of what it `plays` each group plays at each pace; 0 where it does not play."""
+        found = np.zeros(self.rates.shape, np.intp)
+        for g, own in enumerate(self.plays):
+            number = {pair: k for k, pair in enumerate(own)}
+            found[g] = [number.get(self._pair(g, p), 0) for p in range(found.shape[1])]
+        return found
 
     def phase(self, crowd: Crowd, seconds: float, agents: np.ndarray | slice = slice(None)) -> np.ndarray:
         """Return the phases (m,) float32 in [0, 1) of `agents` in their action's cycle.
@@ -83,18 +110,25 @@ def gaits_of(groups: Sequence[Group], paces: Paces, classes: int) -> Gaits:
     """Return the gaits of `groups` at the `paces` of a state machine.
 
     classes: the number of phases that agents share.
+    CrowdError if an action was not measured for a group.
     """
-    per_metre, per_second = cycles_of(groups).T[:, :, None]
-    return Gaits(classes, paces, per_metre * paces.speeds + per_second)
+    rates = np.empty((len(groups), len(paces.speeds)))
+    for p, name in enumerate(paces.actions or ("",) * len(paces.speeds)):
+        per_metre, per_second = cycles_of(groups, name).T
+        rates[:, p] = per_metre * paces.speeds[p] + per_second
+    return Gaits(classes, paces, rates)
 
 
-def cycles_of(groups: Sequence[Group]) -> np.ndarray:
+def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
     """Return (G, 2) float64: cycles of each group's action per metre and per second.
 
-    A group with a stride plays by the metres walked, any other by time; the other number is 0. Both
-    are 0 for a group with neither stride nor period.
+    action: its name, "" for each group's own.
+
+    An action with a stride plays by the metres walked, any other by time; the other number is 0.
+    Both are 0 for one with neither stride nor period.
     """
-    return np.array([(1 / g.stride, 0.0) if g.stride > 0 else (0.0, 1 / g.period if g.period > 0 else 0.0) for g in groups])
+    played = [group.action(action) for group in groups]
+    return np.array([(1 / a.stride, 0.0) if a.stride > 0 else (0.0, 1 / a.period if a.period > 0 else 0.0) for a in played])
 
 
 @dataclass(frozen=True)
@@ -103,8 +137,9 @@ class Library:
 
     They are numbered from 0 through all groups.
 
-    posed: (G,) intp, the number of even phases at which a group is posed. 0 for a group with rigs:
-        it has one rig for each of its different rates and each class.
+    posed: (G,) intp, the number of even phases at which a group is posed, in each of its actions. 0
+        for a group with rigs: it has one rig for each of its different actions and rates, and each
+        class.
     times: (G,) intp, how many sets of poses a group has, one after the other. More than 1 only in
         builds from before there were rigs, which had poses for several paces; the first set is
         shown.
@@ -115,8 +150,9 @@ class Library:
 
     def first(self, gaits: Gaits) -> np.ndarray:
         """Return (G + 1,) intp: the index of each group's first character, and the total."""
-        rigs = [gaits.classes * len(rates) for rates in gaits.distinct]
-        return np.append(0, np.cumsum(np.where(self.posed > 0, self.posed * self.times, rigs)))
+        rigs = [gaits.classes * len(own) for own in gaits.distinct]
+        poses = self.posed * self.times * len(gaits.actions)
+        return np.append(0, np.cumsum(np.where(self.posed > 0, poses, rigs)))
 
     def shown(self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray) -> np.ndarray:
         """Return (m,) int32: the index of the character that each agent shows.
@@ -129,5 +165,6 @@ class Library:
         if self.posed.any():
             count = self.posed[group]
             nearest = np.rint(gaits.phase(crowd, seconds, agents) * count) % np.maximum(count, 1)
-            number = np.where(count > 0, nearest.astype(np.intp), number)
+            before = gaits.action[crowd.pace[agents]] * count
+            number = np.where(count > 0, before + nearest.astype(np.intp), number)
         return (self.first(gaits)[group] + number).astype(np.int32)

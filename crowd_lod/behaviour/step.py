@@ -350,12 +350,13 @@ def pace_of(x: np.ndarray, y: np.ndarray, state: np.ndarray, machine: StateMachi
     """Return at which of the machine's paces agents walk on, (n,) uint8.
 
     x, y: (n,) world metres.
-    state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get pace
-        0.
+    state: (n,) uint8. With the edge policy "stop", agents that stand at the map's border get the pace
+        at which their action stands.
     """
     label = world.at(x, y)
     pace = machine.paces.of[state, label]
     if machine.edge == "stop":
         # who stands
-        pace[cell_borders.leaves_map(np.array((x, y)), machine.velocity[state, label].T, world.area)] = 0
+        stand = cell_borders.leaves_map(np.array((x, y)), machine.velocity[state, label].T, world.area)
+        pace[stand] = machine.paces.slowest[state[stand]] if len(machine.paces.slowest) else 0
     return pace

@@ -91,6 +91,7 @@ class Walk(Trajectory):
         found = needless_of_places(self.start, len(self.groups), self.heights is not None, self.level)
         self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
+        self._regrouped: Walk | None = None  # the last that was asked for
         # a crowd, and what is known of its next steps
         self._ahead: tuple[Crowd | None, Ahead | None] = None, None
 
@@ -165,6 +166,20 @@ class Walk(Trajectory):
         if not self.tilts or self.heights is None:
             return None
         return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents])
+
+    def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return the height map's height under `agents`."""
+        return None if self.heights is None else self.heights.at(crowd.x[agents], crowd.y[agents])
+
+    def regrouped(self, group: np.ndarray) -> "Walk":
+        """Return the same walk from its start on, where agents of another group change their phase class by its rates."""
+        if np.array_equal(group, self.start.group):
+            return self
+        other = self._regrouped
+        if other is None or not np.array_equal(group, other.start.group):
+            start = replace(self.start, group=group)
+            other = self._regrouped = replace(self, start=start, _kept={}, _lock=threading.Lock())
+        return other
 
     @property
     def level(self) -> bool:

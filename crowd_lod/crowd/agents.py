@@ -24,6 +24,20 @@ CLASSES = 16  # phases of their action that agents share, see animation/phase_cl
 
 
 @dataclass(frozen=True)
+class Action:
+    """An action that states name, as one character group plays it.
+
+    name: as states name it.
+    stride: metres walked in one cycle; 0 if it plays by time.
+    period: seconds of one cycle.
+    """
+
+    name: str
+    stride: float
+    period: float
+
+
+@dataclass(frozen=True)
 class Group:
     """A character group (geometrical variety).
 
@@ -37,6 +51,8 @@ class Group:
     lowest: metres from the group's origin up to its lowest point over the action; 0 if that is
         near.
     on_ground: whether the lowest point is the feet. If not, the origin is.
+    actions: those besides its own action that states name. What is said of the action above and
+        below holds over all actions, but stride and period.
 
     These are measured over the action, if the LOD meshes were measured:
     deviations: metres, for each LOD the largest distance found between its surface and the
@@ -66,6 +82,7 @@ class Group:
     shaded: tuple[float, ...] = ()
     lowest: float = 0.0
     on_ground: bool = False
+    actions: tuple[Action, ...] = ()
 
     @property
     def reach(self) -> float:
@@ -79,6 +96,20 @@ class Group:
     def feet(self) -> float:
         """Metres from the group's origin up to the point that stands on the ground."""
         return self.lowest if self.on_ground else 0.0
+
+    def action(self, name: str) -> Action:
+        """Return the action that the group plays where a state names `name`; its own for "".
+
+        CrowdError if it was not measured.
+        """
+        own = Action("", self.stride, self.period)
+        found = next((action for action in (own, *self.actions) if action.name == name), None)
+        if found is None:
+            raise CrowdError(
+                f"The state machine names the action {name}, which was not measured for the character group {self.name}: "
+                "press Populate."
+            )
+        return found
 
     def __post_init__(self) -> None:
         if len(self.bounds) != len(self.deviations):

@@ -10,15 +10,20 @@ import numpy as np
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 # Streams of draws from one key, far apart: what follows on a label, what follows a timer, how long
-# the timer runs, and from an agent's first key its looks.
+# the timer runs, and from an agent's first key its looks, and whether it is of a share that is chosen.
 STATE, THEN, TIME = np.uint64(0), np.uint64(0x14057B7EF767814F), np.uint64(0x5851F42D4C957F2D)
-LOOKS = np.uint64(0x2545F4914F6CDD1D)
+LOOKS, CHOSEN = np.uint64(0x2545F4914F6CDD1D), np.uint64(0x9FB21C651E98DF25)
 
 
 def keys(seed: int, count: int) -> np.ndarray:
     """Return the first keys (count,) uint64 of agents 0 to count - 1."""
+    return keys_of(seed, np.arange(count, dtype=np.uint64))
+
+
+def keys_of(seed: int, ids: np.ndarray) -> np.ndarray:
+    """Return the first keys (n,) uint64 of the agents `ids`, (n,) whole numbers."""
     start = _mixed(np.array([seed % 2**64], np.uint64))
-    return _mixed(start ^ np.arange(count, dtype=np.uint64))
+    return _mixed(start ^ ids.astype(np.uint64))
 
 
 def moved_on(key: np.ndarray, events: np.ndarray) -> np.ndarray:
@@ -29,7 +34,7 @@ def moved_on(key: np.ndarray, events: np.ndarray) -> np.ndarray:
 def uniform(key: np.ndarray, stream: np.uint64) -> np.ndarray:
     """Return (n,) float64 in [0, 1), of 53 bits, one for each key (n,) uint64.
 
-    stream: which draw of the key: STATE, THEN, TIME or LOOKS.
+    stream: which draw of the key: STATE, THEN, TIME, LOOKS or CHOSEN.
     """
     return (_mixed(key ^ stream) >> np.uint64(11)) * 2.0**-53
 

@@ -2,7 +2,7 @@
 
     {"version": 1, "name": "...", "edge": "clamp",
      "labels": {"ground": {"color": "#808080"}, "wall": {"color": "#202020", "spawn": false}, ...},
-     "states": {"walk": {"color": "#ff8000", "start": 1, "animation": "walk",
+     "states": {"walk": {"color": "#ff8000", "start": 1, "action": "walk",
                          "after": [5, 20], "then": {"rest": 1, "walk": 3},
                          "on": {"*": {"move": [1.25, 0]},
                                 "wall": {"next": "turn", "speed": 1.25, "heading": 180}}}, ...}}
@@ -14,7 +14,8 @@
 `*`: every label that is not named.
 `after`: seconds until the state ends, or two numbers to draw the time between.
 `then`: the state that follows when it ends, or an object of states and weights.
-`animation`: the name of the action that agents in the state play.
+`action`: the name of the action that agents in the state play; their group's own if left out.
+`animation`: a note of the same, from before actions were played; it changes nothing.
 `start`: the weight of the state in the draw for the first frame.
 `spawn`: false keeps the first positions off a label.
 
@@ -43,17 +44,22 @@ SCHEMA = PRESETS / "schema.json"
 
 @dataclass(frozen=True)
 class Paces:
-    """The speeds at which agents play a walk.
+    """The actions that agents play, each at some speeds: a pace is an action at a speed.
 
-    speeds: (P,) float64, metres per second, increasing.
+    speeds: (P,) float64, metres per second, increasing within an action.
     of: (S, L) uint8, the pace of an agent in each state on each label.
     off: the largest relative difference between a pace and the agent's own speed. The feet slide by
         it.
+    actions: P names, the action of each pace, "" for the groups' own; () if all play their own.
+    slowest: (S,) uint8, the first pace of each state's action; () if all play their own. It is to
+        stand where agents can.
     """
 
     speeds: np.ndarray
     of: np.ndarray
     off: float = 0.0
+    actions: tuple[str, ...] = ()
+    slowest: np.ndarray | tuple[()] = ()
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,7 @@ class StateMachine:
     state_colors: (S, 3) uint8.
     edge: one of EDGES.
     text: its JSON.
-    animations: S names, "" where none is given.
+    actions: S names, "" where the groups' own action is played.
     after: (S, 2) float64, least and greatest seconds in the state; inf without a timer.
     then: (S,) uint8, the state that follows the timer.
     odds: (R, S) float64, the cumulative weights of R random choices; each row ends in 1.
@@ -87,7 +93,7 @@ class StateMachine:
     state_colors: np.ndarray
     edge: str
     text: str
-    animations: tuple[str, ...]
+    actions: tuple[str, ...]
     after: np.ndarray
     then: np.ndarray
     odds: np.ndarray
@@ -101,21 +107,35 @@ class StateMachine:
 
     @cached_property
     def paces(self) -> Paces:
-        """The speeds of the table, at most MOST_PACES of them.
+        """The speeds of the table for each action, at most MOST_PACES of them.
 
-        If the table has more, the paces rise by equal ratios from its slowest speed to its fastest,
+        If an action has more, the paces rise by equal ratios from its slowest speed to its fastest,
         and each speed gets the nearest pace by ratio. Standing, where agents can, is a pace of its
         own.
         """
         speed = np.hypot(*np.moveaxis(self.velocity, 2, 0))
+        of, slowest = np.zeros(speed.shape, np.uint8), np.zeros(len(speed), np.uint8)
+        speeds: list[np.ndarray] = []
+        actions: list[str] = []
+        off = 0.0
+        for action in dict.fromkeys(sorted(self.actions)):
+            states = [s for s, name in enumerate(self.actions) if name == action]
+            found, nearest = self._ladder(speed[states])
+            of[states], slowest[states] = len(actions) + nearest, len(actions)
+            off = max(off, float(np.abs(_ratio(found[nearest], speed[states]) - 1.0).max()))
+            speeds.append(found)
+            actions += [action] * len(found)
+        named = (tuple(actions), slowest) if any(actions) else ()
+        return Paces(np.concatenate(speeds), of, off if off > 1e-6 else 0.0, *named)
+
+    def _ladder(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the paces (p,) that serve all of `speed` (s, L), and the pace (s, L) of each."""
         stands = [0.0] if self.edge == "stop" or not speed.all() else []
         walks = np.unique(speed[speed > 0].round(9))
         if len(stands) + len(walks) > MOST_PACES:
             walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
         found = np.array([*stands, *walks])
-        of = np.abs(np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))).argmin(axis=-1)
-        off = np.abs(np.divide(found[of], speed, out=np.ones_like(speed), where=speed > 0) - 1.0).max()
-        return Paces(found, of.astype(np.uint8), float(off) if off > 1e-6 else 0.0)
+        return found, np.abs(np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))).argmin(axis=-1)
 
     @cached_property
     def timed(self) -> bool:
@@ -162,6 +182,10 @@ class StateMachine:
             draws = random_streams.uniform(key[random], stream)
             certain[random] = (draws[:, None] >= self.odds[choice[random]]).sum(axis=1)
         return certain
+
+
+def _ratio(pace: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    return np.divide(pace, speed, out=np.ones_like(speed), where=speed > 0)
 
 
 def load_preset(name: str) -> StateMachine:
@@ -231,7 +255,7 @@ def parse(text: str, where: str) -> StateMachine:
         state_colors=np.array(table.colors, np.uint8),
         edge=edge,
         text=text,
-        animations=tuple(table.animations),
+        actions=tuple(table.actions),
         after=table.after,
         then=table.then,
         odds=np.array(list(table.odds), float).reshape(-1, len(states)),
@@ -251,15 +275,16 @@ class _Table:
         self.after, self.then = np.full((shape[0], 2), np.inf), np.arange(shape[0], dtype=np.uint8)
         self.colors: list[Color] = []
         self.start: list[float] = []
-        self.animations: list[str] = []
+        self.actions: list[str] = []
         self.odds: dict[tuple[float, ...], int] = {}  # cumulative weights -> their row
 
     def read_state(self, s: int, state: str, entry: object) -> None:
         reader, path = self.reader, ("states", state)
-        given = reader.table(entry, path, {"color", "start", "animation", "after", "then", "on"})
+        given = reader.table(entry, path, {"color", "start", "action", "animation", "after", "then", "on"})
         self.colors.append(reader.color(given.get("color", "#808080"), (*path, "color")))
         self.start.append(reader.number(given.get("start", 0), (*path, "start"), least=0))
-        self.animations.append(reader.string(given.get("animation", ""), (*path, "animation")))
+        self.actions.append(reader.string(given.get("action", ""), (*path, "action")))
+        reader.string(given.get("animation", ""), (*path, "animation"))
         for one, other in (("after", "then"), ("then", "after")):
             if one in given and other not in given:
                 reader.fail((*path, other), f"is missing beside {one}; a timer needs both")

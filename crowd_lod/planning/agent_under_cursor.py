@@ -105,7 +105,7 @@ def account(frame: Frame, agent: int) -> Account:
         depth=depth,
         pixels=pixels,
         error=error,
-        planned="" if row is None else told_row(int(row[0])),
+        planned=told_row(int(row[0])) if row is not None and frame.planned else "",
     )
 
 

@@ -1,4 +1,4 @@
-"""Art direction: exceptions from what the shot plan would decide, for some agents and frames.
+"""Art direction: exceptions from what the shot plan, or distance, would decide, for some agents and frames.
 
 They act in the order of their list: where two concern the same agent in the same frame, the later
 one holds.
@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
-from .planned import EXCEPTED, HIDDEN, PINNED
+from .frame import Frame
+from .planned import EXCEPTED, HIDDEN, PINNED, with_row
 from .survey import CULLED, SEEN, Survey
 
 NEVER_COARSER, ALWAYS, HIDE = KINDS = ("NEVER_COARSER", "ALWAYS", "HIDE")
@@ -55,27 +56,62 @@ class Exemption:
         }
 
 
-def parse_agents(text: str, count: int, name: str) -> np.ndarray:
+def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None) -> np.ndarray:
     """Return the agents that `text` names, such as "12, 40-50", increasing, (m,) intp.
+
+    After "#" stand the numbers of a file's own, such as "#1007, #1020-1030".
 
     count: agents of the crowd.
     name: of the exception.
+    ids: (n,) int64, Trajectory.ids.
     CrowdError if it names none, one that is not there, or a range that runs backwards.
     """
     if not text.strip():
         raise CrowdError(f"The exception {name} names no agents: write their numbers, such as 12, 40-50.")
     chosen = np.zeros(count, bool)
+    own = np.empty(0, np.int64) if ids is None else ids
+    order = np.argsort(own, kind="stable")
+    own = own[order]
     for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
+        match = re.fullmatch(r"\s*(#?)(\d{1,18})\s*(?:-\s*(\d{1,18})\s*)?", part)
         if match is None:
             raise CrowdError(f"The exception {name} names agents by {part.strip()!r}: write numbers and ranges, such as 12, 40-50.")
-        first, last = int(match[1]), int(match[2] or match[1])
+        mark, first, last = match[1], int(match[2]), int(match[3] or match[2])
         if first > last:
-            raise CrowdError(f"The exception {name} has agents {first}-{last}, a range that runs backwards: write {last}-{first}.")
+            raise CrowdError(
+                f"The exception {name} has agents {mark}{first}-{last}, a range that runs backwards: write {mark}{last}-{first}."
+            )
+        if mark:
+            begin, end = np.searchsorted(own, (first, last + 1)).tolist()
+            if begin == end:
+                raise CrowdError(f"The exception {name} names {part.strip()}: no agent of the crowd has that number in its file.")
+            chosen[order[begin:end]] = True
+            continue
         if last >= count:
             raise CrowdError(f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from 0 on.")
         chosen[first : last + 1] = True
     return np.flatnonzero(chosen)
+
+
+def named(agents: np.ndarray, ids: np.ndarray | None = None) -> str:
+    """Return the text by which `parse_agents` finds these `agents` (m,), increasing.
+
+    An agent is named by the number of its file if no other has the same, so that it is found again
+    when the file has changed; else by its index.
+
+    ids: (n,) int64, Trajectory.ids.
+    """
+    own = np.full(len(agents), -1) if ids is None else ids[agents].copy()
+    if ids is not None:
+        known, counts = np.unique(ids, return_counts=True)
+        own[counts[np.searchsorted(known, own)] > 1] = -1
+    return ", ".join([*_ranges(np.sort(own[own >= 0]), "#"), *_ranges(agents[own < 0], "")])
+
+
+def _ranges(numbers: np.ndarray, mark: str) -> list[str]:
+    """Return increasing `numbers` as texts, those that follow one another as one."""
+    runs = np.split(numbers, np.flatnonzero(np.diff(numbers) != 1) + 1)
+    return [f"{mark}{run[0]}" + f"-{run[-1]}" * (len(run) > 1) for run in runs if len(run)]
 
 
 def check_level(exemption: Exemption, count: int, finest: Sequence[int], group: np.ndarray, names: Sequence[str]) -> None:
@@ -136,6 +172,21 @@ def excepted(survey: Survey, exemptions: Sequence[Exemption]) -> Survey:
             column[f, hidden] = 0
         np.clip(survey.coarsest[f], finest[f], limit[f], out=survey.coarsest[f], where=shows & ~hidden)
     return replace(survey, finest=finest, limit=limit)
+
+
+def alone(frame: Frame, exemptions: Sequence[Exemption], number: float) -> Frame:
+    """Return `frame`, which has no shot plan, with the exceptions that hold in it.
+
+    number: of the frame on the timeline; the part of a frame counts as the frame.
+    """
+    number = int(np.floor(number + 1e-6))
+    which = in_force(exemptions, number, len(frame.crowd))
+    asked = which >= 0
+    if not asked.any():
+        return frame
+    most = np.array([*(NO_LIMIT if each.kind == HIDE else each.level for each in exemptions), NO_LIMIT], np.uint8)[which]
+    levels = np.minimum(frame.levels, most) | np.where(frame.levels > most, EXCEPTED, 0).astype(np.uint8)
+    return replace(with_row(frame, marked(levels, number, exemptions)), by_plan=False)
 
 
 def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> np.ndarray:

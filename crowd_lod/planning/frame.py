@@ -54,7 +54,8 @@ class Frame(Request, Outcome):
     shadow, mirrored: agents that are not visible but cast shadows into the picture, or are seen in
         mirrors; None if not looked for (planning/shadows.py).
     plan_row: (n,) uint8, what the shot plan has of the agents (planning/planned.py), if the LODs are
-        its; else None.
+        its, or what exceptions alone have; else None.
+    by_plan: whether `plan_row` is the shot plan's.
     unplanned: a sentence why a stored shot plan does not give them, or "".
 
     What is known of every agent, also of those culled, is found when it is first asked for, and
@@ -67,12 +68,13 @@ class Frame(Request, Outcome):
     shadow: Buckets | None = None
     mirrored: Buckets | None = None
     plan_row: np.ndarray | None = None
+    by_plan: bool = True
     unplanned: str = ""
 
     @property
     def planned(self) -> bool:
         """Whether the LODs are those of the shot plan."""
-        return self.plan_row is not None
+        return self.plan_row is not None and self.by_plan
 
     @property
     def camera(self) -> Camera:

@@ -31,7 +31,7 @@ def reasons(frame: Frame) -> np.ndarray:
     A culled agent lies before near or beyond far of the first camera by its sphere, or else beside the view. A LOD that
     the distance alone does not give comes from the detail map, stands in for a finer one that builds leave out
     (LevelPolicy.finest), or comes from the shot plan or from hysteresis. An exception from the shot plan is the reason
-    wherever it pins the LOD of a visible agent, or hides the agent. An agent that is not there has no other reason.
+    wherever it pins the LOD of a visible agent, or hides the agent. An agent that is not there has no other reason, unless an exception hides it.
     """
     crowd, policy, camera = frame.crowd, frame.policy, frame.camera
     groups, spheres = frame.trajectory.groups, frame.trajectory.spheres
@@ -55,8 +55,8 @@ def reasons(frame: Frame) -> np.ndarray:
     reach = spheres.reach[crowd.group[culled]] if policy.margin is None else 0.0
     found[culled[along < near - reach]] = NEAR
     found[culled[along > far + reach]] = FAR
-    if frame.plan_row is not None:
-        found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))] = EXCEPTION
     if crowd.present is not None:
         found[~crowd.present] = ABSENT
+    if frame.plan_row is not None:
+        found[(frame.plan_row & HIDDEN != 0) | (frame.visible & (frame.plan_row & EXCEPTED != 0))] = EXCEPTION
     return found

@@ -1,6 +1,7 @@
 """Several crowds as one: their agents one after the other."""
 
 from collections.abc import Callable, Generator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ class Several(Trajectory):
 
     The first trajectory's agents keep their numbers; each other's are moved up by those before.
 
-    members: trajectories with the same `groups`, at least one.
+    members: trajectories with the same groups, at least one. Of each group the largest radius holds.
     names: of the crowds, for their states.
     shown: which of them are there. Agents of others keep their numbers and are absent.
     """
@@ -33,7 +34,8 @@ class Several(Trajectory):
     def __init__(self, members: Sequence[Trajectory], names: Sequence[str], shown: Sequence[bool]):
         self.members, self.names, self.shown = tuple(members), tuple(names), tuple(shown)
         first = members[0]
-        self.groups: tuple[Group, ...] = first.groups
+        radius = np.max([[group.radius for group in each.groups] for each in members], axis=0).tolist()
+        self.groups: tuple[Group, ...] = tuple(map(_of_radius, first.groups, radius))
         self.seconds_per_frame, self.every, self.leave = first.seconds_per_frame, first.every, first.leave
         self.first_frame = min(each.first_frame for each in members)
         counts = [len(each.start) for each in members]
@@ -51,6 +53,8 @@ class Several(Trajectory):
         self._absent = [np.zeros(count, bool) for count in counts]
         self._all_there = [np.ones(count, bool) for count in counts]
         self.start = self._together([each.start for each in members])
+        if any(each.ids is not None for each in members):
+            self.ids = np.concatenate([np.full(len(each.start), -1) if each.ids is None else each.ids for each in members])
         self.left_out = self.leave & self._needless()
 
     @property
@@ -124,6 +128,20 @@ class Several(Trajectory):
         found = self._by_member(agents, of_member, np.float32, 2)
         return None if found is None else (found[:, 0], found[:, 1])
 
+    def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return the heights of the ground under `agents`, each on its own crowd's; its own height where it has none."""
+
+        def of_member(each: Trajectory, own: slice, some: np.ndarray) -> np.ndarray:
+            found = each.ground(crowd.of(own), some)
+            return crowd.z[own][some] if found is None else found
+
+        return self._by_member(agents, of_member, float)
+
+    def regrouped(self, group: np.ndarray) -> "Several":
+        """Return the same crowds, each with its agents in other groups."""
+        parts = np.split(group, self._begins[1:-1])
+        return Several([each.regrouped(own) for each, own in zip(self.members, parts, strict=True)], self.names, self.shown)
+
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Several":
         """Return the same crowds with only `leave` left out."""
         several = Several([each.leaving(leave, time) for each in self.members], self.names, self.shown)
@@ -139,7 +157,10 @@ class Several(Trajectory):
     def _gaits(self) -> Gaits:
         own = [each.gaits for each in self.members]
         speeds = np.concatenate([each.paces.speeds for each in own])
-        paces = Paces(speeds, np.zeros((0, 0), np.uint8), max(each.paces.off for each in own))
+        actions = [each.paces.actions or ("",) * len(each.paces.speeds) for each in own]
+        names = tuple(name for each in actions for name in each)
+        off = max(each.paces.off for each in own)
+        paces = Paces(speeds, np.zeros((0, 0), np.uint8), off, names if any(names) else ())
         played = np.zeros((len(self.groups), len(speeds)), bool)
         for each, pace in zip(self.members, self._moved_up["pace"], strict=True):
             playing = np.ix_(np.unique(each.start.group), range(pace, pace + len(_speeds(each))))
@@ -186,6 +207,10 @@ class Several(Trajectory):
             if told is not None:
                 found[own], any_found = told, True
         return found if any_found else None
+
+
+def _of_radius(group: Group, radius: float) -> Group:
+    return replace(group, radius=radius)
 
 
 def _states(trajectory: Trajectory) -> tuple[str, ...]:

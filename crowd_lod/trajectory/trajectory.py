@@ -13,6 +13,7 @@ from ..crowd.agents import Crowd, Group, Spheres, spheres_of
 from ..crowd.leave_outs import LeftOut
 from ..crowd.maps import Area, HeightMap
 from ..crowd.velocity_bounds import VelocityBounds
+from ..errors import CrowdError
 
 # So many times the planner's blocks are made before their agents are ordered anew.
 PART = 4
@@ -46,6 +47,8 @@ class Trajectory(ABC):
     heights: the ground that agents stand on, if it is a height map.
     gaits: at which rates the groups play their actions.
     states: what agents do.
+    ids: (n,) int64, the numbers of a file or of an object's points, which agents keep when others
+        are added; below 0 for agents without one. None where agents are known by their index alone.
     """
 
     start: Crowd
@@ -57,6 +60,7 @@ class Trajectory(ABC):
     left_out: frozenset[LeftOut]
     heights: HeightMap | None
     gaits: Gaits
+    ids: np.ndarray | None = None
 
     @property
     @abstractmethod
@@ -119,6 +123,20 @@ class Trajectory(ABC):
         Each is (m,) float32, radians. None if all stand upright.
         """
         return None
+
+    def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return the height of the ground under `agents` (m,) of the `crowd`, (m,) float64 metres.
+
+        None if all keep a height of their own wherever they are moved to.
+        """
+        return None
+
+    def regrouped(self, group: np.ndarray) -> "Trajectory":
+        """Return the same crowd with its agents in the groups `group`, (n,) uint8.
+
+        CrowdError where their source alone decides on groups.
+        """
+        raise CrowdError("The source of these agents alone decides on their groups.")
 
     @property
     def level(self) -> bool:

@@ -37,8 +37,8 @@ from .shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_l
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
-# of the progress: LODs made or measured, the crowd built, all frames drawn
-LEVELS, PLANNED, PREPARED, DRAWN = 0.1, 0.1, 0.02, 0.9
+# of the progress: LODs made or measured, the shot planned, all frames drawn
+LEVELS, PLANNED, DRAWN = 0.1, 0.1, 0.9
 MOST_PLANNED = 30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least

@@ -27,7 +27,7 @@ from ..blender import console
 from ..crowd.scene_crowd import policy_of, trajectory_of
 
 LOOK = 0.2  # seconds between two looks for frames that other processes made
-PREPARED = "prepared.blend"  # in the folder of the records: what other processes open
+OPENED = "prepared.blend"  # in the folder of the records: what other processes open
 Steps = Generator[float, None, Any]
 
 
@@ -72,7 +72,7 @@ class Sharing:
         if self.jobs > 1:
             (folder / frame_parts.RECORDS).mkdir(exist_ok=True)
             with console.quiet():
-                bpy.ops.wm.save_as_mainfile(filepath=str(folder / frame_parts.RECORDS / PREPARED), copy=True)
+                bpy.ops.wm.save_as_mainfile(filepath=str(folder / frame_parts.RECORDS / OPENED), copy=True)
 
 
 ALONE = Sharing()
@@ -128,7 +128,7 @@ def made(
 def _by_processes(parts: FrameParts, missing: Sequence[int], sharing: Sharing) -> Generator[float, None, None]:
     """Have processes make the `missing` frames: yield the progress until the last of them has ended."""
     count = min(sharing.jobs, len(missing))
-    file = parts.folder / frame_parts.RECORDS / PREPARED
+    file = parts.folder / frame_parts.RECORDS / OPENED
     with ExitStack() as stack:
         running = []
         for k in range(count):

@@ -44,7 +44,7 @@ AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at le
 # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its
 # instances stands
 DISPLACED = 1e-3
-LEVELS = 0.05  # of the progress: LODs made
+LODS_MADE = 0.05  # of the progress: LODs made
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
@@ -81,12 +81,12 @@ def verify(
         # whatever is wrong with the scene is said before the work begins
         frame_of(scene, layer.depsgraph)
         if own.levels is None:
-            yield from share(make_levels(scene), 0.0, LEVELS)
+            yield from share(make_levels(scene), 0.0, LODS_MADE)
         sharing.save(folder)
         # also of LODs that are left out to save memory: they are what is proved
         run = _Run(scene, wanted, folder, opened.enter_context(frame_stepping.stepped(scene)))
         parts = FrameParts(folder, state_of(scene, wanted))
-        found = yield from share(made(parts, wanted.frames, sharing, run.prepare, run.prove), LEVELS, 0.95)
+        found = yield from share(made(parts, wanted.frames, sharing, run.prepare, run.prove), LODS_MADE, 0.95)
         rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
         if sharing.part is not None:
             return {"frames": rows, "ok": True}

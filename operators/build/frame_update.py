@@ -262,7 +262,7 @@ def _planned(
     Returns (trajectory, frame, what it holds, the cameras of its shutter).
     """
     check_levels(scene)
-    trajectory = trajectory_of(scene)
+    trajectory = trajectory_of(scene, depsgraph=depsgraph)
     top = scene.crowd_lod.build
     if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(top).keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")

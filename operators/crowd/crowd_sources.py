@@ -14,6 +14,8 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.trajectory.several import Several
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import image_data, scene_cache, stored_values
+from . import hand_edits
+from .points_source import points_of_crowd
 from .scene_world import heights_of, machine_of, world_of
 
 # Trajectories by the digest of all they depend on.
@@ -34,28 +36,29 @@ def inputs_of(scene: bpy.types.Scene) -> tuple:
     """Return all that the trajectory depends on but the character groups and the pixels of images."""
     found = [_asked(crowd) for crowd in crowds_of(scene.crowd_lod)]
     images = [tuple(image and image.session_uid for image in _images(crowd)) for crowd in crowds_of(scene.crowd_lod)]
-    return *found, *images, scene.render.fps, scene.render.fps_base
+    return *found, *images, scene.render.fps, scene.render.fps_base, hand_edits.asked(scene.crowd_lod)
 
 
-def together(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Trajectory:
-    """Return the trajectory of all crowds of `scene`.
+def together(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None = None) -> Trajectory:
+    """Return the trajectory of all crowds of `scene`, with what is edited by hand.
 
-    CrowdError if a setting is bad.
+    CrowdError if a setting of a crowd is bad.
 
     groups: the measured groups.
+    depsgraph: where objects are evaluated whose points are agents; the view layer's own if None.
     """
     crowds = crowds_of(scene.crowd_lod)
-    members = [_member(scene, k, crowd, groups) for k, crowd in enumerate(crowds)]
+    if live(scene.crowd_lod):
+        depsgraph = depsgraph or _depsgraph(scene)
+    members = [_member(scene, k, crowd, groups, depsgraph) for k, crowd in enumerate(crowds)]
     if len(members) == 1 and crowds[0].use_crowd:
-        return members[0]
-    radius = np.max([[group.radius for group in member.groups] for member in members], axis=0).tolist()
+        return hand_edits.with_edits(scene, members[0])
     key = *members, *((crowd.name, crowd.use_crowd) for crowd in crowds)
     known = _together.get(scene.session_uid)
     if known is None or known[0] != key:
         several = Several(members, [crowd.name for crowd in crowds], [crowd.use_crowd for crowd in crowds])
-        several.groups = tuple(replace(group, radius=most) for group, most in zip(groups, radius, strict=True))
         known = _together[scene.session_uid] = key, several
-    return known[1]
+    return hand_edits.with_edits(scene, known[1])
 
 
 def _images(crowd) -> tuple:
@@ -65,20 +68,62 @@ def _images(crowd) -> tuple:
 def _asked(crowd) -> tuple:
     """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
     numbers = (*crowd.center, *crowd.size, crowd.height_scale, crowd.count, crowd.seed, crowd.first_frame)
-    return crowd.machine and crowd.machine.as_string(), numbers, crowd.tilt, crowd.group_names, crowd.use_crowd
+    points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
+    return crowd.machine and crowd.machine.as_string(), numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points
 
 
-def _member(scene: bpy.types.Scene, index: int, crowd, groups: tuple[Group, ...]) -> Trajectory:
+def is_live(crowd) -> bool:
+    """Return whether the agents of the settings `crowd` are where Blender has an object's points now."""
+    return crowd.source == "POINTS"
+
+
+def live(settings) -> bool:
+    """Return whether a crowd of the settings is."""
+    return any(map(is_live, crowds_of(settings)))
+
+
+def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
+    """Return the trajectory of all crowds, and note how many points objects have: without ids that may not change."""
+    found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
+    counts = [crowd.points_count for _, crowd in found]
+    try:
+        for _, crowd in found:
+            crowd.points_count = 0  # not known
+        trajectory = together(scene, groups, depsgraph)
+        counts = [len(trajectory.parts[k].start) for k, _ in found]
+        return trajectory
+    finally:
+        for (_, crowd), count in zip(found, counts, strict=True):
+            crowd.points_count = count
+
+
+def _depsgraph(scene: bpy.types.Scene) -> bpy.types.Depsgraph:
+    """Return that of the window's view layer, or of the scene's first."""
+    layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
+    if layer.depsgraph is None:  # it was never shown
+        layer.update()
+    return layer.depsgraph
+
+
+def _member(
+    scene: bpy.types.Scene, index: int, crowd, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph | None
+) -> Trajectory:
     """Return the trajectory of one crowd, cached while its inputs stay the same."""
     # read at each call; all else where something has changed
-    stored_values.check(crowd, ("map_image", "height_image", "machine"))
+    stored_values.check(crowd, ("source", "points", "map_image", "height_image", "machine"))
     seconds = scene.render.fps_base / scene.render.fps
+    latest = _latest.setdefault(scene.session_uid, {})
+    before = latest.get(index)
+    if is_live(crowd):
+        asked = crowd.seed, crowd.group_names, groups, seconds
+        known = before[2] if before is not None and before[0] == asked else stored_values.check(crowd)
+        found = points_of_crowd(crowd, depsgraph, groups, chosen_groups(crowd, groups), seconds, known)
+        latest[index] = asked, (), found
+        return found
     # the pixels are compared, not trusted; all that is made of them is made again only where they
     # differ
     images = [image and image_data.read_values(image) for image in _images(crowd)]
     asked = _asked(crowd), groups, seconds
-    latest = _latest.setdefault(scene.session_uid, {})
-    before = latest.get(index)
     if before is None or before[0] != asked or not all(a is b for a, b in zip(before[1], images, strict=True)):
         stored_values.check(crowd)
         latest[index] = asked, images, _walk(crowd, groups, seconds)

@@ -42,5 +42,19 @@ def further_crowds(scene: bpy.types.Scene) -> str:
     return "" if len(scene.crowd_lod.crowds) else "There are no further crowds"
 
 
+def points(scene: bpy.types.Scene) -> str:
+    crowds = scene.crowd_lod, *scene.crowd_lod.crowds
+    found = any(crowd.source == "POINTS" and crowd.points is not None for crowd in crowds)
+    return "" if found else "Choose the object whose points are the agents"
+
+
 def exceptions(scene: bpy.types.Scene) -> str:
     return "" if len(scene.crowd_lod.exceptions) else "There are no exceptions"
+
+
+def place(scene: bpy.types.Scene) -> str:
+    settings = scene.crowd_lod
+    if not 0 <= settings.exception_index < len(settings.exceptions):
+        return "Select an exception in the list"
+    by = settings.exceptions[settings.exception_index].chosen_by
+    return "" if by in ("REGION", "MAP") else "Agents are found by a region or a painted map: set Agents By"

@@ -276,17 +276,20 @@ def _thresholds(owner, settings) -> tuple[float, ...]:
     return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
 
 
-def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:
+def trajectory_of(
+    scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None, depsgraph: bpy.types.Depsgraph | None = None
+) -> Trajectory:
     """Return the scene's crowd over time, cached while its inputs stay the same.
 
     CrowdError if the crowd is not populated or a setting is bad.
 
     groups: measured groups in place of those that the settings hold.
+    depsgraph: where objects are evaluated whose points are agents; the view layer's own if None.
     """
     groups = groups or groups_of(scene.crowd_lod)
     if not groups:
         raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
-    return crowd_sources.together(scene, groups)
+    return crowd_sources.together(scene, groups, depsgraph)
 
 
 def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
@@ -308,7 +311,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     """
     if time is None:
         time = scene_data.time_of(scene)
-    trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
+    trajectory, settings = trajectory or trajectory_of(scene, depsgraph=depsgraph), scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings)
@@ -341,6 +344,26 @@ def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[s
         )
 
 
+def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, tuple[str, list[str]]]:
+    """Measure the characters of `scene` and place the crowd: yield the progress.
+
+    Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a setting is bad.
+    """
+    settings = scene.crowd_lod
+    check_maps(settings)
+    groups = yield from measuring_groups(scene)
+    trajectory = crowd_sources.populated(scene, groups, depsgraph)
+    troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+    warnings = [troubles.sentence] if troubles.found else []
+    warnings += [*_off_ground(scene, groups), *_unmeasured(scene, groups)]
+    store_groups(settings, groups)
+    _place_levels(scene)
+    settings.trouble = troubles.sentence
+    said = [] if troubles.found else [troubles.sentence]
+    agents = f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}."
+    return " ".join(filter(None, (agents, *warnings, *said))), warnings
+
+
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     """Measure the characters and place the crowd at its first frame"""
 
@@ -349,25 +372,11 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
-        settings = context.scene.crowd_lod
-        check_maps(settings)
-        groups = yield from measuring_groups(context.scene)
-        trajectory = trajectory_of(context.scene, groups)
-        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
-        warnings = [troubles.sentence] if troubles.found else []
-        warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
-        store_groups(settings, groups)
-        _place_levels(context.scene)
-        settings.overlay, settings.trouble = True, troubles.sentence
+        said, warnings = yield from populating(context.scene, context.evaluated_depsgraph_get())
+        context.scene.crowd_lod.overlay = True
         for warning in warnings:
             self.report({"WARNING"}, warning)
-        said = [] if troubles.found else [troubles.sentence]
-        return " ".join(
-            filter(
-                None,
-                (f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}.", *warnings, *said),
-            )
-        )
+        return said
 
 
 CLASSES = (CROWDLOD_OT_populate,)

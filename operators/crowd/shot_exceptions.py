@@ -11,19 +11,24 @@ from functools import partial
 import bpy
 import numpy as np
 
+from ...crowd_lod.crowd import random_streams
 from ...crowd_lod.crowd.agents import Crowd
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import LevelPolicy
-from ...crowd_lod.planning.exceptions import Exemption, check_level, parse_agents
+from ...crowd_lod.planning.exceptions import KINDS, Exemption, check_level, parse_agents
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
+from . import hand_edits
 from .scene_world import area_of
 
 REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
 FLAT = 1e-6  # of its largest size, below which a box has no thickness
 # Of painted maps: the values, and their digest.
 _painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
+
+# Of each scene what was asked last, and (the exceptions that hold without a shot plan, what is wrong).
+_numbered: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 
 def exemptions_of(
@@ -34,7 +39,11 @@ def exemptions_of(
     frames: of the plan, increasing. An exception outside of them has no agents.
     CrowdError names the exception that is wrong.
     """
-    asked = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in scene.crowd_lod.exceptions if entry.use]
+    wrong = hand_edits.troubles_of(scene)
+    if wrong:
+        raise CrowdError(wrong[0])
+    entries = [entry for entry in scene.crowd_lod.exceptions if entry.use and entry.kind not in hand_edits.EDITS]
+    asked = [(entry, _whom(entry, trajectory), _begins(entry, frames)) for entry in entries]
     if not asked:
         return ()
     names, found = [group.name for group in trajectory.groups], {}
@@ -48,10 +57,44 @@ def exemptions_of(
                     f"The exception {entry.name} chooses nobody: no agent stands in its {_place(entry)} at frame {begin}; move or "
                     "paint it elsewhere, or switch the exception off."
                 )
-            span = (None, None) if entry.all_frames else (entry.first_frame, entry.last_frame)
-            found[index] = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *span)
+            found[index] = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry))
             check_level(found[index], policy.count, policy.finest, trajectory.start.group, names)
     return tuple(found[index] for index in range(len(asked)))
+
+
+def numbered_of(settings, trajectory: Trajectory, policy: LevelPolicy) -> tuple[tuple[Exemption, ...], list[str]]:
+    """Return (the exceptions that hold without a shot plan, a sentence for each that is wrong).
+
+    They are those that name their agents by numbers, and do not change the crowd itself. Cached
+    while they stay the same.
+    """
+    named = [entry for entry in settings.exceptions if entry.use and entry.kind in KINDS and entry.chosen_by == "NUMBERS"]
+    entries, scene = [entry for entry in named if not hand_edits.edits(entry)], settings.id_data
+    key = trajectory, policy, tuple((entry.name, entry.all_frames, _marks(entry, str)) for entry in entries)
+    known = _numbered.get(scene.session_uid)
+    if known is None or known[0] != key:
+        found, wrong = [], []
+        names = [group.name for group in trajectory.groups]
+        for entry in entries:
+            try:
+                agents = _whom(entry, trajectory)(0.0, lambda *_: None)
+                each = Exemption(entry.name, entry.kind, entry.level, agents, _told(entry), *_span(entry))
+                check_level(each, policy.count, policy.finest, trajectory.start.group, names)
+                found.append(each)
+            except CrowdError as error:
+                wrong.append(str(error))
+        known = _numbered[scene.session_uid] = key, (tuple(found), wrong)
+    return known[1]
+
+
+def find_agents(scene: bpy.types.Scene, entry, trajectory: Trajectory, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
+    """Return the agents (m,) intp that the entry's region or map chooses at the scene's frame, or its share of them.
+
+    depsgraph: of the scene, at its frame.
+    """
+    agents = _whom(entry, trajectory)(scene_data.time_of(scene), lambda *_: depsgraph)
+    drawn = random_streams.uniform(trajectory.start.key[agents], random_streams.CHOSEN + np.uint64(entry.share_seed))
+    return agents[drawn < entry.share]
 
 
 def digest_of(settings) -> str:
@@ -67,6 +110,10 @@ def drawn_inputs(settings) -> tuple:
     return tuple(_marks(entry, lambda image: str(image.session_uid)) for entry in settings.exceptions if entry.use)
 
 
+def _span(entry) -> tuple[int | None, int | None]:
+    return (None, None) if entry.all_frames else (entry.first_frame, entry.last_frame)
+
+
 def _marks(entry, painted: Callable[[bpy.types.Image], str]) -> tuple:
     span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
     chosen: tuple = (entry.agents.strip(),)
@@ -74,6 +121,8 @@ def _marks(entry, painted: Callable[[bpy.types.Image], str]) -> tuple:
         chosen = () if entry.region is None else _region_marks(entry.region)
     elif entry.chosen_by == "MAP":
         chosen = () if entry.map_image is None else (painted(entry.map_image),)
+    if entry.kind in hand_edits.EDITS:
+        return hand_edits.marks_of(entry)
     return entry.kind, 0 if entry.kind == "HIDE" else entry.level, entry.chosen_by, span, chosen
 
 
@@ -104,7 +153,7 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
             "frame first."
         )
     if entry.chosen_by == "NUMBERS":
-        agents = parse_agents(entry.agents, len(trajectory.start), entry.name)
+        agents = parse_agents(entry.agents, len(trajectory.start), entry.name, trajectory.ids)
         return lambda time, at: agents
     if entry.chosen_by == "REGION":
         if entry.region is None or entry.region.type not in REGIONS:
@@ -117,7 +166,11 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
 
 
 def _painted_on(light: LabelMap, crowd: Crowd) -> np.ndarray:
-    return np.flatnonzero(light.at(crowd.x, crowd.y))
+    return _present(light.at(crowd.x, crowd.y) > 0, crowd)
+
+
+def _present(chosen: np.ndarray, crowd: Crowd) -> np.ndarray:
+    return np.flatnonzero(chosen if crowd.present is None else chosen & crowd.present)
 
 
 def _light(image: bpy.types.Image) -> np.ndarray:
@@ -143,7 +196,7 @@ def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: f
     with np.errstate(invalid="ignore"):  # agents at NaN are in no region
         own = np.linalg.solve(matrix[:3, :3], np.stack([crowd.x, crowd.y, crowd.z]) - matrix[:3, 3:])
         inside = (flat[:, None] | ((own >= low[:, None]) & (own <= high[:, None]))).all(axis=0)
-    return np.flatnonzero(inside)
+    return _present(inside, crowd)
 
 
 def _box(item: bpy.types.Object) -> np.ndarray:

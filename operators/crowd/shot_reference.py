@@ -12,12 +12,14 @@ import numpy as np
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
+from ...crowd_lod.planning.exceptions import Exemption, alone
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.trajectory.trajectory import Trajectory
-from ..blender import scene_cache
-from .shot_exceptions import digest_of
+from ..blender import scene_cache, scene_data
+from . import hand_edits
+from .shot_exceptions import digest_of, numbered_of
 
 # Plans by path, time of change and size.
 _stored: dict[tuple, StoredPlan] = scene_cache.kept({})
@@ -30,15 +32,19 @@ class Use:
     """How a frame uses the scene's shot plan.
 
     row: (n,) uint8, of the plan's file, or None if it gives no LODs.
-    unplanned: a sentence why the scene's plan gives none; "" if it does, or if there is none.
+    unplanned: sentences why the scene's plan gives none, or on exceptions that are wrong; "" without.
+    exceptions: those that hold without the plan, in the frame `number` of the timeline.
     """
 
     row: np.ndarray | None = None
     unplanned: str = ""
+    exceptions: tuple[Exemption, ...] = ()
+    number: float = 0.0
 
     def applied(self, frame: Frame) -> Frame:
-        """Return `frame` with the plan's LODs."""
-        return replace(frame, unplanned=self.unplanned) if self.row is None else with_row(frame, self.row)
+        """Return `frame` with the plan's LODs, or else those of the exceptions."""
+        frame = alone(frame, self.exceptions, self.number) if self.row is None else with_row(frame, self.row)
+        return replace(frame, unplanned=self.unplanned) if self.unplanned else frame
 
 
 def path_of(settings) -> Path | None:
@@ -71,28 +77,39 @@ def stored_plan(settings) -> StoredPlan | None:
 
 
 def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]) -> Use:
-    """Return how the frame at `time` uses the shot plan of the settings.
+    """Return how the frame at `time` uses the shot plan of the settings, and their exceptions where it does not.
 
     policy, bias: those of the settings.
     time: in frames of the animation.
-    eyes: the frame's cameras.
+    eyes: the frame's cameras; none for a view that has no plan.
     """
+    row, why = _row(settings, trajectory, policy, bias, time, eyes) if eyes else (None, "")
+    exceptions, wrong = numbered_of(settings, trajectory, policy)
+    wrong = [*hand_edits.troubles_of(settings.id_data), *wrong]
+    number = time / scene_data.remapped(settings.id_data.render, 1.0)
+    return Use(row, " ".join(filter(None, [why, *dict.fromkeys(wrong)])), exceptions, number)
+
+
+def _row(
+    settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]
+) -> tuple[np.ndarray | None, str]:
+    """Return (what the plan has of the agents, "") or (None, why it gives no LODs)."""
     try:
         stored = stored_plan(settings)
         if stored is None:
-            return Use()
+            return None, ""
         f = stored.place(time)
         if f is None:
-            return Use(None, f"The shot plan covers frames {stored.numbers[0]} to {stored.numbers[-1]}: here thresholds hold.")
+            return None, f"The shot plan covers frames {stored.numbers[0]} to {stored.numbers[-1]}: here thresholds hold."
         changed = changes(stored.made_for, made_for(settings, trajectory, policy, bias))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):
             changed = [CAMERA]
         if changed:
-            return Use(None, f"The shot plan is not used, for {' and '.join(changed)} changed since it was made: {AGAIN}.")
-        return Use(stored.row(f, len(trajectory.start)))
+            return None, f"The shot plan is not used, for {' and '.join(changed)} changed since it was made: {AGAIN}."
+        return stored.row(f, len(trajectory.start)), ""
     except CrowdError as error:
-        return Use(None, str(error))
+        return None, str(error)
 
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
@@ -111,6 +128,7 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
     return known | {
         "the choice of LODs": _digest(repr(policy)),
         "the detail map": _digest("" if bias is None else f"{bias.area}", b"" if bias is None else bias.values.tobytes()),
+        # with the crowd's own digests these tell the edits, too
         "the exceptions": _digest(digest_of(settings)),
     }
 

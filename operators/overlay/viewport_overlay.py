@@ -20,11 +20,11 @@ from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
-from ..crowd.crowd_sources import inputs_of
+from ..crowd.crowd_sources import inputs_of, live
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import drawn_inputs
-from ..crowd.shot_reference import Use, reference, use_of
+from ..crowd.shot_reference import reference, use_of
 from . import agent_colors, character_cache, gpu_culling, hud, inset, redraw, shader_programs, visibility
 from .appearance import cast_of, colors_of, drawing_of, missing_groups, style_of
 from .draw_data import Style, drawing
@@ -246,17 +246,17 @@ def _shown_now(context, before: Shown | None) -> Shown:
         eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
         policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
         time = scene_data.time_of(scene)
-        key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
+        key, shutter = ((), ()) if own is not None or live(settings) else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
         notes += missing_groups(settings)
         frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6), reference(settings)
         frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
-        if known is not None and looked < before.looked + LOOK_AGAIN:
+        if known is not None and looked < before.looked + LOOK_AGAIN and not live(settings):
             trajectory, bias, looked = known.trajectory, known.bias, before.looked
         else:
-            trajectory = trajectory_of(scene)
+            trajectory = trajectory_of(scene, depsgraph=depsgraph)
             bias = bias_of(settings)
             if known is not None and _same(bias, known.bias):
                 bias = known.bias
@@ -266,11 +266,11 @@ def _shown_now(context, before: Shown | None) -> Shown:
         if same_crowd and bias is known.bias and before.frame_inputs == frame_inputs and same_cast:
             before.looked = looked
             return before
-        use = Use() if own is not None else use_of(settings, trajectory, policy, bias, time, eyes)
+        use = use_of(settings, trajectory, policy, bias, time, eyes if own is None else ())
         asked = Request(time=time, eyes=tuple(eyes), policy=policy, shutter=tuple(shutter), bias=bias)
         frame = use.applied(_faster.plan_of(trajectory, asked))
         same_view = before is not None and before.frame_inputs[:1] == (own,)
-        if policy.hysteresis and same_view and same_crowd and not frame.planned:
+        if policy.hysteresis and same_view and same_crowd and frame.plan_row is None:
             frame = held(frame, known.levels)
         began = clock.perf_counter()
         cast = before.cast if same_cast else cast_of(trajectory.groups, style, characters)

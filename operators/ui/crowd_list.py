@@ -4,7 +4,7 @@ import bpy
 
 from ..blender.operator import Reporting
 from ..crowd import needs
-from .drawing import greyed, label
+from .drawing import button, greyed, label
 from .step_panel import Step
 
 
@@ -72,6 +72,7 @@ class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
         draw_source(layout, crowd)
         if crowd.source == "MACHINE":
             draw_behavior(layout, crowd)
+        draw_simulation(layout, crowd, settings.crowd_index + 1)
 
 
 def draw_source(layout, crowd) -> None:
@@ -82,11 +83,12 @@ def draw_source(layout, crowd) -> None:
             layout.prop(crowd, name)
     elif crowd.source == "POINTS":
         layout.prop(crowd, "points")
+        button(layout, "crowd_lod.record_points", icon="REC")
     else:
         layout.prop(crowd, "count")
     layout.prop(crowd, "seed")
     layout.prop(crowd, "group_names")
-    layout.prop(crowd, "center")
+    greyed(layout, crowd.source != "POINTS").prop(crowd, "center")
     greyed(layout, crowd.source == "MACHINE").prop(crowd, "size")
 
 
@@ -96,6 +98,15 @@ def draw_behavior(layout, crowd) -> None:
     layout.template_ID(crowd, "map_image", open="image.open")
     label(layout, "State Machine")
     layout.template_ID(crowd, "machine", new="text.new", open="text.open")
+
+
+def draw_simulation(layout, crowd, index: int) -> None:
+    """Draw what Simulate with JuPedSim makes of the label map of the crowd `index`, and its button."""
+    for name in ("start_labels", "goal_labels", "goal_choice", "wall_labels", "obstacles", "simulated_seconds"):
+        layout.prop(crowd, name)
+    made = button(layout, "crowd_lod.simulate", icon="MOD_PHYSICS")
+    if made is not None:
+        made.crowd = index
 
 
 CLASSES = (CROWDLOD_UL_crowds, CROWDLOD_OT_add_crowd, CROWDLOD_OT_remove_crowd, CROWDLOD_PT_crowds)

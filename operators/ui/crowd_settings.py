@@ -54,6 +54,7 @@ class CrowdSettings:
     tracks_file: StringProperty(
         name="File",
         subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Trajectories: a table of text (CSV, PedPy, PeTrack, ETH and UCY), NPZ, or JuPedSim's SQLite",
     )
     tracks_unit: EnumProperty(
@@ -78,6 +79,7 @@ class CrowdSettings:
         name="Object",
         description="Object whose points or instances are the agents. Attributes: id, group, heading, phase",
     )
+    points_count: IntProperty(options={"HIDDEN"}, description="How many points the object had at Populate; 0 if not known")
     group_names: StringProperty(
         name="Groups",
         description="Character groups that this crowd's agents are drawn from, such as Robot, Woman; all if empty",
@@ -134,7 +136,38 @@ class BehaviorSettings:
     )
 
 
-class CrowdLodCrowd(CrowdSettings, BehaviorSettings, bpy.types.PropertyGroup):
+class SimulationSettings:
+    """What Simulate with JuPedSim makes of the label map."""
+
+    start_labels: StringProperty(
+        name="Starts", description="Labels that agents start on, such as platform, hall; where the state machine lets them if empty"
+    )
+    goal_labels: StringProperty(name="Goals", description="Labels that agents walk to, and leave at; the label exit if empty")
+    goal_choice: EnumProperty(
+        name="Choice",
+        description="Which goal an agent walks to",
+        items=[("NEAREST", "Nearest", "The one that is nearest where it starts"), ("ANY", "Any", "Drawn for each agent")],
+    )
+    wall_labels: StringProperty(
+        name="Walls", description="Labels that nobody enters, such as house, pillar; the label wall if empty"
+    )
+    obstacles: PointerProperty(
+        type=bpy.types.Collection,
+        name="Obstacles",
+        description="Collection of meshes that agents walk around, by their outlines half a meter above the ground",
+    )
+    simulated_seconds: FloatProperty(
+        name="Duration",
+        default=20,
+        min=0.1,
+        max=36_000,
+        subtype="TIME_ABSOLUTE",
+        unit="TIME_ABSOLUTE",
+        description="Seconds to simulate",
+    )
+
+
+class CrowdLodCrowd(CrowdSettings, BehaviorSettings, SimulationSettings, bpy.types.PropertyGroup):
     """A further crowd of a scene, called `name`, beside the one of the scene's own settings."""
 
 

@@ -1,28 +1,59 @@
-"""The exceptions from the shot plan: their settings, their list in the sidebar, and its buttons."""
+"""The exceptions: their settings, their list in the sidebar, and its buttons."""
 
 import bpy
 
 from ...crowd_lod.levels.assignment import MOST_LEVELS
-from ..blender.labelled_properties import BoolProperty, EnumProperty, IntProperty, PointerProperty, StringProperty
+from ..blender.labelled_properties import (
+    BoolProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
 from ..blender.operator import Reporting
 from ..crowd import needs
 from ..crowd.shot_exceptions import REGIONS
 
 
 class CrowdLodException(bpy.types.PropertyGroup):
-    """An exception from the shot plan, called `name`: for some agents, in some frames."""
+    """An exception, called `name`: for some agents, in some frames."""
 
-    use: BoolProperty(name="Use", default=True, description="Plan Shot heeds this exception")
+    use: BoolProperty(name="Use", default=True, description="The exception counts")
     kind: EnumProperty(
         name="Asks For",
-        description="What Plan Shot must do with these agents",
+        description="What is asked for these agents",
         items=[
             ("NEVER_COARSER", "Never Coarser Than", "They never have a LOD with fewer triangles than this one"),
             ("ALWAYS", "Always", "They always have this LOD"),
             ("HIDE", "Hide", "They are not there, nor are their shadows and reflections"),
+            ("NUDGE", "Nudge", "They stand and walk beside their own way"),
+            ("TURN", "Turn", "They face beside their own heading"),
+            ("GROUP", "Swap Group", "They are of this character group"),
         ],
     )
     level: IntProperty(name="LOD", min=0, max=MOST_LEVELS - 1, description="The LOD that the exception speaks of")
+    move: FloatVectorProperty(
+        name="Nudge",
+        size=3,
+        subtype="TRANSLATION",
+        unit="LENGTH",
+        description="By which way they stand beside their own, along the world's axes",
+    )
+    turn: FloatProperty(
+        name="Turn", subtype="ANGLE", description="By which angle they face beside their own heading, counter-clockwise from above"
+    )
+    group_name: StringProperty(name="Group", description="The character group that they are of")
+    share: FloatProperty(
+        name="Share",
+        default=1,
+        min=0,
+        max=1,
+        subtype="FACTOR",
+        description="Part of those in the region or on the map that Find Agents takes",
+    )
+    share_seed: IntProperty(name="Seed", min=0, description="Another seed takes another part of them")
     chosen_by: EnumProperty(
         name="Agents By",
         description="Which agents the exception is for",
@@ -32,7 +63,10 @@ class CrowdLodException(bpy.types.PropertyGroup):
             ("MAP", "Painted Map", "Agents that stand on pixels lighter than a half, when the exception begins"),
         ],
     )
-    agents: StringProperty(name="Agents", description="Numbers and ranges of agents, such as 12, 40-50")
+    agents: StringProperty(
+        name="Agents",
+        description="Numbers and ranges of agents, such as 12, 40-50; after # the numbers of a file's own, such as #1007",
+    )
     region: PointerProperty(
         type=bpy.types.Object,
         name="Region",
@@ -64,6 +98,7 @@ class CROWDLOD_UL_exceptions(bpy.types.UIList):
 def asks(item) -> str:
     """Return what an exception asks for, in few words."""
     known = {"NEVER_COARSER": f"LOD {item.level} or finer", "ALWAYS": f"LOD {item.level}", "HIDE": "hidden"}
+    known |= {"NUDGE": "nudged", "TURN": "turned", "GROUP": item.group_name}
     return known.get(item.kind, "unknown")  # of another version's file
 
 
@@ -72,7 +107,7 @@ class _Editing(Reporting):
 
 
 class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
-    """Add an exception from the shot plan, for agents that it names"""
+    """Add an exception, for agents that it names"""
 
     bl_idname = "crowd_lod.add_exception"
     bl_label = "Add Exception"
@@ -82,7 +117,7 @@ class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
 
 
 class CROWDLOD_OT_except_agent(Reporting, bpy.types.Operator):
-    """Add an exception from the shot plan, for the agent that the eyedropper picked"""
+    """Add an exception, for the agent that the eyedropper picked"""
 
     bl_idname = "crowd_lod.except_agent"
     bl_label = "Add Exception for Picked Agent"
@@ -97,7 +132,7 @@ def _added(settings, name: str, agents: str) -> str:
     entry = settings.exceptions.add()
     entry.name, entry.agents = name, agents
     settings.exception_index = len(settings.exceptions) - 1
-    return f"{name} is added: press Plan Shot to use it."
+    return f"{name} is added: set what it asks for."
 
 
 class CROWDLOD_OT_remove_exception(_Editing, bpy.types.Operator):
@@ -112,7 +147,7 @@ class CROWDLOD_OT_remove_exception(_Editing, bpy.types.Operator):
         name = settings.exceptions[index].name
         settings.exceptions.remove(index)
         settings.exception_index = max(index - 1, 0)
-        return f"{name} is removed: press Plan Shot to plan without it."
+        return f"{name} is removed."
 
 
 class CROWDLOD_OT_move_exception(_Editing, bpy.types.Operator):

@@ -16,6 +16,7 @@ MANUAL = (
 WORK = (
     "characters_from_selection",
     "populate",
+    "simulate",
     "make_levels",
     "measure_levels",
     "inspect",

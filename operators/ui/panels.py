@@ -7,10 +7,11 @@ popovers and in the viewport; what does not apply is grayed.
 import bpy
 
 from ...crowd_lod.behaviour.walk import walks_of
-from ..lod_meshes.made_for import outdated
+from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
 from . import steps
-from .crowd_list import draw_behavior, draw_source
+from .agent_edits import draw_edits
+from .crowd_list import draw_behavior, draw_simulation, draw_source
 from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
 from .step_panel import Sidebar, Step, presets_button
 
@@ -108,6 +109,14 @@ class CROWDLOD_PT_heights(Step, bpy.types.Panel):
         column.prop(settings, "tilt")
 
 
+class CROWDLOD_PT_simulation(Step, bpy.types.Panel):
+    bl_label = "Simulation"
+    bl_parent_id = "CROWDLOD_PT_behaviour"
+
+    def body(self, context, layout, settings) -> None:
+        draw_simulation(layout, settings, 0)
+
+
 class CROWDLOD_PT_camera(Step, bpy.types.Panel):
     bl_label = "Camera"
     step = "camera"
@@ -149,6 +158,15 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         told = outdated(context.scene)
         made = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
         label(layout, told or made, "FILE_REFRESH" if told else "INFO")
+        change = forecast(context.scene)
+        label(layout, change.short if change else self.made(settings), "BLANK1")
+
+    def made(self, settings) -> str:
+        """Return how many LODs each group has."""
+        if settings.levels is None:
+            return ""
+        counts = [f"{group.name} {len(set(filter(None, group.triangles)))}" for group in settings.groups]
+        return f"LODs: {', '.join(counts)}"
 
     def ratios(self, context, layout, settings) -> None:
         """Draw, for each LOD, the settings of what it keeps and where it begins."""
@@ -217,6 +235,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
         row.prop(settings, "agent")
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
         row.popover("CROWDLOD_PT_agent", text="", icon="INFO")
+        draw_edits(column)
         column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
 
 
@@ -237,6 +256,7 @@ CLASSES = (
     CROWDLOD_PT_samples,
     CROWDLOD_PT_behaviour,
     CROWDLOD_PT_heights,
+    CROWDLOD_PT_simulation,
     CROWDLOD_PT_camera,
     CROWDLOD_PT_culling,
     CROWDLOD_PT_levels,

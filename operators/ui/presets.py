@@ -14,7 +14,7 @@ from ..blender.operator import Reporting
 from ..crowd.outdated_estimate import outdate
 from ..crowd.renamed_settings import STORED
 from ..crowd.threshold_order import note_thresholds
-from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdSettings
+from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdSettings, SimulationSettings
 from .level_settings import LevelSettings
 from .overlay_settings import OverlaySettings
 from .properties import CrowdLodSettings
@@ -22,7 +22,7 @@ from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifyS
 
 STEPS: dict[str, tuple[type, ...]] = {
     "crowd": (CharacterSettings, CrowdSettings),
-    "behavior": (BehaviorSettings,),
+    "behavior": (BehaviorSettings, SimulationSettings),
     "camera": (CameraSettings,),
     "levels": (LevelSettings,),
     "overlay": (OverlaySettings,),

@@ -3,7 +3,7 @@
 import bpy
 
 from ..blender.labelled_properties import CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
-from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdLodCrowd, CrowdSettings
+from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdLodCrowd, CrowdSettings, SimulationSettings
 from .level_settings import CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
 from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifySettings
@@ -13,6 +13,7 @@ class CrowdLodSettings(
     CharacterSettings,
     CrowdSettings,
     BehaviorSettings,
+    SimulationSettings,
     CameraSettings,
     LevelSettings,
     FrameSettings,

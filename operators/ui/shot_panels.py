@@ -6,6 +6,7 @@ from ...crowd_lod.errors import CrowdError
 from ..build import staleness
 from ..build.render_setup import BAKED, baked_of
 from ..build.view_layers import layers_of
+from ..crowd.hand_edits import EDITS
 from ..overlay import viewport_overlay
 from . import steps
 from .drawing import button, greyed, label, table, wide
@@ -75,6 +76,7 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
             column.operator("crowd_lod.move_exception", text="", icon=icon).by = by
         layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
+        layout.operator("crowd_lod.erase", icon="SELECT_SUBTRACT")
         if settings.exception_index < len(settings.exceptions):
             self.entry(layout, settings.exceptions[settings.exception_index])
 
@@ -82,11 +84,21 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         """Draw the settings of the selected exception."""
         column = greyed(layout, entry.use)
         column.prop(entry, "kind")
-        greyed(column, entry.kind != "HIDE").prop(entry, "level")
+        if entry.kind == "GROUP":
+            column.prop_search(entry, "group_name", entry.id_data.crowd_lod, "groups")
+        elif entry.kind in ("NUDGE", "TURN"):
+            column.prop(entry, {"NUDGE": "move", "TURN": "turn"}[entry.kind])
+        else:
+            greyed(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
         column.prop(entry, {"MAP": "map_image", "REGION": "region"}.get(entry.chosen_by, "agents"))
-        column.prop(entry, "all_frames")
-        frames = greyed(column, not entry.all_frames)
+        by_place = greyed(column, entry.chosen_by in ("MAP", "REGION"))
+        by_place.prop(entry, "share")
+        by_place.prop(entry, "share_seed")
+        by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")
+        span = greyed(column, entry.kind not in EDITS)
+        span.prop(entry, "all_frames")
+        frames = greyed(span, not entry.all_frames)
         frames.prop(entry, "first_frame")
         frames.prop(entry, "last_frame")
 

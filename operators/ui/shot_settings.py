@@ -76,7 +76,9 @@ class PlanSettings:
         name="Use Shot Plan", default=True, description="Overlay, Preview, Build and Bake show the LODs of the shot plan"
     )
     exceptions: CollectionProperty(
-        type=CrowdLodException, name="Exceptions", description="From the shot plan; of two for the same agent, the lower one holds"
+        type=CrowdLodException,
+        name="Exceptions",
+        description="From the crowd and its LODs as they follow from the settings; of two for the same agent, the lower one holds",
     )
     exception_index: IntProperty(name="Exception", min=0, description="The exception that is selected in the list")
 

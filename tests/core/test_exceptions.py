@@ -5,12 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.exceptions import Exemption, check_level, excepted, marked, parse_agents
+from crowd_lod_extension.crowd_lod.planning.exceptions import Exemption, check_level, excepted, marked, named, parse_agents
 from crowd_lod_extension.crowd_lod.planning.planned import EXCEPTED, HIDDEN, LEVEL, PINNED
 from crowd_lod_extension.crowd_lod.planning.shot import decide, decided, lower_bound
 from crowd_lod_extension.crowd_lod.planning.survey import CULLED, SEEN, SHADOW, at_tolerance
 from crowd_lod_extension.crowd_lod.progress import finished
+from hypothesis import given
+from hypothesis import strategies as st
 
+from ..support.strategies import generators, sometimes
 from ..support.surveys import BOUNDS, sequences, some_shot
 
 
@@ -28,6 +31,27 @@ def with_rules(shot, *rules):
 )
 def test_agents_are_read_from_numbers_and_ranges(text, agents):
     assert parse_agents(text, 100, "Hero").tolist() == agents
+
+
+def test_agents_of_a_file_are_found_by_its_numbers():
+    ids = np.array([700, 7, -1, 12, 12, 9])
+    assert parse_agents("#7-9, 2, #700", 6, "Hero", ids).tolist() == [0, 1, 2, 5]
+    assert parse_agents("#12", 6, "Hero", ids).tolist() == [3, 4]
+    # who has no number of its own, or shares it, is named by its index
+    assert named(np.arange(6), ids) == "#7, #9, #700, 2-4" and named(np.array([0, 1, 2, 8])) == "0-2, 8"
+    for text, own in (("#8", ids), ("#7", None)):
+        with pytest.raises(CrowdError, match=f"The exception Hero names {text}: no agent of the crowd has that number in its file"):
+            parse_agents(text, 6, "Hero", own)
+
+
+@given(st.sets(st.integers(0, 99), min_size=1), sometimes(generators))
+def test_agents_that_are_named_are_found_again_when_the_file_grows(agents, random):
+    agents, ids = np.array(sorted(agents)), None if random is None else random.choice(10**6, 100, replace=False)
+    text = named(agents, ids)
+    assert np.array_equal(parse_agents(text, 100, "Hero", ids), agents)
+    if random is not None:
+        grown = random.permutation(np.append(ids, np.arange(10**6, 10**6 + 20)))
+        assert set(grown[parse_agents(text, 120, "Hero", grown)]) == set(ids[agents])
 
 
 @pytest.mark.parametrize(

@@ -1,11 +1,14 @@
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
 from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
-from crowd_lod_extension.crowd_lod.crowd.agents import Group, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import MOST_PACES, load_preset
+from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 from ..support.crowds import crowd_at, walker
 from ..support.machines import machine_of
@@ -80,3 +83,64 @@ def test_of_many_speeds_the_nearest_of_a_ladder_is_played():
     off = abs(paces.speeds[paces.of[:, 0]] / speeds - 1)
     assert paces.off == pytest.approx(off.max()) and (off <= abs(paces.speeds[:, None] / speeds - 1).min(axis=0) * 1.5).all()
     assert load_preset("chapter").paces.off == 0
+
+
+# walks for 2 s, then waits for 2 s in an action of its own
+WAITING = {
+    "walk": {"start": 1, "after": [1, 3], "then": "wait", "on": {"*": {"move": [1.0, 0.0]}}},
+    "wait": {"action": "idle", "after": [1, 3], "then": "walk", "on": {"*": {}}},
+}
+IDLES = Group("walker", 0.9, 1.0, 1.25, 1.0, actions=(Action("idle", 0.0, 3.2),))
+
+
+def waiting(action="idle", **changes):
+    return machine_of({**WAITING, "wait": WAITING["wait"] | {"action": action}}, **changes)
+
+
+def test_each_state_plays_its_action_at_its_own_rate():
+    machine = waiting()
+    trajectory = Walk(populate(500, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
+    gaits, seen = trajectory.gaits, set()
+    assert gaits.actions == ("", "idle") and gaits.plays == (((0, round(1 / 1.25, 9)), (1, 1 / 3.2)),)
+    for frame in (1, 60, 100, 200):
+        crowd = trajectory.at(frame)
+        named = np.array(gaits.actions)[gaits.action[crowd.pace]]
+        assert (named == np.array(machine.actions)[crowd.state]).all()
+        cycles = np.where(crowd.state == 0, frame / 24 / 1.25, frame / 24 / 3.2)
+        assert np.allclose((trajectory.phase(crowd, frame) - crowd.phase_class / 16 - cycles + 0.5) % 1, 0.5, atol=1e-5)
+        shown = Library(np.zeros(1, np.intp)).shown(gaits, crowd, frame / 24, np.arange(500))
+        assert (shown == crowd.state * 16 + crowd.phase_class).all()
+        assert (Library(np.array([4])).shown(gaits, crowd, frame / 24, np.arange(500)) // 4 == crowd.state).all()
+        seen |= set(crowd.state.tolist())
+    assert seen == {0, 1}
+
+
+def test_agents_that_wait_are_not_in_step():
+    machine = waiting()
+    trajectory = Walk(populate(3000, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)
+    crowd = trajectory.at(100)
+    share = np.bincount(crowd.phase_class[crowd.state == 1], minlength=16) / np.count_nonzero(crowd.state == 1)
+    assert share.max() < 2 / 16 and share.min() > 0.5 / 16
+
+
+def test_an_action_named_alike_in_all_states_costs_no_pace_and_none_changes_nothing():
+    one = machine_of({"go": {"action": "run", "on": {"*": {"move": [1.0, 0.0]}}}})
+    assert len(one.paces.speeds) == 1 and one.paces.actions == ("run",)
+    plain, named = waiting(""), waiting()
+    assert plain.paces.actions == () and plain.paces.speeds.tolist() == [0, 1] == sorted(named.paces.speeds)
+
+
+def test_who_stands_at_the_edge_of_the_map_keeps_its_action():
+    machine = machine_of(
+        {"go": {"action": "run", "on": {"*": {"move": [1.0, 0.0]}}}, "rest": {"on": {"*": {"move": [0.5, 0.0]}}}}, edge="stop"
+    )
+    group = replace(IDLES, actions=(Action("run", 2.0, 1.0),))
+    trajectory = Walk(crowd_at([(999.0, 5, 0)]), machine, PLAIN, (group,), 0.25)
+    pace = trajectory.at(20).pace[0]
+    assert machine.paces.actions[pace] == "run" and machine.paces.speeds[pace] == 0
+
+
+def test_an_action_that_was_not_measured_is_named():
+    machine = waiting("dance")
+    with pytest.raises(CrowdError, match="action dance.*walker.*Populate"):
+        Walk(populate(5, 1, 1, machine, PLAIN), machine, PLAIN, (IDLES,), 1 / 24)

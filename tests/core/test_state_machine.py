@@ -32,14 +32,20 @@ def test_table_holds_every_state_and_label():
 
 
 def timed(**changes):
-    entry = {"after": [2, 5], "then": {"turn": 3, "walk": 1}, "animation": "stroll", "on": {"*": {"move": [1, 0]}}} | changes
+    entry = {
+        "after": [2, 5],
+        "then": {"turn": 3, "walk": 1},
+        "action": "stroll",
+        "animation": "run",
+        "on": {"*": {"move": [1, 0]}},
+    } | changes
     turn = {"after": 4, "then": "walk", "on": {"*": {"next": {"turn": 0, "walk": 2}}}}
     return table(states={"walk": entry, "turn": turn})
 
 
-def test_timers_choices_and_animations_become_tables():
+def test_timers_choices_and_actions_become_tables():
     machine = parse(timed(), "t")
-    assert machine.animations == ("stroll", "") and machine.timed and machine.chancy
+    assert machine.actions == ("stroll", "") and machine.timed and machine.chancy
     assert machine.after.tolist() == [[2, 5], [4, 4]] and machine.then[1] == 0
     assert machine.odds.tolist() == [[0.25, 1], [1, 1]]
     assert machine.then_choice.tolist() == [0, -1] and machine.next_choice.tolist() == [[-1, -1], [1, 1]]
@@ -124,6 +130,7 @@ MALFORMED = {
     "negative weight": (table(states={"w": WALK | {"start": -1}}), "at least 0"),
     "heavy start": (table(states={"w": WALK | {"start": 1e308}, "v": WALK | {"start": 1e308}}), "start weights"),
     "huge": (table(states={"w": WALK | {"start": 10**400}}), "finite number"),
+    "action": (timed(action=3), "states.walk.action is 3"),
     "animation": (timed(animation=3), "states.walk.animation is 3"),
     "no then": (table(states={"w": WALK | {"after": 3}}), "states.w.then is missing beside after"),
     "no after": (table(states={"w": WALK | {"then": "w"}}), "states.w.after is missing beside then"),

@@ -1,0 +1,48 @@
+"""Tracks in NumPy's NPZ: the format that Crowd LOD writes itself.
+
+Arrays of one length: `id` (whole numbers), `frame`, `x`, `y` and `z` (metres); optional `heading`
+(radians), `phase` (cycles), `group` (whole numbers or names). Single values: `fps`, frames a
+second, and optional `unit`, one of m, cm, mm and ft.
+"""
+
+import zipfile
+import zlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import CrowdError
+from ..format import printable
+from .rows import COLUMNS, UNITS, Rows
+
+
+def write(path: Path, rows: Rows) -> None:
+    """Write `rows`, in metres, to the file `path`, which need not end in .npz.
+
+    The caller puts the file in its place (reporting/files.py). OSError if it cannot be written.
+    """
+    with path.open("wb") as file:
+        np.savez(file, fps=np.float64(rows.rate), **rows.columns)  # type: ignore[arg-type]
+
+
+def read(path: Path) -> Rows:
+    """Return the rows of the file `path`, as they are: check_rows has not seen them.
+
+    CrowdError if it is no NPZ, or lacks an array. OSError if it cannot be read.
+    """
+    where = printable(path)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found: dict[str, Any] = {name: np.asarray(file[name]) for name in (*COLUMNS, "fps", "unit") if name in file}
+    except (ValueError, zipfile.BadZipFile, zlib.error, EOFError, KeyError, AttributeError) as error:
+        raise CrowdError(f"The file {where} cannot be read as NPZ ({error}): write it with numpy.savez, without objects.") from None
+    lacks = [name for name in ("id", "frame", "x", "y") if name not in found]
+    if lacks:
+        raise CrowdError(f"The file {where} lacks {', '.join(lacks)}: give arrays id, frame, x and y, and z if it is known.")
+    rate, unit = found.pop("fps", np.zeros(())), str(found.pop("unit", "m"))
+    if rate.shape not in ((), (1,)) or rate.dtype.kind not in "iuf":
+        raise CrowdError(f"The file {where} has {rate.size} values of fps: give one number, its frames a second.")
+    if unit not in UNITS:
+        raise CrowdError(f"The file {where} has the unit {unit}: use one of {', '.join(UNITS)}.")
+    return Rows(**found, rate=float(rate.reshape(())), unit=unit)

@@ -1,0 +1,115 @@
+"""The rows of a file of tracks, whatever its format."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..crowd.agents import MOST_AGENTS
+from ..errors import CrowdError
+from ..format import printable
+
+MOST_ROWS = 200_000_000
+# metres of a unit, as (times, divided by): one of them is 1, so that a length is rounded once
+UNITS = {"m": (1.0, 1.0), "cm": (1.0, 100.0), "mm": (1.0, 1000.0), "ft": (0.3048, 1.0)}
+COLUMNS = ("id", "frame", "x", "y", "z", "heading", "phase", "group")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Where agents are in frames, one row for each agent and frame, in any order.
+
+    id: (k,) int64.
+    frame: (k,) float64, whole or not; frames of the file, not of the scene.
+    x, y: (k,) float64.
+    z: (k,) float64, of the feet; None if the ground tells it.
+    heading: (k,) float64 radians, counter-clockwise from +x; None if the motion tells it.
+    phase: (k,) float64, cycles of the action; None if the way tells it.
+    group: (k,) whole numbers or texts, which character group; None if it is drawn.
+    rate: frames a second; 0 if the file does not tell.
+    unit: of x, y and z, one of UNITS; "" if the file does not tell.
+    notes: sentences on what the reader guessed.
+    """
+
+    id: np.ndarray
+    frame: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    z: np.ndarray | None = None
+    heading: np.ndarray | None = None
+    phase: np.ndarray | None = None
+    group: np.ndarray | None = None
+    rate: float = 0.0
+    unit: str = ""
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.id)
+
+    @property
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns by their names, without those that are None."""
+        return {name: getattr(self, name) for name in COLUMNS if getattr(self, name) is not None}
+
+    def in_metres(self, unit: str = "") -> "Rows":
+        """Return the rows with places in metres.
+
+        unit: one of UNITS that holds whatever the file tells; "" for the file's own, or else metres.
+        """
+        unit = unit or self.unit or "m"
+        times, by = UNITS[unit]
+        places = {name: getattr(self, name) for name in "xyz" if getattr(self, name) is not None}
+        if unit != "m":
+            places = {name: place * times / by for name, place in places.items()}
+        return replace(self, **places, unit=unit)
+
+
+def check_rows(rows: Rows, path: Path) -> Rows:
+    """Return `rows`, with columns of the types that Rows names.
+
+    CrowdError if there are none or too many, a column has another length, or a value cannot be used.
+    """
+    where, count = printable(path), len(rows)
+    if not count:
+        raise CrowdError(f"The file {where} has no rows: choose a file of trajectories.")
+    if count > MOST_ROWS:
+        raise CrowdError(f"The file {where} has {count:,} rows: use at most {MOST_ROWS:,}, of fewer agents or frames.")
+    found: dict[str, Any] = {}
+    for name, column in rows.columns.items():
+        if column.shape != (count,):
+            raise CrowdError(
+                f"The file {where} has {count:,} ids, and its column {name} has the shape {column.shape}: one value each."
+            )
+        found[name] = _checked(name, column, where)
+    agents = 1 + int(np.count_nonzero(np.diff(np.sort(found["id"])))) if count > MOST_AGENTS else 0
+    if agents > MOST_AGENTS:
+        raise CrowdError(f"The file {where} has {agents:,} agents: a crowd has at most {MOST_AGENTS:,}.")
+    if not (np.isfinite(rows.rate) and rows.rate >= 0):
+        raise CrowdError(f"The file {where} tells the frame rate {rows.rate}: set Frame Rate to frames a second.")
+    return replace(rows, **found)
+
+
+def _checked(name: str, column: np.ndarray, where: str) -> np.ndarray:
+    if name == "group":
+        if column.dtype.kind not in "iuUS":
+            raise CrowdError(f"The groups in {where} are of the kind {column.dtype}: give whole numbers or names.")
+        return column.astype(str) if column.dtype.kind == "S" else column
+    if column.dtype.kind not in "iufb":
+        raise CrowdError(f"The column {name} of {where} is of the kind {column.dtype}: give numbers.")
+    if column.dtype.kind == "f":
+        wrong = ~np.isfinite(column)
+        if wrong.any():
+            row = int(wrong.argmax())
+            raise CrowdError(
+                f"Row {row + 1:,} of {where} has {name} {column[row]}, one of {np.count_nonzero(wrong):,} such rows: "
+                "remove them, or give them finite values."
+            )
+    if name != "id":
+        return column.astype(np.float64, copy=False)
+    if column.dtype.kind == "f":
+        broken = (column != np.rint(column)) | (np.abs(column) > 2.0**53)
+        if broken.any():
+            row = int(broken.argmax())
+            raise CrowdError(f"Row {row + 1:,} of {where} has the id {column[row]}: give agents whole numbers.")
+    return column.astype(np.int64, copy=False)

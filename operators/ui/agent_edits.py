@@ -1,0 +1,148 @@
+"""Buttons that edit agents by hand: each adds to the list of exceptions, where its values can be set."""
+
+from math import pi
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.planning.exceptions import named
+from ...crowd_lod.trajectory.trajectory import Trajectory
+from ..blender.labelled_properties import EnumProperty, FloatProperty
+from ..blender.operator import Reporting
+from ..crowd import needs
+from ..crowd.hand_edits import unedited
+from ..crowd.scene_crowd import trajectory_of
+from ..crowd.shot_exceptions import REGIONS, find_agents
+from ..overlay import viewport_overlay
+
+NUDGE, TURN = 0.5, pi / 2  # metres and radians by which one press moves and turns
+# kind: name and icon of its button
+BUTTONS = {
+    "NUDGE": ("Nudge", "EMPTY_ARROWS"),
+    "TURN": ("Turn", "FILE_REFRESH"),
+    "HIDE": ("Hide", "HIDE_ON"),
+    "GROUP": ("Swap Group", "COMMUNITY"),
+    "ALWAYS": ("Pin LOD", "PINNED"),
+}
+
+
+class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
+    """Change the picked agent in all frames; the list of exceptions holds the change, its value and its switch"""
+
+    bl_idname = "crowd_lod.edit_agent"
+    bl_label = "Edit Agent"
+    needs = needs.crowd, needs.picked
+
+    kind: EnumProperty(
+        name="Change",
+        items=[
+            ("NUDGE", "Nudge", "Half a metre along x; press again for as much more"),
+            ("TURN", "Turn", "By 90 degrees; press again for as much more"),
+            ("HIDE", "Hide", "It is not there, nor is its shadow"),
+            ("GROUP", "Swap Group", "To the next character group; press again for the one after it"),
+            ("ALWAYS", "Pin LOD", "It keeps the LOD that it has now"),
+        ],
+    )
+
+    @classmethod
+    def description(cls, context, properties) -> str:
+        return f"{properties.bl_rna.properties['kind'].enum_items[properties.kind].description}, in all frames"
+
+    def run(self, context) -> str:
+        scene, settings = context.scene, context.scene.crowd_lod
+        trajectory, agent = trajectory_of(scene), settings.agent
+        if agent >= len(trajectory.start):
+            raise CrowdError(f"There is no agent {agent}: the crowd has {len(trajectory.start):,}, numbered from 0 on.")
+        entry = _entry(settings, self.kind, f"{BUTTONS[self.kind][0]} {agent}", named(np.array([agent]), trajectory.ids))
+        if self.kind == "NUDGE":
+            entry.move[0] += NUDGE
+        elif self.kind == "TURN":
+            entry.turn += TURN
+        elif self.kind == "GROUP":
+            entry.group_name = _next_group(trajectory, agent)
+        elif self.kind == "ALWAYS":
+            frame = viewport_overlay.latest(scene)
+            entry.level = int(frame.levels[agent]) if frame is not None and agent < len(frame.crowd) else 0
+        return f"{entry.name}: its values and its switch are in the list of exceptions."
+
+
+def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
+    """Return the exception of this kind for these agents alone, in all frames; a new one if there is none. It is selected and on."""
+    asked = kind, "NUMBERS", agents, True
+    known = [(entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames) for entry in settings.exceptions]
+    if asked not in known:
+        added = settings.exceptions.add()
+        added.kind, added.name, added.agents = kind, name, agents
+    settings.exception_index = known.index(asked) if asked in known else len(known)
+    entry = settings.exceptions[settings.exception_index]
+    entry.use = True
+    return entry
+
+
+def _next_group(trajectory: Trajectory, agent: int) -> str:
+    groups = trajectory.groups
+    if len(groups) < 2:
+        raise CrowdError("There is one character group: add another to the collection of characters, and press Populate.")
+    return groups[(int(trajectory.start.group[agent]) + 1) % len(groups)].name
+
+
+def _found(context, entry) -> str:
+    """Write the agents that the entry's region or map chooses now as its numbers; return a sentence."""
+    trajectory = unedited(trajectory_of(context.scene))
+    agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
+    if not len(agents):
+        where = entry.region if entry.chosen_by == "REGION" else entry.map_image
+        raise CrowdError(
+            f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this frame, or the share is 0."
+        )
+    entry.agents, entry.chosen_by = named(agents, trajectory.ids), "NUMBERS"
+    return f"{entry.name}: {len(agents):,} agents found; they stay the same in all frames."
+
+
+class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
+    """Find who stands in the region or on the map at this frame, without edits, and keep their numbers"""
+
+    bl_idname = "crowd_lod.find_agents"
+    bl_label = "Find Agents"
+    needs = needs.crowd, needs.place
+
+    def run(self, context) -> str:
+        settings = context.scene.crowd_lod
+        return _found(context, settings.exceptions[settings.exception_index])
+
+
+class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
+    """Hide the agents, or a part of them, who stand in the box about the active object at this frame"""
+
+    bl_idname = "crowd_lod.erase"
+    bl_label = "Erase in Active Object"
+    bl_options = {"REGISTER", "UNDO"}
+    needs = (needs.crowd,)
+
+    share: FloatProperty(name="Share", default=1, min=0, max=1, subtype="FACTOR", description="Part of them to hide")
+
+    def run(self, context) -> str:
+        region, settings = context.object, context.scene.crowd_lod
+        if region is None or region.type not in REGIONS:
+            raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
+        entry = settings.exceptions.add()
+        try:
+            entry.name, entry.kind, entry.chosen_by, entry.region = f"Erase {region.name}", "HIDE", "REGION", region
+            entry.share = self.share
+            said = _found(context, entry)
+        except CrowdError:
+            settings.exceptions.remove(len(settings.exceptions) - 1)
+            raise
+        settings.exception_index = len(settings.exceptions) - 1
+        return said
+
+
+def draw_edits(layout) -> None:
+    """Draw the buttons that edit the picked agent."""
+    row = layout.row(align=True)
+    for kind, (_, icon) in BUTTONS.items():
+        row.operator("crowd_lod.edit_agent", text="", icon=icon).kind = kind
+
+
+CLASSES = (CROWDLOD_OT_edit_agent, CROWDLOD_OT_find_agents, CROWDLOD_OT_erase)

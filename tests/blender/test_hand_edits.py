@@ -1,0 +1,203 @@
+"""Agents edited by hand in a scene: every button, every user of the crowd, and what is said of wrong ones."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.trajectory.edited import Edited
+from crowd_lod_extension.operators.build import staleness
+from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
+
+from .test_build import instances
+from .test_shot_exceptions import add, cube, frame_at, planned, seen_at
+
+
+def press(scene, agent, *kinds):
+    scene.crowd_lod.agent = agent
+    for kind in kinds:
+        assert bpy.ops.crowd_lod.edit_agent(kind=kind) == {"FINISHED"}
+
+
+def test_each_button_edits_the_picked_agent_and_its_entry_can_be_switched_off(levelled):
+    settings, own = levelled.crowd_lod, trajectory_of(levelled)
+    before = own.at(7)
+    press(levelled, 12, "NUDGE", "NUDGE", "TURN", "GROUP", "HIDE", "ALWAYS")
+    assert [entry.kind for entry in settings.exceptions] == ["NUDGE", "TURN", "GROUP", "HIDE", "ALWAYS"]
+    assert {entry.agents for entry in settings.exceptions} == {"12"}
+    crowd = trajectory_of(levelled).at(7)
+    assert crowd.x[12] - before.x[12] == pytest.approx(1.0) and crowd.y[12] == before.y[12]
+    assert crowd.heading[12] - before.heading[12] == pytest.approx(np.pi / 2, abs=1e-6)
+    assert crowd.group[12] == (before.group[12] + 1) % len(own.groups)
+    assert not crowd.present[12] and crowd.there == len(crowd) - 1
+    for entry in settings.exceptions:
+        entry.use = False
+    assert trajectory_of(levelled) is own
+
+
+def test_a_pin_and_a_hide_hold_without_a_shot_plan(levelled):
+    (hidden, finer, *_), (pinned, *_) = seen_at(levelled, 2), seen_at(levelled, 0)
+    add(levelled, "Pin", agents=f"{pinned}", kind="ALWAYS", level=2)
+    add(levelled, "Detail", agents=f"{finer}", kind="NEVER_COARSER", level=1)
+    add(levelled, "Gone", agents=f"{hidden}", kind="HIDE", all_frames=False, first_frame=6, last_frame=9)
+    for number in (1, 5, 6, 9, 10):
+        frame = frame_at(levelled, number)
+        assert not frame.planned and not frame.unplanned
+        assert frame.levels[pinned] == 2 and frame.levels[finer] <= 1
+        assert frame.visible[hidden] == (not 6 <= number <= 9)
+    levelled.crowd_lod.exceptions["Gone"].all_frames = True
+    assert not frame_at(levelled, 2).crowd.present[hidden]
+
+
+def shown(scene):
+    """(x, y, z, cos, sin of the heading, whether of the first group) of all instances."""
+    first = trajectory_of(scene).groups[0].name
+    return np.array([(*matrix[:3, 3], *matrix[:2, 0], item.name.startswith(first)) for _, item, matrix in instances(scene)])
+
+
+@pytest.mark.parametrize("make", ["build", "bake"])
+def test_the_build_shows_edited_agents_where_they_are_put(built, make, monkeypatch):
+    monkeypatch.setattr(staleness, "LOOK", 0.0)
+    built.frame_start, built.frame_end = 1, 3
+    frame = frame_at(built, 2)
+    moved, turned, swapped, hidden = np.flatnonzero(frame.visible & (frame.crowd.group == frame.crowd.group.max()))[:4].tolist()
+    crowd = frame.crowd
+    add(built, "a", kind="NUDGE", agents=f"{moved}", move=(0.25, 0.5, 1.5))
+    add(built, "b", kind="TURN", agents=f"{turned}", turn=2.0)
+    add(built, "c", kind="GROUP", agents=f"{swapped}", group_name=trajectory_of(built).groups[0].name)
+    add(built, "d", kind="HIDE", agents=f"{hidden}")
+    getattr(bpy.ops.crowd_lod, make)()
+    assert staleness.changed(built) == []
+    built.frame_set(2)
+    found = shown(built)
+
+    def at(agent, away=(0, 0, 0), turn=0.0):
+        place = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]]) + away
+        heading = crowd.heading[agent] + turn
+        row = np.array([*place, np.cos(heading), np.sin(heading)])
+        return found[np.abs(found[:, :5] - row).max(axis=1) < 1e-4]
+
+    assert len(at(moved, (0.25, 0.5, 1.5))) == 1 and len(at(moved)) == 0
+    assert len(at(turned, turn=2.0)) == 1 and len(at(turned)) == 0
+    assert at(swapped)[:, 5].tolist() == [1] and at(moved, (0.25, 0.5, 1.5))[:, 5].tolist() == [0]
+    assert len(at(hidden)) == 0
+    assert len(found) == len(frame_at(built, 2).buckets.order)
+    built.crowd_lod.exceptions["a"].use = False
+    assert staleness.changed(built) == ["the exceptions"]
+
+
+def test_edits_survive_populate_and_saving(levelled, tmp_path):
+    press(levelled, 12, "NUDGE", "TURN", "GROUP")
+    press(levelled, 40, "HIDE")
+    before = trajectory_of(levelled).at(9)
+    bpy.ops.crowd_lod.populate()
+    after = trajectory_of(levelled).at(9)
+    for name, column in before.columns.items():
+        assert np.array_equal(column, getattr(after, name)), name
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "edited.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "edited.blend"))
+    again = trajectory_of(bpy.context.scene).at(9)
+    for name, column in before.columns.items():
+        assert np.array_equal(column, getattr(again, name)), name
+
+
+def test_the_plan_knows_of_edits_and_says_when_they_change(levelled, tmp_path):
+    (agent, *_) = seen_at(levelled, 2)
+    press(levelled, agent, "HIDE")
+    press(levelled, agent + 1, "NUDGE")
+    levels, told = planned(levelled, tmp_path / "plan")
+    assert frame_at(levelled, 2).planned and not frame_at(levelled, 2).visible[agent]
+    assert [each["kind"] for each in told["shot"]["exceptions"]] == ["HIDE"]
+    levelled.crowd_lod.exceptions[1].move[1] = 3
+    assert "for the exceptions changed since" in frame_at(levelled, 2).unplanned
+
+
+def test_erasing_and_thinning_keep_numbers_of_who_stands_in_the_box(levelled):
+    own, settings = trajectory_of(levelled), levelled.crowd_lod
+    region = cube(levelled, (-5, -8, -1), (9, 0, 1), "Fountain")
+    levelled.frame_set(6)
+    bpy.context.view_layer.objects.active = region
+    crowd = own.at(6)
+    inside = np.flatnonzero((crowd.x >= -5) & (crowd.x <= 9) & (crowd.y >= -8) & (crowd.y <= 0))
+    assert len(inside) > 20 and bpy.ops.crowd_lod.erase() == {"FINISHED"}
+    gone = lambda: np.flatnonzero(~trajectory_of(levelled).at(1).present).tolist()  # noqa: E731
+    assert gone() == inside.tolist()
+    region.location.x += 30
+    assert gone() == inside.tolist()
+    # a part: the same with the same seed, and more hold those that fewer held
+    parts = []
+    for share, seed in ((0.5, 0), (0.5, 0), (0.8, 0), (0.5, 1)):
+        entry = settings.exceptions[0]
+        entry.chosen_by, entry.share, entry.share_seed, region.location.x = "REGION", share, seed, 2
+        bpy.context.view_layer.update()
+        bpy.ops.crowd_lod.find_agents()
+        parts.append(set(gone()))
+    assert parts[0] == parts[1] < parts[2] < set(inside.tolist()) and parts[3] != parts[0]
+    assert 0.25 < len(parts[0]) / len(inside) < 0.75
+
+
+def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
+    own = trajectory_of(levelled).at(1)
+    add(levelled, kind="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
+    region = cube(levelled, (-5, -8, -1), (9, 0, 1))
+    add(levelled, kind="TURN", turn=1.0, chosen_by="REGION", region=region)
+    levelled.crowd_lod.exception_index = 1
+    levelled.frame_set(1)
+    bpy.ops.crowd_lod.find_agents()
+    turned = np.flatnonzero(trajectory_of(levelled).at(1).heading != own.heading)
+    inside = (own.x >= -5) & (own.x <= 9) & (own.y >= -8) & (own.y <= 0)
+    assert turned.tolist() == np.flatnonzero(inside).tolist()
+
+
+WRONG = [
+    (dict(kind="NUDGE", agents="300", move=(1, 0, 0)), "The exception Hero names agent 300: the crowd has 300"),
+    (dict(kind="TURN", agents=""), "The exception Hero names no agents"),
+    (dict(kind="GROUP", agents="3", group_name="nobody"), "The exception Hero asks for the character group nobody"),
+    (dict(kind="HIDE", agents="#7"), "The exception Hero names #7: no agent of the crowd has that number in its file"),
+    (dict(kind="NUDGE", chosen_by="REGION"), "The exception Hero does not know its agents yet: press Find Agents"),
+    (dict(kind="ALWAYS", agents="1", level=3), "The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"),
+]
+
+
+@pytest.mark.parametrize(("settings", "says"), WRONG, ids=[says for _, says in WRONG])
+def test_wrong_edits_are_told_in_one_sentence_and_the_crowd_still_works(levelled, tmp_path, settings, says):
+    before = frame_at(levelled, 4)
+    add(levelled, "Good", kind="TURN", agents="5", turn=1.0)
+    add(levelled, **settings)
+    frame = frame_at(levelled, 4)
+    assert says in frame.unplanned and frame.unplanned.count("Hero") == 1
+    assert np.array_equal(frame.visible, before.visible)
+    assert frame.crowd.heading[5] != before.crowd.heading[5]
+    levelled.crowd_lod.frames, levelled.crowd_lod.plan_folder = "1:3", str(tmp_path / "plan")
+    with pytest.raises(RuntimeError) as told:
+        bpy.ops.crowd_lod.plan_shot()
+    assert says in str(told.value)
+    levelled.crowd_lod.exceptions["Hero"].use = False
+    assert not frame_at(levelled, 4).unplanned
+
+
+def test_buttons_say_what_they_lack(levelled):
+    settings = levelled.crowd_lod
+    assert not bpy.ops.crowd_lod.edit_agent.poll() and not bpy.ops.crowd_lod.find_agents.poll()
+    settings.agent = 300
+    for press_, says in (
+        (lambda: bpy.ops.crowd_lod.edit_agent(kind="HIDE"), "There is no agent 300: the crowd has 300"),
+        (bpy.ops.crowd_lod.erase, "No mesh or empty is active"),
+    ):
+        bpy.context.view_layer.objects.active = levelled.camera
+        with pytest.raises(RuntimeError, match=says):
+            press_()
+    bpy.context.view_layer.objects.active = cube(levelled, (500, 500, 0), (501, 501, 1), "far")
+    with pytest.raises(RuntimeError, match="finds nobody: no agent stands in far"):
+        bpy.ops.crowd_lod.erase()
+    assert not len(settings.exceptions)
+
+
+def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
+    settings = levelled.crowd_lod
+    bpy.ops.crowd_lod.add_crowd()
+    settings.crowds[0].count = 20
+    own = trajectory_of(levelled).at(3)
+    press(levelled, 305, "NUDGE", "GROUP")
+    edited = trajectory_of(levelled)
+    assert isinstance(edited, Edited) and len(edited.at(3)) == 320
+    assert np.flatnonzero(edited.at(3).x != own.x).tolist() == [305]
+    assert np.flatnonzero(edited.at(3).group != own.group).tolist() == [305]

@@ -1,0 +1,216 @@
+"""Agents changed by hand: they are where, how and who they are asked to be, nobody is missed, and the others are as before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
+from crowd_lod_extension.crowd_lod.crowd import morton_order
+from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, FLAT, IN_ORDER, NOTHING, STATIC
+from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
+from crowd_lod_extension.crowd_lod.culling import blocks as culling_blocks
+from crowd_lod_extension.crowd_lod.planning.frame import plan
+from crowd_lod_extension.crowd_lod.planning.reasons import ABSENT, reasons
+from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
+from crowd_lod_extension.crowd_lod.planning.volumes import Light
+from crowd_lod_extension.crowd_lod.trajectory.edited import Edit, Edited
+from crowd_lod_extension.crowd_lod.trajectory.several import Several
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ..support.cameras import straight
+from ..support.crowds import walker
+from ..support.shots import AREA, IDLER, POLICY, ground, machine, raw, shot, walking
+from ..support.strategies import generators, trajectories
+
+GROUPS = (walker(), IDLER, walker(stride=0.7))
+COLUMNS = "x", "y", "z", "heading", "group", "state", "phase_class", "key", "pace"
+
+
+def some(*agents):
+    return np.array(agents, np.intp)
+
+
+@pytest.fixture(params=[1, 10**9], ids=["blocks", "each agent"])
+def blocks(request, monkeypatch):
+    monkeypatch.setattr(morton_order, "FEWEST", request.param)
+    monkeypatch.setattr(culling_blocks, "FIRST", 4)
+
+
+def hills(area=AREA):
+    return HeightMap(np.random.default_rng(4).uniform(0, 5, (9, 9)).astype(np.float32), area)
+
+
+def several():
+    beside = Area(30, 20, 70, 60, 2.0)
+    world = LabelMap(np.zeros((4, 4), np.uint8), beside)
+    start = populate(100, 5, len(GROUPS), machine(), world)
+    other = Walk(start, walking(), world, GROUPS, 1 / 24, heights=hills(beside))
+    return Several([shot(walking(), groups=GROUPS, count=200), other], ("", "b"), (True, True))
+
+
+def test_each_edit_changes_what_it_says_in_all_frames_and_nothing_else():
+    own = shot(walking(), ground([(3, 3)]), GROUPS)
+    edited = Edited(
+        own,
+        [
+            Edit(some(3, 7), move=(1.5, -2.0, 0.25)),
+            Edit(some(7, 9), move=(0.5, 0.0, 0.0), turn=1.0),
+            Edit(some(9), turn=-0.25),
+            Edit(some(0, 11), hide=True),
+        ],
+    )
+    for time in (-4, 1, 7.5, 60, 12):
+        crowd, before = edited.at(time), own.at(time)
+        others = np.setdiff1d(np.arange(len(own.start)), [3, 7, 9])
+        for name in COLUMNS:
+            assert np.array_equal(getattr(crowd, name)[others], getattr(before, name)[others])
+        away = np.stack([getattr(crowd, axis) - getattr(before, axis) for axis in "xyz"], axis=1)
+        assert np.allclose(away[[3, 7, 9]], [(1.5, -2, 0.25), (2, -2, 0.25), (0.5, 0, 0)], atol=1e-12)
+        assert np.allclose(crowd.heading[[3, 7, 9]] - before.heading[[3, 7, 9]], [0, 1, 0.75], atol=1e-6)
+        assert np.flatnonzero(~crowd.present).tolist() == [0, 11] and crowd.there == 398
+        assert np.array_equal(edited.phase(crowd, time), own.phase(before, time))
+
+
+def test_who_is_moved_on_hills_stands_on_them_and_leans_with_them():
+    own = shot(walking(), groups=GROUPS, heights=hills(), tilts=True)
+    edited = Edited(own, [Edit(some(3, 7), move=(4.0, -6.0, 0.5)), Edit(some(9), move=(0, 0, 2.0))])
+    for time in (1, 30.25):
+        crowd, before = edited.at(time), own.at(time)
+        there = own.heights.at(before.x[[3, 7]] + 4, before.y[[3, 7]] - 6)
+        assert np.allclose(crowd.z[[3, 7, 9]], [*(there + 0.5), before.z[9] + 2])
+        upright = own.heights.tilt(before.x[[3]] + 4, before.y[[3]] - 6, before.heading[[3]])
+        assert np.allclose(edited.tilt(crowd, some(3)), upright)
+    # of several crowds each stands on its own ground
+    crowds = several()
+    crowd = Edited(crowds, [Edit(some(5, 205), move=(1.0, 1.0, 0.0))]).at(40)
+    before, relief = crowds.at(40), crowds.members[1].heights
+    assert crowd.z[5] == before.z[5] and crowd.z[205] == relief.at(crowd.x[205:206], crowd.y[205:206])[0]
+
+
+def test_who_changes_the_group_plays_its_action_without_a_jump():
+    """The same agents, populated in the other group from the start, are the oracle."""
+    own = shot(walking(), ground([(row, 4) for row in range(7)]), (walker(), walker(stride=0.7)), 60)
+    turning = np.flatnonzero(own.at(160).pace != own.start.pace)[[0, 1, -1]]
+    group = own.start.group.copy()
+    group[turning] = 1 - group[turning]
+    asked = [Edit(some(a), group=int(group[a])) for a in turning]
+    other = Walk(replace(own.start, group=group), own.machine, own.world, own.groups, own.seconds_per_frame)
+    edited = Edited(own, asked)
+    for time in (1, 33, 75.5, 160):
+        crowd, expected = edited.at(time), other.at(time)
+        assert raw(plan(edited, straight(), POLICY, time)) == raw(plan(other, straight(), POLICY, time))
+        assert np.array_equal(edited.phase(crowd, time), other.phase(expected, time))
+        assert np.array_equal(crowd.x, own.at(time).x)
+    assert Edited(several(), [Edit(some(205), group=1)]).at(9).group[205] == 1
+
+
+def test_no_edits_and_edits_that_change_nothing_are_the_old_crowd_to_the_bit():
+    own = shot(walking(), groups=GROUPS, count=50)
+    for edits in ([], [Edit(some(3), group=int(own.start.group[3]))], [Edit(some(3))]):
+        edited = Edited(own, edits)
+        assert edited.own is own and edited.at(9) is own.at(9)
+        assert edited.left_out == own.left_out
+
+
+def test_a_crowd_that_stands_keeps_its_plan_though_some_are_moved():
+    edited = Edited(shot(), [Edit(some(3), move=(1, 0, 0), turn=1.0, hide=True)])
+    camera = straight()
+    plan(edited, camera, POLICY, 5), plan(edited, camera, POLICY, 6)
+    assert STATIC in plan(edited, camera, POLICY, 7).left_out
+
+
+@pytest.mark.parametrize("edge", ["clamp", "wrap", "reflect"])
+def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
+    monkeypatch.setattr(morton_order, "FEWEST", 1)
+    own, random = shot(walking(edge), groups=GROUPS), np.random.default_rng(6)
+    edited = Edited(own, [Edit(some(*range(a, 400, 8)), move=(*random.uniform(-50, 50, 2), 0.0)) for a in range(4)])
+    for time in (1, 16.5, 90, 300):
+        for _ in range(6):
+            camera = straight(offset=(random.uniform(-60, 60), random.uniform(-60, 100), 1.7))
+            frame = plan(edited, camera, POLICY, time)
+            assert raw(frame) == raw(plan(edited.leaving(NOTHING, 1), camera, POLICY, time))
+            assert (BLOCKS in frame.left_out) == (edge != "wrap")
+
+
+@st.composite
+def edits(draw, count, groups):
+    """Any edits of some agents of a crowd."""
+    agents = st.lists(st.integers(0, count - 1), min_size=1, max_size=6, unique=True).map(lambda own: some(*own))
+    metres = st.floats(-60, 60)
+    return draw(
+        st.lists(
+            st.builds(
+                Edit,
+                agents,
+                move=st.tuples(metres, metres, st.floats(-3, 3)) | st.just((0.0, 0.0, 0.0)),
+                turn=st.floats(-4, 4),
+                group=st.none() | st.integers(0, groups - 1),
+                hide=st.booleans(),
+            ),
+            min_size=1,
+            max_size=5,
+        )
+    )
+
+
+@pytest.mark.once
+def test_nobody_is_missed_and_leave_outs_change_nothing_whatever_is_edited(blocks):
+    found = set()
+
+    @settings(max_examples=15)
+    @given(st.data(), trajectories(GROUPS, [17, 129]), generators)
+    def exact(data, own, random):
+        edited = Edited(own, data.draw(edits(len(own.start), len(own.groups))))
+        camera = straight(offset=(random.uniform(-40, 60), random.uniform(-40, 60), 1.7))
+        for time in (1, 9, 30.25):
+            shutter = [(time - 0.5, [camera]), (time + 0.5, [camera])]
+            frame = plan(edited, camera, POLICY, time, shutter)
+            found.update(frame.left_out)
+            for moment in (time, time - 0.5, time + 0.5):
+                crowd = edited.at(moment)
+                center = np.array([group.center for group in own.groups])[crowd.group]
+                radius = np.array([group.radius for group in own.groups])[crowd.group]
+                places = np.stack([crowd.x, crowd.y, crowd.z + center], axis=1)
+                unseen = ~frame.visible if crowd.present is None else crowd.present & ~frame.visible
+                assert not [a for a in np.flatnonzero(unseen) if sees(camera, places[a], radius[a])]
+            assert raw(frame) == raw(plan(edited.leaving(NOTHING, 1), camera, POLICY, time, shutter))
+            fresh = Edited(replace(own, _kept={}), edited.edits)
+            assert raw(frame) == raw(plan(fresh, camera, POLICY, time, shutter))
+
+    exact()
+    assert (BLOCKS in found) == (morton_order.FEWEST == 1) and IN_ORDER in found
+
+
+def test_who_is_hidden_casts_no_shadow_and_is_in_no_figure(blocks):
+    own = shot(walking(), groups=GROUPS, count=600)
+    lights = Surroundings(lights=(Light(None, np.array([0.6, 0.0, -0.8])),))
+    plain = surround(plan(own, straight(), POLICY, 9), lights)
+    gone = np.array([*plain.buckets.order[:4], *plain.shadow.order[:4]], np.intp)
+    frame = surround(plan(Edited(own, [Edit(gone, hide=True)]), straight(), POLICY, 9), lights)
+    shown = np.concatenate([frame.buckets.order, frame.shadow.order, frame.mirrored.order])
+    assert len(gone) == 8 and not np.isin(shown, gone).any() and not frame.culled[gone].any()
+    assert frame.crowd.there == 592 and (reasons(frame)[gone] == ABSENT).all()
+    assert frame.full_triangles == plain.full_triangles - sum(GROUPS[g].triangles[0] for g in own.start.group[gone])
+
+
+def test_who_is_lifted_off_a_flat_crowd_ends_its_being_flat():
+    own = shot(walking(), count=50)
+    assert FLAT in own.left_out and FLAT not in Edited(own, [Edit(some(3), move=(0, 0, 1.0))]).left_out
+
+
+def test_a_plan_made_before_is_told_of_any_other_edit():
+    own = shot(walking(), groups=GROUPS, count=50)
+    kinds = [dict(move=(1.0, 0, 0)), dict(turn=1.0), dict(group=2), dict(hide=True)]
+    told = {Edited(own, [Edit(some(a), **each)]).digests()["the exceptions"] for each in kinds for a in (3, 4)}
+    assert len(told) == 8 and "the exceptions" not in own.digests()
+
+
+def test_numbers_of_a_file_are_known_of_several_crowds_too():
+    crowds = several()
+    assert crowds.ids is None and Edited(crowds, []).ids is None
+    crowds.members[1].ids = np.arange(100) + 7000
+    again = Several(crowds.members, crowds.names, crowds.shown)
+    assert again.ids.tolist() == [-1] * 200 + list(range(7000, 7100))

@@ -1,0 +1,60 @@
+"""NPZ of tracks: what is written comes back to the bit, and what cannot be used is named."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.tracks import npz
+from crowd_lod_extension.crowd_lod.tracks.rows import Rows, check_rows
+
+
+def rows(**changes):
+    random = np.random.default_rng(1)
+    own = {name: random.uniform(-9, 9, 20) for name in ("x", "y", "z", "heading", "phase")}
+    own |= {"id": np.repeat(np.arange(4), 5), "frame": np.tile(np.arange(5.0), 4), "group": np.repeat(["Man", "Woman"], 10)}
+    return Rows(**(own | changes), rate=25.0, unit="m")
+
+
+def test_what_is_written_comes_back_to_the_bit(tmp_path):
+    made = rows()
+    npz.write(tmp_path / "crowd.part", made)
+    found = check_rows(npz.read(tmp_path / "crowd.part"), tmp_path)
+    assert found.rate == 25.0 and found.unit == "m"
+    assert found.columns.keys() == made.columns.keys()
+    assert all(column.tobytes() == found.columns[name].tobytes() for name, column in made.columns.items())
+
+
+def test_what_is_not_known_is_left_out(tmp_path):
+    npz.write(tmp_path / "crowd.npz", rows(z=None, heading=None, phase=None, group=None))
+    found = npz.read(tmp_path / "crowd.npz")
+    assert (found.z, found.heading, found.phase, found.group) == (None,) * 4
+
+
+def test_centimeters_are_rounded_once(tmp_path):
+    found = rows(x=np.array([-554.56] * 20)).in_metres("cm")
+    assert (found.x == float(Fraction(-554.56) / 100)).all() and found.unit == "cm"
+
+
+BAD = {
+    "a text": lambda path: path.write_text("id frame x y"),
+    "a cut file": lambda path: (npz.write(path, rows()), path.write_bytes(path.read_bytes()[:700])),
+    "no y": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0]),
+    "objects": lambda path: np.savez(path, id=np.array([None]), frame=[1], x=[0.0], y=[0.0]),
+    "an unknown unit": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], unit="miles"),
+    "two rates": lambda path: np.savez(path, id=[1], frame=[1], x=[0.0], y=[0.0], fps=[1.0, 2.0]),
+    "no rows": lambda path: np.savez(path, id=[], frame=[], x=[], y=[]),
+    "other lengths": lambda path: np.savez(path, id=[1, 2], frame=[1, 2], x=[0.0, 1.0], y=[0.0]),
+    "NaN": lambda path: npz.write(path, rows(y=np.full(20, np.nan))),
+    "broken ids": lambda path: npz.write(path, rows(id=np.full(20, 1.5))),
+    "texts for numbers": lambda path: npz.write(path, rows(x=np.full(20, "a"))),
+    "groups of fractions": lambda path: npz.write(path, rows(group=np.full(20, 0.5))),
+}
+
+
+@pytest.mark.parametrize("fault", BAD)
+def test_what_cannot_be_used_is_named_in_a_sentence(tmp_path, fault):
+    path = tmp_path / "bad.npz"
+    BAD[fault](path)
+    with pytest.raises(CrowdError, match="bad.npz"):
+        check_rows(npz.read(path), path)
