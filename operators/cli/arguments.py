@@ -24,7 +24,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_preview, _build, _verify, _assemble, _plan, _explain, _compare, _sample, _simulate):
+    for add in (_preview, _build, _verify, _assemble, _plan, _explain, _compare, _sample, _new_scene, _simulate):
         add(commands, program)
     about = "tables of error, run time and extreme cases"
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
@@ -166,6 +166,25 @@ def _sample(commands, program: str) -> None:
     command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
+
+
+def _new_scene(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "scene",
+        "make a scene of trajectories, or of an object's points, with the characters of a file",
+        "scene bottleneck.txt --unit cm --fps 25 --characters people.blend --out bottleneck.blend",
+    )
+    command.add_argument("tracks", type=_path, metavar="TRACKS", nargs="?", help="a file of trajectories")
+    command.add_argument(
+        "--characters", type=_path, required=True, metavar="FILE", help="a .blend file; those that its scene has set are taken"
+    )
+    command.add_argument("--source", metavar="OBJECT", help="in place of TRACKS: the points of this object in FILE are the agents")
+    command.add_argument("--ground", type=_path, metavar="FILE", help="a .blend file whose scene is the ground")
+    command.add_argument("--fps", type=float, metavar="N", help="frames a second in TRACKS (default: as it tells)")
+    command.add_argument("--unit", choices=("m", "cm", "mm", "ft"), help="unit of length in TRACKS (default: as it tells, or m)")
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: TRACKS.blend, or OBJECT.blend)")
 
 
 def _simulate(commands, program: str) -> None:

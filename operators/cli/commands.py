@@ -30,7 +30,7 @@ from ..build.buttons import prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
-from . import shared_runs, simulate
+from . import new_scene, shared_runs, simulate
 from .arguments import parser
 from .explain import explain
 from .scene_files import blend_path, finish, open_scene, save, stem_of
@@ -336,6 +336,7 @@ COMMANDS = {
     "explain": _explain,
     "compare": _compare,
     "sample": _sample,
+    "scene": new_scene.made,
     "simulate": simulate.simulated,
     "error": _report_error,
     "extremes": _report_extremes,
