@@ -24,7 +24,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_preview, _build, _verify, _plan, _explain, _compare, _sample, _new_scene, _simulate):
+    for add in (_preview, _build, _verify, _assemble, _plan, _explain, _compare, _sample, _new_scene, _simulate):
         add(commands, program)
     about = "tables of error, run time and extreme cases"
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
@@ -96,6 +96,18 @@ def _verify(commands, program: str) -> None:
     command.add_argument("--samples", type=int, default=4, metavar="N", help="samples of each pixel (default: 4)")
     _with_strict_plan(command)
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")
+
+
+def _assemble(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "assemble",
+        "put the parts of a preview or verify together, which were made with --part",
+        "assemble plaza_preview",
+    )
+    command.add_argument("folder", type=_path, metavar="DIR", help="the folder given as --out to the parts")
+    command.add_argument("--scene", metavar="SCENE", help="the scene, where it lies elsewhere on this machine")
 
 
 def _plan(commands, program: str) -> None:
@@ -261,3 +273,10 @@ def _shot(command: argparse.ArgumentParser, program: str) -> None:
     _scene(command, program)
     command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
     command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
+    command.add_argument("--jobs", type=int, default=1, metavar="N", help="make the frames in N processes (default: 1)")
+    command.add_argument(
+        "--part", metavar="A:B|LIST", help="make only these of the frames, into DIR/parts; the command assemble does the rest"
+    )
+    # of the processes of --jobs
+    command.add_argument("--into", type=_path, help=argparse.SUPPRESS)
+    command.add_argument("--threads", type=int, help=argparse.SUPPRESS)
