@@ -37,8 +37,9 @@ class Part:
     action, handle, player: the action, its slot's handle, and the object that plays it; None for the own.
     travels: by the curves' (path, index), how far the action moves the character as a whole; taken
         out when it is played.
-    stride: metres walked in a cycle as the action itself says, by a custom property or by how far
-        it travels; 0 if it does not say.
+    way: metres that it travels in the plane.
+    stride: metres walked in a cycle as its custom property says, or as far as it travels; 0 if
+        neither says.
     """
 
     name: str
@@ -48,6 +49,7 @@ class Part:
     handle: int = 0
     player: bpy.types.Object | None = None
     travels: tuple[tuple[str, int, float], ...] = ()
+    way: float = 0.0
     stride: float = 0.0
 
 
@@ -222,7 +224,8 @@ def _part(group: str, objects: list[bpy.types.Object], name: str) -> Part:
             f"The action {action.name} has one frame: key it at two frames or more, for {group} to play it in a cycle."
         )
     travels = _travels(player, action, handle, (first, last))
-    return Part(name, first, last, action, handle, player, travels, _stride(player, action, travels))
+    way = _way(player, travels)
+    return Part(name, first, last, action, handle, player, travels, way, _stride(action) or way)
 
 
 def _player(objects: list[bpy.types.Object], action: bpy.types.Action) -> tuple[bpy.types.Object, int] | None:
@@ -258,20 +261,23 @@ def _travels(player, action: bpy.types.Action, handle: int, span: tuple[float, f
     return tuple((*key, way) for key, way in ends.items() if abs(way) > TRAVELS * size)
 
 
-def _stride(player, action: bpy.types.Action, travels: Sequence[tuple[str, int, float]]) -> float:
-    """Return the metres that the action says that it walks in a cycle, or 0."""
-    if "stride" in action:
-        value = action["stride"]
-        if isinstance(value, bool | str) or not isinstance(value, int | float) or not 0 <= value < np.inf:
-            raise CrowdError(f"The property stride of the action {action.name} is {value!r}: set a number of metres, or remove it.")
-        return float(value)
-    way = Vector((0, 0, 0))
+def _stride(action: bpy.types.Action) -> float:
+    """Return the custom property `stride` of the action, metres; 0 without one."""
+    value = action.get("stride", 0)
+    if not isinstance(value, int | float) or not 0 <= value < np.inf:
+        raise CrowdError(f"The property stride of the action {action.name} is {value!r}: set a number of metres, or remove it.")
+    return float(value)
+
+
+def _way(player: bpy.types.Object, travels: Sequence[tuple[str, int, float]]) -> float:
+    """Return how far the action moves `player` in the plane, metres; travels: see Part."""
+    way, world = Vector((0, 0, 0)), player.matrix_world.to_3x3()
     for path, index, length in travels:
-        step = Vector([length if axis == index else 0.0 for axis in range(3)])
-        bone = BONE.match(path)
-        rest = player.data.bones[bpy.utils.unescape_identifier(bone[1])].matrix_local.to_3x3() if bone else None
-        world = player.matrix_world.to_3x3()
-        way += world @ (rest @ step) if rest else (player.parent.matrix_world.to_3x3() @ step if player.parent else step)
+        step, bone = Vector([length if axis == index else 0.0 for axis in range(3)]), BONE.match(path)
+        if bone:
+            way += world @ player.data.bones[bpy.utils.unescape_identifier(bone[1])].matrix_local.to_3x3() @ step
+        else:
+            way += player.parent.matrix_world.to_3x3() @ step if player.parent else step
     return way.xy.length
 
 

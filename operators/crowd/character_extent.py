@@ -87,7 +87,8 @@ def walked(poses: list[np.ndarray]) -> float:
     for a, b in zip(poses, poses[1:], strict=False):
         if a.shape == b.shape:
             stand = (a[:, 2] <= high) & (b[:, 2] <= high)
-            steps += [np.median((b - a)[stand, :2], axis=0)] * bool(stand.any())
+            if stand.any():
+                steps.append(np.median((b - a)[stand, :2], axis=0))
     return float(np.linalg.norm(np.mean(steps, axis=0))) * (len(poses) - 1) if steps else 0.0
 
 

@@ -24,6 +24,7 @@ from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.performance import Part, performance_of
 from . import crowd_sources, needs
+from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
 from .scene_world import actions_named, bias_of, check_maps
 from .settings_versions import VERSION
@@ -126,8 +127,9 @@ def measuring_groups(
 
 def _action(part: Part, poses: list[np.ndarray], fps: float, size: float) -> Action:
     """Return the Action that a group plays as `part`; poses: see `walked`; size: of the group, metres."""
-    stride = part.stride or walked(poses)
-    return Action(part.name, stride if stride > STANDS * size else 0.0, (part.last - part.first) / fps)
+    feet = walked(poses)
+    stride, feet = (each if each > STANDS * size else 0.0 for each in (part.stride or feet, feet))
+    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.way)
 
 
 def stands(settings, name: str) -> bool:
@@ -372,7 +374,11 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
         trajectory = trajectory_of(context.scene, groups)
         troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
         warnings = [troubles.sentence] if troubles.found else []
-        warnings += [*_off_ground(context.scene, groups), *_unmeasured(context.scene, groups)]
+        warnings += [
+            *_off_ground(context.scene, groups),
+            *_unmeasured(context.scene, groups),
+            *told_of_actions(context.scene, groups),
+        ]
         store_groups(settings, groups)
         _place_levels(context.scene)
         settings.overlay, settings.trouble = True, troubles.sentence

@@ -101,24 +101,26 @@ def poses(objects: Sequence[bpy.types.Object], performance: Performance | None =
 
     performance: what it plays; its own action if None.
 
-    Some lie evenly over each action, fewer over those that states name; at the others its joints are farthest from where they are at
-    any before.
+    Some lie evenly over each action, half as many over those that states name; at the others its joints are farthest from where they
+    are at any before.
     """
     performance = performance or own(list(objects))
-    spans = performance.spans
-    parts = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, LOOKED_AT)) for span in spans]
-    times, most, chosen, begin = np.concatenate(parts), POSES + (EVENLY // 2) * (len(parts) - 1), [], 0
-    if len(times) <= most:
-        return times.tolist()
-    for k, part in enumerate(parts):
-        even = np.linspace(0, len(part) - 1, EVENLY // (2 if k else 1)).round().astype(int)
-        chosen += dict.fromkeys((begin + even).tolist())
-        begin += len(part)
-    joints = _joints(objects, times, performance)
-    near = np.min([_apart(joints, joints[k]) for k in chosen], axis=0)
-    while len(chosen) < most and near.max() > 0:
-        chosen.append(int(near.argmax()))
-        near = np.minimum(near, _apart(joints, joints[chosen[-1]]))
+    parts = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, LOOKED_AT)) for span in performance.spans]
+    times, begins = np.concatenate(parts), np.cumsum([0, *map(len, parts)]).tolist()
+    joints: np.ndarray | None = None
+    chosen: list[int] = []
+    for k, (begin, end) in enumerate(zip(begins, begins[1:], strict=False)):
+        even, most = (EVENLY // 2, POSES // 2) if k else (EVENLY, POSES)
+        if end - begin <= most:
+            chosen += range(begin, end)
+            continue
+        joints = _joints(objects, times, performance) if joints is None else joints
+        mine = (begin + np.linspace(0, end - begin - 1, even).round().astype(int)).tolist()
+        near = np.min([_apart(joints[begin:end], joints[j]) for j in (*chosen, *mine)], axis=0)
+        while len(mine) < most and near.max() > 0:
+            mine.append(begin + int(near.argmax()))
+            near = np.minimum(near, _apart(joints[begin:end], joints[mine[-1]]))
+        chosen += mine
     return times[sorted(chosen)].tolist()
 
 
