@@ -6,19 +6,45 @@ from .batch import open_report, preview, shot_plan, verify_button
 from .blender import collection_caches, main_thread, scene_cache
 from .build import buttons, cost_estimate, frame_update, render_setup
 from .cli import commands
-from .crowd import characters_from_selection, sample_menu, scene_crowd, scenery, settings_versions, simulate, state_machine_menu
+from .crowd import (
+    characters_from_selection,
+    machine_buttons,
+    record_points,
+    sample_menu,
+    scene_crowd,
+    scenery,
+    settings_versions,
+    simulate,
+    state_machine_menu,
+)
 from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
-from .ui import agent_edits, crowd_list, exception_list, menus, panels, popovers, presets, properties, shot_panels
+from .ui import (
+    agent_edits,
+    crowd_list,
+    exception_list,
+    machine_panels,
+    machine_settings,
+    menus,
+    panels,
+    popovers,
+    presets,
+    properties,
+    shot_panels,
+    swatches,
+)
 
 MODULES = (
     exception_list,
     agent_edits,
     properties,
+    machine_settings,
     sample_menu,
     state_machine_menu,
+    machine_buttons,
     scene_crowd,
     simulate,
+    record_points,
     characters_from_selection,
     make_lods,
     deviation,
@@ -34,6 +60,7 @@ MODULES = (
     popovers,
     menus,
     panels,
+    machine_panels,
     crowd_list,
     shot_panels,
 )
@@ -60,6 +87,7 @@ def register() -> None:
     for c in CLASSES:
         bpy.utils.register_class(c)
     bpy.types.Scene.crowd_lod = bpy.props.PointerProperty(type=properties.CrowdLodSettings)
+    machine_settings.register()
     for name, functions in HANDLERS.items():
         for function in functions:
             getattr(bpy.app.handlers, name).append(function)
@@ -81,6 +109,8 @@ def unregister() -> None:
             if function in handlers:  # a script may have cleared them
                 handlers.remove(function)
     scene_cache.forget()
+    swatches.unregister()
+    machine_settings.unregister()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):
         bpy.utils.unregister_class(c)

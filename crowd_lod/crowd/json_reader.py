@@ -3,12 +3,28 @@
 import json
 import math
 from json.decoder import scanstring  # type: ignore[attr-defined]  # typeshed leaves it out
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from ..errors import CrowdError
 
 FieldPath = tuple[str | int, ...]  # of a field: the keys and places that lead to it
 Color = tuple[int, int, int]  # sRGB, 0 to 255
+
+
+class FieldError(CrowdError):
+    """What is wrong with the field at `path`."""
+
+    def __init__(self, message: str, path: FieldPath) -> None:
+        super().__init__(message)
+        self.path = path
+
+
+class Place(NamedTuple):
+    """Where a field stands in the text: it begins at its key, if it has one, and ends after its value."""
+
+    begin: int
+    value: int
+    end: int
 
 
 class Reader:
@@ -29,13 +45,13 @@ class Reader:
             self.fail(halves[0], "holds half of a character, an escape from \\ud800 to \\udfff without its other half; write both")
 
     def fail(self, path: FieldPath, problem: str) -> NoReturn:
-        """Raise a CrowdError that says what `problem` the field at `path` has.
+        """Raise a FieldError that says what `problem` the field at `path` has.
 
         Its line is the field's, or that of the nearest parent if the field is missing.
         """
         place = next(self.places[path[:n]] for n in range(len(path), -1, -1) if path[:n] in self.places)
-        line = self.text.count("\n", 0, place) + 1
-        raise CrowdError(f"{self.what}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.")
+        line = self.text.count("\n", 0, place.begin) + 1
+        raise FieldError(f"{self.what}, line {line}: {'.'.join(map(str, path)) or 'the file'} {problem}.", path)
 
     def table(self, value: object, path: FieldPath, allowed: set[str] | None = None, filled: bool = False) -> dict[str, Any]:
         if not isinstance(value, dict):
@@ -88,13 +104,12 @@ def _torn(value: object) -> bool:
     return isinstance(value, str) and any("\ud800" <= each <= "\udfff" for each in value)
 
 
-def _places(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[FieldPath]]:
-    """Return where fields begin, which stand twice, which hold a lone surrogate.
+def _places(text: str) -> tuple[dict[FieldPath, Place], list[FieldPath], list[FieldPath]]:
+    """Return where fields stand, which stand twice, which hold a lone surrogate.
 
-    text: valid JSON. A field begins at its key, if it has one. A surrogate counts in its key or its
-        text.
+    text: valid JSON. A surrogate counts in a field's key or its text.
     """
-    places: dict[FieldPath, int] = {}
+    places: dict[FieldPath, Place] = {}
     twice: list[FieldPath] = []
     halves: list[FieldPath] = []
     decoder = json.JSONDecoder(parse_int=_whole)
@@ -108,9 +123,9 @@ def _places(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[Fiel
         """Record the field whose value begins at i, and return the index after it."""
         if path in places:
             twice.append(path)
-        places[path] = begins
         opening = text[i]
         value, end = (None, i) if opening in "{[" else decoder.raw_decode(text, i)
+        places[path] = Place(begins, i, end)  # of an object or an array the end comes last
         if any(map(_torn, (*path[-1:], value))):
             halves.append(path)
         if end > i:
@@ -124,6 +139,7 @@ def _places(text: str) -> tuple[dict[FieldPath, int], list[FieldPath], list[Fiel
             i, place = skip(field(i, (*path, key), begins)), place + 1
             if text[i] == ",":
                 i = skip(i + 1)
+        places[path] = places[path]._replace(end=i + 1)
         return i + 1
 
     first = skip(0)

@@ -17,8 +17,13 @@ LOOKS, CHOSEN = np.uint64(0x2545F4914F6CDD1D), np.uint64(0x9FB21C651E98DF25)
 
 def keys(seed: int, count: int) -> np.ndarray:
     """Return the first keys (count,) uint64 of agents 0 to count - 1."""
+    return keys_of(seed, np.arange(count, dtype=np.uint64))
+
+
+def keys_of(seed: int, ids: np.ndarray) -> np.ndarray:
+    """Return the first keys (n,) uint64 of the agents `ids`, (n,) whole numbers."""
     start = _mixed(np.array([seed % 2**64], np.uint64))
-    return _mixed(start ^ np.arange(count, dtype=np.uint64))
+    return _mixed(start ^ ids.astype(np.uint64))
 
 
 def moved_on(key: np.ndarray, events: np.ndarray) -> np.ndarray:

@@ -78,7 +78,7 @@ def columns_by_bucket(
     The agents stand as in `crowd`. For mesh_data.write_points.
 
     position: metres, world space.
-    heading, of agents on slopes also pitch and roll (see HeightMap.tilt): radians.
+    heading, of agents on slopes also pitch and roll (see maps.lean): radians.
     phase, group: those of the agent.
     pose: which of the `library`'s characters the agent shows, of the frame that is `held`.
     looks: a number in [0, 1) per agent, by which materials may vary.
@@ -262,7 +262,7 @@ def _planned(
     Returns (trajectory, frame, what it holds, the cameras of its shutter).
     """
     check_levels(scene)
-    trajectory = trajectory_of(scene)
+    trajectory = trajectory_of(scene, depsgraph=depsgraph)
     top = scene.crowd_lod.build
     if {bucket.name for bucket in buckets_of(scene) if not bucket.unseen_by} - points_of(top).keys():
         raise CrowdError(f"The build of {scene.name} lacks LODs that its settings ask for: press Build again.")

@@ -24,7 +24,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_preview, _build, _verify, _plan, _explain, _compare, _sample):
+    for add in (_preview, _build, _verify, _plan, _explain, _compare, _sample, _simulate):
         add(commands, program)
     about = "tables of error, run time and extreme cases"
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
@@ -154,6 +154,21 @@ def _sample(commands, program: str) -> None:
     command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
+
+
+def _simulate(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "simulate",
+        "write the scene with its crowd simulated by JuPedSim, and the trajectories beside it",
+        "simulate hall.blend --seconds 60 --out hall_simulated.blend",
+    )
+    _scene(command, program)
+    command.add_argument("--seconds", type=float, metavar="S", help="how long (default: the scene's)")
+    command.add_argument("--agents", type=int, metavar="N", help="how many (default: the scene's)")
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_simulated.blend)")
 
 
 def _error(reports, program: str) -> None:

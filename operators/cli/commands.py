@@ -1,10 +1,8 @@
 """The commands, for the shell and for `blender --command crowd_lod` alike."""
 
-import contextlib
 import json
 import os
 import sys
-import threading
 import time as clock
 from collections.abc import Generator
 from dataclasses import replace
@@ -12,13 +10,12 @@ from pathlib import Path
 
 import bpy
 
-from ... import sample_scenes
 from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.errors import FAULTS, CrowdError, sentence
 from ...crowd_lod.format import printable
 from ...crowd_lod.planning.budget import Budget
 from ...crowd_lod.planning.frame_range import parse_frames
-from ...crowd_lod.progress import Made, share
+from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
@@ -33,8 +30,10 @@ from ..build.buttons import prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
+from . import simulate
 from .arguments import parser
 from .explain import explain
+from .scene_files import blend_path, finish, open_scene, save, stem_of
 
 
 def from_blender(argv: list[str]) -> int:
@@ -88,42 +87,6 @@ def _tell(argv: list[str], program: str) -> int:
     return 0 if result.get("ok", True) else 1
 
 
-def open_scene(name: str | None) -> bpy.types.Scene:
-    """Open a .blend file, or make a sample scene, by `name`, and return the scene.
-
-    None stands for the file that is open already. CrowdError if there is no such file or Blender
-    cannot open it.
-    """
-    if name in sample_scenes.NAMES:
-        # an empty file of the user's own start-up: the factory's would switch this extension off
-        # while it runs
-        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
-        scene = bpy.context.scene
-        scene.name = name
-        sample_scenes.make(name, scene)
-    elif name is not None:
-        path = Path(name)
-        if not path.is_file():
-            raise CrowdError(
-                f"There is no file {name}, and no sample of that name: give a .blend file, or one of {', '.join(sample_scenes.NAMES)}."
-            )
-        try:
-            with console.quiet():
-                bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
-        except RuntimeError as error:
-            raise CrowdError(f"Blender cannot open {name}: {_first_line(error)}") from None
-    return bpy.context.scene
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0].removeprefix("Error: ")
-
-
-def _stem(args) -> str:
-    """Return the name stem of files made from the command's scene."""
-    return Path(args.scene or bpy.data.filepath or "scene").stem
-
-
 def _frames(args, scene: bpy.types.Scene) -> list[int]:
     """Return the frames given in the command, or else those of the scene's shot."""
     step = scene.crowd_lod.step if args.step is None else args.step
@@ -137,7 +100,7 @@ def _preview(args, command: list[str]) -> dict:
     _follow_plan(settings, args)
     if args.width is not None:
         _within("width", args.width, 16, 8192)
-    stem = _stem(args)
+    stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_preview"))
     engine = (args.engine or settings.engine).upper()
     color = (args.color or (settings.overlay_color if engine == "OVERLAY" else settings.color)).upper()
@@ -153,7 +116,7 @@ def _preview(args, command: list[str]) -> dict:
         color=color,
         strict=args.strict,
     )
-    plan = _finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
+    plan = finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
     told = "".join(f"{each}\n" for each in (plan["trouble_says"], *plan["preview"]["notes"]) if each)
     least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
@@ -173,7 +136,7 @@ def _plan(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
     _set(settings, args)
-    stem = _stem(args)
+    stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_plan"))
     wanted = shot_plan.Wanted(
         frames=scene_data.frames_of(scene) if args.frames is None else parse_frames(args.frames),
@@ -189,7 +152,7 @@ def _plan(args, command: list[str]) -> dict:
             planned = yield from share(shot_plan.plan_shot(scene, wanted), 0.0, 0.99)
             return planned, (yield from share(shot_plan.write_plan(scene, part, planned, command), 0.99, 1.0))
 
-        planned, told = _finish(work(), f"plan of {stem}", args.quiet)
+        planned, told = finish(work(), f"plan of {stem}", args.quiet)
     forget_parts(folder)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
@@ -208,7 +171,7 @@ def _budget(args, settings) -> Budget:
 def _explain(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     _follow_plan(scene.crowd_lod, args)
-    found, unplanned = _finish(explain(scene, args.agent, args.frame), f"agent {args.agent}", args.quiet)
+    found, unplanned = finish(explain(scene, args.agent, args.frame), f"agent {args.agent}", args.quiet)
     told = "\n".join(filter(None, (found.text, unplanned)))
     return {"frame": args.frame, **found.as_json, "unplanned": unplanned, "summary": told}
 
@@ -240,7 +203,7 @@ def _verify(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     settings = scene.crowd_lod
     _follow_plan(settings, args)
-    stem = _stem(args)
+    stem = stem_of(args)
     wanted = Verify(
         frames=_frames(args, scene),
         folder=files.absolute(args.out or Path(f"{stem}_verify")),
@@ -249,7 +212,7 @@ def _verify(args, command: list[str]) -> dict:
         bounces=_within("number of bounces", args.bounces, 0, 64),
         strict=args.strict,
     )
-    result = _finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
+    result = finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
     out = printable(wanted.folder)
     return {**result, "out": out, "summary": f"{to_text(result)}\n{out}"}
 
@@ -266,9 +229,9 @@ def _report_error(args, command: list[str]) -> dict:
     scene = open_scene(args.scene)
     if args.seed is not None:
         scene.crowd_lod.seed = _within("seed", args.seed, 0, 2**31 - 1)
-    stem = _stem(args)
+    stem = stem_of(args)
     folder = files.absolute(args.out or Path(f"{stem}_error"))
-    result = _finish(error_report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
+    result = finish(error_report.error(scene, folder, repeats), f"error report of {stem}", args.quiet)
     tables = {name: [{k: None if v != v else v for k, v in row.items()} for row in rows] for name, rows in result["tables"].items()}
     out = printable(folder)
     summary = "\n".join(filter(None, (result["without"], ", ".join(result["files"]), out)))
@@ -277,20 +240,20 @@ def _report_error(args, command: list[str]) -> dict:
 
 def _report_extremes(args, command: list[str]) -> dict:
     most, seed = _within("number of agents", args.most, 1, MOST_AGENTS), _within("seed", args.seed, 0, 2**31 - 1)
-    rows = _finish(error_report.cases(most, seed, args.out and files.absolute(args.out)), "extreme cases", args.quiet)
+    rows = finish(error_report.cases(most, seed, args.out and files.absolute(args.out)), "extreme cases", args.quiet)
     found = [{"case": r.name, **vars(r.verdict), "milliseconds": r.milliseconds, "note": r.note} for r in rows]
     return {"cases": found, "summary": extreme_cases.table_text(rows)}
 
 
 def _report_cull(args, command: list[str]) -> dict:
     pairs, seed = _within("number of pairs", args.pairs, 1, 10**9), _within("seed", args.seed, 0, 2**31 - 1)
-    rows = _finish(error_report.lenses(pairs, seed), "culling's audit", args.quiet)
+    rows = finish(error_report.lenses(pairs, seed), "culling's audit", args.quiet)
     return {"lenses": rows, "summary": error_report.lenses_text(rows)}
 
 
 def _build(args, command: list[str]) -> dict:
-    stem = _stem(args)
-    path = _blend(args.out or Path(f"{stem}_built.blend"))
+    stem = stem_of(args)
+    path = blend_path(args.out or Path(f"{stem}_built.blend"))
     if args.frames is not None and not args.bake:
         raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
     if args.render_only and not args.bake:
@@ -313,14 +276,14 @@ def _build(args, command: list[str]) -> dict:
                 print(predicted[0].sentence, file=sys.stderr)
             return (yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0))
 
-        cast = _finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+        cast = finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
         told = render_setup.told_of_cast(scene, cast), told_of_characters(scene), args.bake and frame_stepping.unbaked(scene)
         if args.render_only:
             told = *told, bake.keep_what_renders(scene)
-        _save(part, path, compress=True)
+        save(part, path, compress=True)
     size = path.stat().st_size
     started = clock.perf_counter()
     with console.quiet():
@@ -344,58 +307,11 @@ def _build(args, command: list[str]) -> dict:
 
 
 def _sample(args, command: list[str]) -> dict:
-    path = _blend(args.out or Path(f"{args.name}.blend"))
+    path = blend_path(args.out or Path(f"{args.name}.blend"))
     with files.staged_file(path) as part:
         open_scene(args.name)
-        _save(part, path)
+        save(part, path)
     return {"out": printable(path), "summary": printable(path)}
-
-
-def _blend(path: Path) -> Path:
-    """Return the path of a .blend file, absolute, checked before any work is done.
-
-    CrowdError if it does not end in .blend, or its folder does not exist.
-    """
-    if path.suffix != ".blend":
-        raise CrowdError(f"The file {printable(path.name)} must end in .blend.")
-    path = files.absolute(path)
-    parent = os.path.dirname(os.path.realpath(path))
-    if not os.path.isdir(parent):
-        raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
-    return path
-
-
-def _save(part: Path, path: Path, compress: bool = False) -> None:
-    """Save the open file to `part`, which is to become `path`."""
-    try:
-        with console.quiet():
-            bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True, compress=compress)
-    except RuntimeError as error:
-        raise CrowdError(f"The file {printable(path)} cannot be written: {_first_line(error)}.") from None
-
-
-def _finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:
-    """Run a progress generator with a bar on stderr, and return its result."""
-    with contextlib.ExitStack() as stack:
-        stack.callback(steps.close)
-        bar = None
-        if not quiet:
-            with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
-                from tqdm import tqdm
-
-                # its own is of processes, and one of Python's would complain that it is left
-                tqdm.set_lock(threading.RLock())
-                looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
-                stack.callback(setattr, interrupt, "line", interrupt.line)
-                bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
-                interrupt.line = "\n"
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as end:
-                return end.value
-            if bar is not None:
-                bar.update(100 * progress - bar.n)
 
 
 COMMANDS = {
@@ -406,6 +322,7 @@ COMMANDS = {
     "explain": _explain,
     "compare": _compare,
     "sample": _sample,
+    "simulate": simulate.simulated,
     "error": _report_error,
     "extremes": _report_extremes,
     "cull": _report_cull,

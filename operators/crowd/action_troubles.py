@@ -20,7 +20,7 @@ def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator
 
     groups: as just measured.
     """
-    machines = [machine_of(crowd) for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds)]
+    machines = [machine_of(crowd) for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.source == "MACHINE"]
     for group in groups:
         for action in group.actions:
             yield from _root_motion(scene, group, action)

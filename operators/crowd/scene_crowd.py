@@ -23,7 +23,7 @@ from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.performance import Part, performance_of
-from . import crowd_sources, needs
+from . import crowd_sources, kept_meshes, needs, terrain_source
 from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
 from .scene_world import actions_named, bias_of, check_maps
@@ -57,19 +57,21 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     origin: world metres.
     """
     stored_values.check(scene.crowd_lod)
-    top = scene.crowd_lod.characters
+    top, ground = scene.crowd_lod.characters, terrain_source.grounds_of(crowd_sources.crowds_of(scene.crowd_lod))
     if top is None:
         raise CrowdError(
             f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
         )
-    kept = [child for child in top.children if not is_stage(child.all_objects)]
+    kept = [
+        child for child in top.children if not is_stage(child.all_objects) and not ground.issuperset(child.all_objects[:] or [top])
+    ]
     groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in kept]
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
             # LODs hang on the same armature
             below = [item for item in root.children_recursive if not item.get(OWNED)]
-            if not is_stage([root, *below]):
+            if not is_stage([root, *below]) and root not in ground:
                 groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
     if not groups:
         state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
@@ -295,17 +297,20 @@ def _thresholds(owner, settings) -> tuple[float, ...]:
     return tuple(round(t, 6) for t in chosen[: settings.level_count - 1])
 
 
-def trajectory_of(scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None) -> Trajectory:
+def trajectory_of(
+    scene: bpy.types.Scene, groups: tuple[Group, ...] | None = None, depsgraph: bpy.types.Depsgraph | None = None
+) -> Trajectory:
     """Return the scene's crowd over time, cached while its inputs stay the same.
 
     CrowdError if the crowd is not populated or a setting is bad.
 
     groups: measured groups in place of those that the settings hold.
+    depsgraph: where objects are evaluated whose points are agents; the view layer's own if None.
     """
     groups = groups or groups_of(scene.crowd_lod)
     if not groups:
         raise CrowdError(f"The crowd of the scene {scene.name} is not populated: press Populate in the Crowd panel.")
-    return crowd_sources.together(scene, groups)
+    return crowd_sources.together(scene, groups, depsgraph)
 
 
 def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
@@ -327,7 +332,7 @@ def frame_of(  # noqa: PLR0913 - most are at hand, and read if not
     """
     if time is None:
         time = scene_data.time_of(scene)
-    trajectory, settings = trajectory or trajectory_of(scene), scene.crowd_lod
+    trajectory, settings = trajectory or trajectory_of(scene, depsgraph=depsgraph), scene.crowd_lod
     eyes = camera or read_cameras(scene, depsgraph)
     shutter = read_shutter(scene, time) if shutter is None else shutter
     bias = bias_of(settings)
@@ -360,6 +365,35 @@ def _unmeasured(scene: bpy.types.Scene, groups: tuple[Group, ...]) -> Iterator[s
         )
 
 
+def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, tuple[str, list[str]]]:
+    """Measure the characters of `scene` and place the crowd: yield the progress.
+
+    Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a setting is bad.
+    """
+    settings = scene.crowd_lod
+    check_maps(settings)
+    crowds = crowd_sources.crowds_of(settings)
+    with kept_meshes.taken_back(crowds):
+        yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
+        groups = yield from measuring_groups(scene)
+        trajectory = crowd_sources.populated(scene, groups, depsgraph)
+        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+        warnings = [troubles.sentence] if troubles.found else []
+        warnings += [
+            *_off_ground(scene, groups),
+            *_unmeasured(scene, groups),
+            *crowd_sources.notes(crowds, trajectory),
+            *told_of_actions(scene, groups),
+        ]
+    store_groups(settings, groups)
+    _place_levels(scene)
+    settings.trouble = troubles.sentence
+    said = [] if troubles.found else [troubles.sentence]
+    agents = f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}."
+    sources = [part.told for part in trajectory.parts]
+    return " ".join(filter(None, (agents, *sources, *warnings, *said))), warnings
+
+
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     """Measure the characters and place the crowd at its first frame"""
 
@@ -368,29 +402,11 @@ class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):
     needs = (needs.characters,)
 
     def steps(self, context) -> Generator[float, None, str]:
-        settings = context.scene.crowd_lod
-        check_maps(settings)
-        groups = yield from measuring_groups(context.scene)
-        trajectory = trajectory_of(context.scene, groups)
-        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
-        warnings = [troubles.sentence] if troubles.found else []
-        warnings += [
-            *_off_ground(context.scene, groups),
-            *_unmeasured(context.scene, groups),
-            *told_of_actions(context.scene, groups),
-        ]
-        store_groups(settings, groups)
-        _place_levels(context.scene)
-        settings.overlay, settings.trouble = True, troubles.sentence
+        said, warnings = yield from populating(context.scene, context.evaluated_depsgraph_get())
+        context.scene.crowd_lod.overlay = True
         for warning in warnings:
             self.report({"WARNING"}, warning)
-        said = [] if troubles.found else [troubles.sentence]
-        return " ".join(
-            filter(
-                None,
-                (f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}.", *warnings, *said),
-            )
-        )
+        return said
 
 
 CLASSES = (CROWDLOD_OT_populate,)

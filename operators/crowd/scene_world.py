@@ -24,8 +24,9 @@ def actions_named(scene: bpy.types.Scene) -> tuple[str, ...]:
 
     CrowdError if a state machine is bad.
     """
-    machines_of = [crowd.machine for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.machine]
-    return tuple(sorted({name for text in machines_of for name in _actions(text.as_string(), text.name)} - {""}))
+    crowds = (scene.crowd_lod, *scene.crowd_lod.crowds)
+    texts = [crowd.machine for crowd in crowds if crowd.machine and crowd.source == "MACHINE"]
+    return tuple(sorted({name for text in texts for name in _actions(text.as_string(), text.name)} - {""}))
 
 
 @lru_cache(maxsize=16)

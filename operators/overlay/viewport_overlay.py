@@ -20,7 +20,7 @@ from ...crowd_lod.planning.request import Request
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, sidebars
 from ..blender.cameras import read_cameras, read_shutter
 from ..blender.image_data import LOOK_AGAIN
-from ..crowd.crowd_sources import inputs_of
+from ..crowd.crowd_sources import inputs_of, live
 from ..crowd.scene_crowd import groups_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import drawn_inputs
@@ -246,17 +246,17 @@ def _shown_now(context, before: Shown | None) -> Shown:
         eyes = (viewpoint(context),) if own is not None else read_cameras(scene, depsgraph)
         policy = replace(policy_of(settings), hysteresis=round(settings.hysteresis, 6))
         time = scene_data.time_of(scene)
-        key, shutter = ((), ()) if own is not None else _open_shutter(scene, time, eyes)
+        key, shutter = ((), ()) if own is not None or live(settings) else _open_shutter(scene, time, eyes)
         frame_inputs = own, time, policy, *map(_values, eyes), key if shutter else ()
         style, characters, notes = style_of(scene, policy.count)
         notes += missing_groups(settings)
         frame_inputs += style, notes, settings.overlay_color, round(settings.overlay_fade, 6), reference(settings)
         frame_inputs += drawn_inputs(settings)
         known = before.frame if before is not None and before.crowd_inputs == crowd_inputs else None
-        if known is not None and looked < before.looked + LOOK_AGAIN:
+        if known is not None and looked < before.looked + LOOK_AGAIN and not live(settings):
             trajectory, bias, looked = known.trajectory, known.bias, before.looked
         else:
-            trajectory = trajectory_of(scene)
+            trajectory = trajectory_of(scene, depsgraph=depsgraph)
             bias = bias_of(settings)
             if known is not None and _same(bias, known.bias):
                 bias = known.bias

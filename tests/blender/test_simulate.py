@@ -7,6 +7,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.crowd.simulate import simulating_crowd
 
@@ -142,3 +143,17 @@ def test_without_jupedsim_a_command_that_installs_it_is_told(hall, tmp_path, mon
 def test_in_a_file_without_a_place_the_button_says_so():
     with pytest.raises(RuntimeError, match="Save the file first"):
         bpy.ops.crowd_lod.simulate()
+
+
+def test_command_writes_a_scene_that_follows_the_trajectories_beside_it(hall, tmp_path):
+    words = ["simulate", str(tmp_path / "hall.blend"), "--seconds", "2", "--agents", "40", "--out", str(tmp_path / "walked.blend")]
+    assert commands._run([*words, "--quiet"], "crowd-lod") == 0
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "walked.blend"))
+    settings = bpy.context.scene.crowd_lod
+    assert (settings.source, settings.tracks_file) == ("FILE", "//walked.sqlite")
+    rows, _ = rows_of(tmp_path / "walked.sqlite")
+    assert len(np.unique(rows[:, 1])) == 40 and rows[:, 0].max() == 50
+    before = (tmp_path / "walked.blend").read_bytes()
+    assert commands._run([*words, "--seed", "-1"], "crowd-lod") == 1
+    assert (tmp_path / "walked.blend").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["hall.blend", "walked.blend", "walked.sqlite"]

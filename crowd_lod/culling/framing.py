@@ -1,0 +1,57 @@
+"""Where a camera stands that frames a crowd over a shot."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+EYE = 1.7  # metres above the ground
+BODY = 1.0  # metres that people reach above it, at least
+CELL = 2.0  # metres, of the grid that finds where the crowd is densest
+WAYS = 32  # directions that are tried
+SEEN = 0.95  # part of the places that the picture holds at least
+NEAREST = 3.0  # metres between the camera and the place that it looks at, at least
+
+
+@dataclass(frozen=True)
+class View:
+    """A camera that stands upright and looks level.
+
+    eye: (3,) float64, world metres.
+    ahead: (2,) float64, the unit vector along x and y in which it looks.
+    far: metres along it, beyond everyone.
+    """
+
+    eye: np.ndarray
+    ahead: np.ndarray
+    far: float
+
+
+def framing(places: np.ndarray, across: float, up: float) -> View:
+    """Return the view over the densest of `places` that holds most of them from the least distance.
+
+    places: (n, 3) float64, n > 0, world metres: the feet of all agents at several times.
+    across, up: slopes (tan of the half angles) of the picture's sides and of its top and bottom.
+    """
+    middle = _densest(places)
+    x, y, z = (places - middle).T
+    turn = np.arange(WAYS) * (2 * np.pi / WAYS)
+    ways = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    distances = np.empty(WAYS)
+    for k, (cos, sin) in enumerate(ways):
+        ahead, aside = cos * x + sin * y, cos * y - sin * x
+        high = np.maximum(z - EYE, EYE - BODY - z)  # how far above or below the eye
+        distances[k] = np.quantile(np.maximum(np.abs(aside) / across, high / up) - ahead, SEEN, method="higher")
+    best = int(distances.argmin())
+    way, away = ways[best], max(float(distances[best]), NEAREST)
+    eye = middle + np.array([*(-away * way), EYE])
+    far = float(((places[:, :2] - eye[:2]) @ way).max())
+    return View(eye, way, 1.1 * max(far, away) + NEAREST)
+
+
+def _densest(places: np.ndarray) -> np.ndarray:
+    """Return (3,) the middle of those places that lie in the fullest cell of a grid, on their usual height."""
+    cell = np.floor((places[:, :2] - places[:, :2].min(axis=0)) / CELL).astype(np.int64)
+    number = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
+    _, which, counts = np.unique(number, return_inverse=True, return_counts=True)
+    inside = places[which == counts.argmax()]
+    return np.array([*inside[:, :2].mean(axis=0), np.median(inside[:, 2])])

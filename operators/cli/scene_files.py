@@ -1,0 +1,99 @@
+"""Files of scenes: a command's own opening, saving and progress."""
+
+import contextlib
+import os
+import threading
+from collections.abc import Generator
+from pathlib import Path
+
+import bpy
+
+from ... import sample_scenes
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ...crowd_lod.progress import Made
+from ...crowd_lod.reporting import files, interrupt
+from ..blender import console
+
+
+def open_scene(name: str | None) -> bpy.types.Scene:
+    """Open a .blend file, or make a sample scene, by `name`, and return the scene.
+
+    None stands for the file that is open already. CrowdError if there is no such file or Blender
+    cannot open it.
+    """
+    if name in sample_scenes.NAMES:
+        # an empty file of the user's own start-up: the factory's would switch this extension off
+        # while it runs
+        bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=False)
+        scene = bpy.context.scene
+        scene.name = name
+        sample_scenes.make(name, scene)
+    elif name is not None:
+        path = Path(name)
+        if not path.is_file():
+            raise CrowdError(
+                f"There is no file {name}, and no sample of that name: give a .blend file, or one of {', '.join(sample_scenes.NAMES)}."
+            )
+        try:
+            with console.quiet():
+                bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False)
+        except RuntimeError as error:
+            raise CrowdError(f"Blender cannot open {name}: {first_line(error)}") from None
+    return bpy.context.scene
+
+
+def first_line(error: Exception) -> str:
+    return str(error).strip().splitlines()[0].removeprefix("Error: ")
+
+
+def stem_of(args) -> str:
+    """Return the name stem of files made from the command's scene."""
+    return Path(args.scene or bpy.data.filepath or "scene").stem
+
+
+def blend_path(path: Path) -> Path:
+    """Return the path of a .blend file, absolute, checked before any work is done.
+
+    CrowdError if it does not end in .blend, or its folder does not exist.
+    """
+    if path.suffix != ".blend":
+        raise CrowdError(f"The file {printable(path.name)} must end in .blend.")
+    path = files.absolute(path)
+    parent = os.path.dirname(os.path.realpath(path))
+    if not os.path.isdir(parent):
+        raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
+    return path
+
+
+def save(part: Path, path: Path, compress: bool = False) -> None:
+    """Save the open file to `part`, which is to become `path`."""
+    try:
+        with console.quiet():
+            bpy.ops.wm.save_as_mainfile(filepath=str(part), copy=True, compress=compress)
+    except RuntimeError as error:
+        raise CrowdError(f"The file {printable(path)} cannot be written: {first_line(error)}.") from None
+
+
+def finish(steps: Generator[float, None, Made], what: str, quiet: bool) -> Made:
+    """Run a progress generator with a bar on stderr, and return its result."""
+    with contextlib.ExitStack() as stack:
+        stack.callback(steps.close)
+        bar = None
+        if not quiet:
+            with contextlib.suppress(ImportError):  # the bar is a comfort, the job does without
+                from tqdm import tqdm
+
+                # its own is of processes, and one of Python's would complain that it is left
+                tqdm.set_lock(threading.RLock())
+                looks = "{desc} {percentage:3.0f}%|{bar}| {elapsed}<{remaining}"
+                stack.callback(setattr, interrupt, "line", interrupt.line)
+                bar = stack.enter_context(tqdm(total=100, desc=what, bar_format=looks))
+                interrupt.line = "\n"
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as end:
+                return end.value
+            if bar is not None:
+                bar.update(100 * progress - bar.n)

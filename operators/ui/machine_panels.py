@@ -1,0 +1,230 @@
+"""The state machine editor: lists of states, of the rules of one of them, and of labels. It only draws."""
+
+import bpy
+import numpy as np
+
+from ..blender import scene_cache
+from ..blender.labelled_properties import CONTEXT
+from ..crowd.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
+from ..overlay import viewport_overlay
+from .drawing import greyed, label, letters_of, paragraph
+from .machine_settings import MOST_TARGETS, color_of, rows_of
+from .step_panel import Step
+from .swatches import swatch
+
+# Of each scene the frame whose agents were counted last, and how many are in each of its states.
+_counted: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
+
+
+def counts_of(scene: bpy.types.Scene, states: list[str]) -> list[int]:
+    """Return how many agents are in each state at the frame that the overlay shows; [] if that is not known."""
+    frame = viewport_overlay.latest(scene)
+    if frame is None or list(frame.trajectory.states.names[: len(states)]) != states:
+        return []
+    if _counted.get(scene.session_uid, (None,))[0] is not frame:
+        _counted[scene.session_uid] = frame, np.bincount(frame.crowd.state, minlength=256).tolist()
+    return _counted[scene.session_uid][1]
+
+
+class _List:
+    """A list whose rows are drawn from the scene's text."""
+
+    def draw_item(  # noqa: PLR0913 - Blender's own signature
+        self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
+    ) -> None:
+        row = layout.row(align=True)
+        self.item(context, row, item.name, index)
+
+
+class CROWDLOD_UL_states(_List, bpy.types.UIList):
+    """One state a row: its color, its name, and how many agents are in it."""
+
+    def item(self, context, row, name: str, index: int) -> None:
+        found = draft_of(context.scene)
+        row.alert = found.faulty("states", name)
+        counts = counts_of(context.scene, found.states)
+        row.label(text=name, icon_value=swatch(color_of(found.state(name).get("color", "#808080"))), translate=False)
+        count = row.row()
+        count.alignment = "RIGHT"
+        label(count, f"{counts[index]:,}" if index < len(counts) else "-")
+
+
+class CROWDLOD_UL_rules(_List, bpy.types.UIList):
+    """One label a row: what the selected state does on it, and what follows."""
+
+    def item(self, context, row, name: str, index: int) -> None:
+        found, state = draft_of(context.scene), selected(context.scene, "states")
+        row.alert = found.faulty("states", state, "on", name)
+        row.active = found.has_rule(state, name)
+        split = row.split(factor=0.4)
+        color = found.label(name).get("color", "#808080")
+        if name == "*":
+            label(split, "others", "BLANK1")
+        else:
+            split.label(text=name, icon_value=swatch(color_of(color)), translate=False)
+        split = split.split(factor=0.55)
+        label(split, _following(found.targets(state, name), state))
+        speed, heading = found.speed(state, name)
+        label(split, f"{speed:.3g}, {heading:.4g}°" if speed else "stands")
+
+
+class CROWDLOD_UL_labels(_List, bpy.types.UIList):
+    """One label a row: its color and its name."""
+
+    def item(self, context, row, name: str, index: int) -> None:
+        entry = draft_of(context.scene).label(name)
+        row.alert = faulty(context.scene, "labels", name)
+        row.label(text=name, icon_value=swatch(color_of(entry.get("color", "#808080"))), translate=False)
+
+
+def _following(targets: list, state: str) -> str:
+    """Return in few words what follows the state."""
+    if len(targets) > 1:
+        return f"{len(targets)} states"
+    return "stays" if targets[0][0] == state else targets[0][0]
+
+
+def _problem(context, layout) -> None:
+    """Draw the mistake of the text, or a line that it has none."""
+    sentence = problem_of(context.scene) or lacking(context.scene)
+    if sentence:
+        paragraph(layout, sentence, "ERROR", letters_of(context))
+
+
+def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
+    """Draw a list and, for states and labels, its buttons."""
+    row = layout.row()
+    row.use_property_split = False
+    editor = context.scene.crowd_lod_editor
+    row.template_list(f"CROWDLOD_UL_{kind}", "", rows_of(context, kind, names), kind, editor, f"{kind[:-1]}_index", rows=rows)
+    if kind == "rules":
+        return
+    column = row.column(align=True)
+    for name, icon in (("add", "ADD"), ("remove", "REMOVE"), ("duplicate", "DUPLICATE")):
+        column.operator(f"crowd_lod.machine_{name}", text="", icon=icon).kind = kind
+    column.separator()
+    for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
+        button = column.operator("crowd_lod.machine_move", text="", icon=icon)
+        button.kind, button.by = kind, by
+
+
+class _Editor(Step):
+    bl_parent_id = "CROWDLOD_PT_behaviour"
+
+    def body(self, context, layout, settings) -> None:
+        found = draft_of(context.scene)
+        if not found.states or lacking(context.scene):
+            _problem(context, layout)
+            return
+        rows_of(context, "states", found.states)
+        self.editor(context, layout, context.scene.crowd_lod_editor, found)
+        _problem(context, layout)
+
+
+class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
+    bl_label = "States"
+
+    def editor(self, context, layout, editor, found) -> None:
+        _list(context, layout, "states", found.states, 6)
+        state = selected(context.scene, "states")
+
+        def field(name: str, path: str = "") -> None:
+            row = layout.row()
+            row.alert = bool(path) and found.faulty("states", state, path)
+            row.prop(editor, name)
+
+        field("state_name")
+        field("state_color", "color")
+        field("start", "start")
+        field("animation", "animation")
+        field("use_timer", "after")
+        timer = greyed(layout, editor.use_timer)
+        column = timer.column(align=True)
+        column.alert = found.faulty("states", state, "after")
+        column.prop(editor, "timer_least")
+        column.prop(editor, "timer_most")
+        column = timer.column(align=True)
+        column.alert = found.faulty("states", state, "then")
+        _draw_targets(context, column, found.targets(state, None), "then")
+        layout.prop(editor, "edge")
+
+
+class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
+    bl_label = "Rules of State"
+
+    def editor(self, context, layout, editor, found) -> None:
+        state, row = cell_of(context.scene)
+        label(layout, state)
+        _list(context, layout, "rules", found.rows(state), 6)
+        column = layout.column(align=True)
+        column.alert = found.faulty("states", state, "on", row)
+        greyed(column, row != "*").prop(editor, "own_rule")
+        part = greyed(column, found.has_rule(state, row))
+        part.prop(editor, "speed")
+        part.prop(editor, "heading")
+        _draw_targets(context, part, found.targets(state, row), "next")
+
+
+def _draw_targets(context, column, targets: list, name: str) -> None:
+    """Draw the states that follow: one to choose, or several with their weights; and a menu to add one."""
+    editor, rows = context.scene.crowd_lod_editor, context.window_manager.crowd_lod_rows
+    if len(targets) == 1:
+        row = column.row(align=True)
+        row.prop_search(editor, f"{name}_state", rows, "states")
+        row.menu(f"CROWDLOD_MT_{name}", text="", icon="ADD")
+        return
+    for n, (target, _) in enumerate(targets[:MOST_TARGETS]):
+        row = column.row(align=True)
+        row.prop(editor, f"{name}_weights", index=n, text=target, translate=False)
+        button = row.operator("crowd_lod.machine_unfollow", text="", icon="X")
+        button.state, button.timer = target, name == "then"
+    column.menu(f"CROWDLOD_MT_{name}", icon="ADD")
+
+
+class _Adding:
+    bl_label = "Add State"
+    bl_translation_context = CONTEXT
+    timer = False
+
+    def draw(self, context) -> None:
+        found = draft_of(context.scene)
+        state, row = cell_of(context.scene)
+        known = {name for name, _ in found.targets(state, None if self.timer else row)}
+        for name in found.states:
+            if name not in known:
+                button = self.layout.operator("crowd_lod.machine_follow", text=name, translate=False)
+                button.state, button.timer = name, self.timer
+
+
+class CROWDLOD_MT_next(_Adding, bpy.types.Menu):
+    """Let a further state follow on the label: one of all is drawn by weight"""
+
+
+class CROWDLOD_MT_then(_Adding, bpy.types.Menu):
+    """Let a further state follow after the timer: one of all is drawn by weight"""
+
+    timer = True
+
+
+class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
+    bl_label = "Labels"
+
+    def editor(self, context, layout, editor, found) -> None:
+        _list(context, layout, "labels", found.labels, 5)
+        name = selected(context.scene, "labels")
+        column = layout.column()
+        column.alert = found.faulty("labels", name)
+        for field in ("label_name", "label_color", "spawn"):
+            column.prop(editor, field)
+
+
+CLASSES = (
+    CROWDLOD_UL_states,
+    CROWDLOD_UL_rules,
+    CROWDLOD_UL_labels,
+    CROWDLOD_MT_next,
+    CROWDLOD_MT_then,
+    CROWDLOD_PT_states,
+    CROWDLOD_PT_rules,
+    CROWDLOD_PT_labels,
+)

@@ -1,0 +1,248 @@
+"""Crowds from the points of an object: the agents are those that Blender evaluates, in each frame; bad points are told."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
+
+from ..support.scatter import scatter
+from ..support.shots import raw
+
+
+def crowd_of(scene, item):
+    scene.crowd_lod.source, scene.crowd_lod.points = "POINTS", item
+    bpy.ops.crowd_lod.populate()
+    return trajectory_of(scene)
+
+
+def instances_of(scene, item):
+    """(position, turn of the x axis) of the object's instances, as Blender itself lists them."""
+    listed = scene.view_layers[0].depsgraph.object_instances
+    listed = [each.matrix_world.copy() for each in listed if each.is_instance and each.parent.original == item]
+    return np.array([m.translation for m in listed]), np.array([np.arctan2(m[1][0], m[0][0]) for m in listed])
+
+
+def test_agents_are_the_instances_that_blender_lists_in_each_frame(scene):
+    item = scatter(scene, instances=True, where=(3, -2, 1))
+    crowd_of(scene, item)
+    for number in (1, 9):
+        scene.frame_set(number)
+        place, turn = instances_of(scene, item)
+        crowd = trajectory_of(scene).at(number)
+        assert len(place) == len(crowd) == 60
+        np.testing.assert_allclose(np.stack([crowd.x, crowd.y, crowd.z], axis=1), place, atol=1e-5)
+        assert np.cos(crowd.heading - turn).min() > 1 - 1e-6  # forward is X
+
+
+def test_points_move_with_the_clock_and_keep_who_they_are(scene):
+    item = scatter(scene, attributes=[("id", "INT", np.arange(60) * 7 - 100)])
+    before = crowd_of(scene, item)
+    scene.frame_set(25)
+    after = trajectory_of(scene)
+    np.testing.assert_allclose(before.start.x - after.start.x, 2, atol=1e-5)  # a second, twice as large, turned
+    assert np.array_equal(before.start.group, after.start.group) and np.array_equal(before.looks, after.looks)
+    assert set(before.start.group) == {0, 1}
+
+
+def test_nobody_is_missed_and_leave_outs_change_nothing(scene):
+    item = scatter(scene, instances=True)
+    trajectory = crowd_of(scene, item)
+    frame = frame_of(scene, scene.view_layers[0].depsgraph)
+    place, _ = instances_of(scene, item)
+    group = [trajectory.groups[g] for g in trajectory.start.group]
+    seen = [sees(frame.camera, place[a] + (0, 0, group[a].center), group[a].radius) for a in range(60)]
+    assert 0 < sum(seen) < 60
+    assert not [a for a in np.flatnonzero(seen) if not frame.visible[a]]
+    assert raw(frame) == raw(frame_of(scene, None, 1, frame.camera, trajectory.leaving(NOTHING, 1)))
+
+
+def test_named_attributes_give_group_heading_and_phase(scene):
+    heading, phase = np.linspace(-3, 3, 60), np.linspace(0, 0.99, 60)
+    attributes = [("heading", "FLOAT", heading), ("phase", "FLOAT", phase), ("group", "INT", np.arange(60) % 2)]
+    trajectory = crowd_of(scene, scatter(scene, attributes=attributes))
+    np.testing.assert_allclose(trajectory.start.heading, heading, atol=1e-6)
+    assert trajectory.start.group.tolist() == [0, 1] * 30
+    away = np.abs((trajectory.phase(trajectory.start, 500) - phase + 0.5) % 1 - 0.5)
+    assert away.max() <= 1 / 32 + 1e-6
+    names = np.array([group.name for group in trajectory.groups])
+    named = crowd_of(scene, bare(scene, 3, [("group", "STRING", names[[1, 0, 1]])]))
+    assert named.start.group.tolist() == [1, 0, 1]
+
+
+def bare(scene, count=3, attributes=()):
+    """A mesh of points without nodes, which would drop texts."""
+    item = scatter(scene, count, attributes=attributes)
+    item.modifiers.clear()
+    return item
+
+
+def test_direction_of_velocity_is_the_heading(scene):
+    trajectory = crowd_of(scene, bare(scene, 3, [("velocity", "FLOAT_VECTOR", [(1, 0, 0), (0, 1, 0), (-1, 0, 5)])]))
+    np.testing.assert_allclose(np.cos(trajectory.start.heading - np.array([np.pi / 2, np.pi, -np.pi / 2])), 1, atol=1e-6)
+
+
+def test_particles_that_are_alive_are_agents(scene):
+    mesh = bpy.data.meshes.new("Emitter")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (0, 1, 0)], [], [(0, 1, 2)])
+    item = bpy.data.objects.new("Emitter", mesh)
+    scene.collection.objects.link(item)
+    item.modifiers.new("Particles", "PARTICLE_SYSTEM")
+    kind = item.particle_systems[0].settings
+    kind.count, kind.frame_start, kind.frame_end, kind.lifetime = 40, 1, 20, 10
+    for number in range(1, 16):
+        scene.frame_set(number)
+    crowd = crowd_of(scene, item)
+    particles = item.evaluated_get(scene.view_layers[0].depsgraph).particle_systems[0].particles
+    alive = {k: tuple(each.location) for k, each in enumerate(particles) if each.alive_state == "ALIVE"}
+    assert 0 < len(alive) < 40 and crowd.ids.tolist() == list(alive)
+    assert np.array_equal(np.stack([crowd.start.x, crowd.start.y, crowd.start.z], axis=1), np.array(list(alive.values())))
+
+
+def test_other_frames_are_not_known_and_the_sentence_says_what_to_do(scene):
+    trajectory = crowd_of(scene, scatter(scene))
+    with pytest.raises(CrowdError, match="Scatter are at frame 7 is not known at frame 1: press Record Points"):
+        trajectory.at(7)
+
+
+def test_a_changed_object_is_a_changed_crowd_at_once_and_the_same_one_is_kept(scene):
+    item = scatter(scene)
+    first = crowd_of(scene, item)
+    assert trajectory_of(scene) is first
+    item.location.x += 1
+    bpy.context.view_layer.update()
+    np.testing.assert_allclose(trajectory_of(scene).start.x - first.start.x, 1, atol=1e-5)
+
+
+def test_the_count_may_change_only_with_ids(scene):
+    ids = np.arange(60)
+    for attributes, fits in (([("id", "INT", ids)], True), ([], False)):
+        item = scatter(scene, attributes=attributes)
+        before = crowd_of(scene, item)
+        fewer = scatter(scene, 50, attributes=[(name, kind, ids[:50]) for name, kind, _ in attributes])
+        item.data = fewer.data
+        bpy.context.view_layer.update()
+        if fits:
+            assert np.array_equal(trajectory_of(scene).start.group, before.start.group[:50])
+        else:
+            with pytest.raises(CrowdError, match="has 50 points, and had 60 at Populate: give its points an attribute id"):
+                trajectory_of(scene)
+            bpy.ops.crowd_lod.populate()
+            assert len(trajectory_of(scene).start) == 50
+
+
+BAD = [
+    ("has none: choose one", lambda scene: None),
+    ("has no points, instances or particles", lambda scene: bare(scene, 0)),
+    ("kind that has no points", lambda scene: scene.camera),
+    ("Point 1 .* has x nan", lambda scene: _broken(scene)),
+    ("share the id -5", lambda scene: bare(scene, 3, [("id", "INT", [1, -5, -5])])),
+    ("attribute id .* not a whole number", lambda scene: bare(scene, 3, [("id", "FLOAT", [1, 2, 3])])),
+    ("Point 2 .* has the group 2: the crowd has 2", lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])])),
+    ("name a group elephant: the crowd has", lambda scene: bare(scene, 1, [("group", "STRING", ["elephant"])])),
+    ("Point 0 .* has phase nan", lambda scene: bare(scene, 1, [("phase", "FLOAT", [np.inf])])),
+    ("lie up to 1e\\+0?9 m", lambda scene: _far(scene)),
+    ("is disabled", lambda scene: _disabled(scene)),
+    ("in no collection", lambda scene: _nowhere(scene)),
+]
+
+
+def _broken(scene):
+    item = bare(scene, 3)
+    item.data.vertices[1].co.y = np.nan  # the object is turned
+    return item
+
+
+def _far(scene):
+    item = bare(scene, 3)
+    item.location.x = 1e9
+    return item
+
+
+def _disabled(scene):
+    item = scatter(scene)
+    item.hide_viewport = True
+    return item
+
+
+def _nowhere(scene):
+    item = scatter(scene)
+    scene.collection.objects.unlink(item)
+    return item
+
+
+@pytest.mark.parametrize(("told", "make"), BAD, ids=[told for told, _ in BAD])
+def test_bad_points_are_told_in_one_sentence(scene, told, make):
+    scene.crowd_lod.source, scene.crowd_lod.points = "POINTS", make(scene)
+    with pytest.raises(RuntimeError, match=told):
+        bpy.ops.crowd_lod.populate()
+    assert not len(scene.crowd_lod.groups)
+
+
+def test_build_shows_the_points_of_each_frame(scene):
+    item = scatter(scene, instances=True)
+    crowd_of(scene, item)
+    bpy.ops.crowd_lod.make_levels()
+    bpy.ops.crowd_lod.build()
+    for number in (1, 5, 3):
+        scene.frame_set(number)
+        place, _ = instances_of(scene, item)
+        frame = frame_of(scene, scene.view_layers[0].depsgraph)
+        shown = {}
+        for points in scene.crowd_lod.build.all_objects:
+            if points.name.startswith("Crowd LOD") and points.name.endswith("points"):
+                data = points.data
+                shown |= {each.value: tuple(v.co) for each, v in zip(data.attributes["id"].data, data.vertices, strict=True)}
+        assert shown and sorted(shown) == sorted(frame.buckets.order.tolist())
+        np.testing.assert_allclose(list(shown.values()), place[list(shown)], atol=1e-5)
+
+
+def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(scene, rendered):
+    item = scatter(scene)
+    crowd_of(scene, item)
+    bpy.ops.crowd_lod.make_levels()
+    bpy.ops.crowd_lod.build()
+    item.hide_viewport = item.hide_render = True
+    scene.frame_set(25)
+    assert trajectory_of(scene).start.x.max() == pytest.approx(-25 / 12, abs=1e-4)
+
+    def look(scene):
+        points = [each for each in scene.crowd_lod.build.objects if each.type == "MESH"]
+        return max(v.co.x for each in points for v in each.data.vertices)
+
+    assert rendered(scene, 13, look)[13] == pytest.approx(-13 / 12, abs=1e-4)
+    scene.crowd_lod.source = "MACHINE"
+    bpy.ops.crowd_lod.build()
+    assert not [m for each in scene.crowd_lod.build.objects for m in each.modifiers if m.name.startswith("Points of")]
+
+
+def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
+    scene.frame_start, scene.frame_end, scene.crowd_lod.center = 3, 6, (10, -4, 0.5)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    item = scatter(scene, instances=True, where=(1, 2, 3))
+    crowd_of(scene, item)
+    bpy.ops.crowd_lod.record_points()
+    settings = scene.crowd_lod
+    assert (settings.source, settings.tracks_file, settings.first_frame) == ("FILE", "//shot_Scatter.npz", 3)
+    with np.load(tmp_path / "shot_Scatter.npz") as file:
+        tracks = dict(file)
+    assert tracks["fps"] == 24 and len(tracks["id"]) == 4 * 60 and set(tracks["frame"]) == {3, 4, 5, 6}
+    for number in range(3, 7):
+        scene.frame_set(number)
+        place, turn = instances_of(scene, item)
+        now = tracks["frame"] == number
+        assert tracks["id"][now].tolist() == list(range(60))
+        np.testing.assert_allclose(np.stack([tracks[axis][now] for axis in "xyz"], axis=1) + settings.center, place, atol=1e-5)
+        assert np.cos(tracks["heading"][now] - turn).min() > 1 - 1e-6
+
+
+def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(scene, tmp_path):
+    item = bare(scene, 40)
+    crowd_of(scene, item)
+    item.modifiers.new("Part", "BUILD").frame_duration = 5
+    scene.frame_end, scene.crowd_lod.tracks_file = 4, "before"
+    with pytest.raises(RuntimeError, match="16 points at frame 3, and 8 at frame 2: give its points an attribute id"):
+        bpy.ops.crowd_lod.record_points()
+    assert (scene.crowd_lod.source, scene.crowd_lod.tracks_file, scene.frame_current) == ("POINTS", "before", 1)
