@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.trajectory.edited import Edited
 from crowd_lod_extension.operators.build import staleness
 from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 
+from ..support.scatter import scatter
 from .test_build import instances
 from .test_shot_exceptions import add, cube, frame_at, planned, seen_at
 
@@ -134,6 +135,38 @@ def test_erasing_and_thinning_keep_numbers_of_who_stands_in_the_box(levelled):
     assert 0.25 < len(parts[0]) / len(inside) < 0.75
 
 
+def test_a_volume_holds_whose_middle_is_in_its_mesh(levelled):
+    """A prism over an L, which holds less than its box."""
+    corners = [(0, 0), (12, 0), (12, 4), (5, 4), (5, 9), (0, 9)]
+    sides = [(k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6) for k in range(6)]
+    faces, mesh = [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides], bpy.data.meshes.new("L")
+    mesh.from_pydata([(x, y, z) for z in (0, 3) for x, y in corners], [], faces)
+    item = bpy.data.objects.new("L", mesh)
+    item.location, item.rotation_euler.z, item.scale = (-6, -5, 0), 0.5, (1.5, 1, 1)
+    levelled.collection.objects.link(item)
+    levelled.frame_set(4)
+    bpy.context.view_layer.update()
+    bpy.context.view_layer.objects.active = item
+    crowd = trajectory_of(levelled).at(4)
+    turned = np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]]) @ np.stack([crowd.x + 6, crowd.y + 5])
+    x, y = turned[0] / 1.5, turned[1]
+    box = (x > 0) & (x < 12) & (y > 0) & (y < 9)
+    inside = box & ((y < 4) | (x < 5))
+    bpy.ops.crowd_lod.erase()
+    gone = lambda: np.flatnonzero(~trajectory_of(levelled).at(1).present).tolist()  # noqa: E731
+    assert gone() == np.flatnonzero(inside).tolist() and 10 < inside.sum() < box.sum()
+    # without its bottom it has no volume, and its box counts
+    bpy.ops.crowd_lod.remove_exception()
+    mesh.clear_geometry()
+    mesh.from_pydata([(x, y, z) for z in (0, 3) for x, y in corners], [], faces[1:])
+    bpy.context.view_layer.update()
+    bpy.ops.crowd_lod.erase()
+    assert gone() == np.flatnonzero(box).tolist()
+    levelled.crowd_lod.exceptions[0].chosen_by = "VOLUME"
+    with pytest.raises(RuntimeError, match="The region L of the exception Erase L is no closed mesh"):
+        bpy.ops.crowd_lod.find_agents()
+
+
 def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
     own = trajectory_of(levelled).at(1)
     add(levelled, kind="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
@@ -151,7 +184,7 @@ WRONG = [
     (dict(kind="NUDGE", agents="300", move=(1, 0, 0)), "The exception Hero names agent 300: the crowd has 300"),
     (dict(kind="TURN", agents=""), "The exception Hero names no agents"),
     (dict(kind="GROUP", agents="3", group_name="nobody"), "The exception Hero asks for the character group nobody"),
-    (dict(kind="HIDE", agents="#7"), "The exception Hero names #7: no agent of the crowd has that number in its file"),
+    (dict(kind="HIDE", agents="#7"), "The exception Hero names #7: no agent has that number in its file or object"),
     (dict(kind="NUDGE", chosen_by="REGION"), "The exception Hero does not know its agents yet: press Find Agents"),
     (dict(kind="ALWAYS", agents="1", level=3), "The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"),
 ]
@@ -201,3 +234,21 @@ def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
     assert isinstance(edited, Edited) and len(edited.at(3)) == 320
     assert np.flatnonzero(edited.at(3).x != own.x).tolist() == [305]
     assert np.flatnonzero(edited.at(3).group != own.group).tolist() == [305]
+
+
+def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
+    ids, settings = np.arange(60) * 7 + 100, levelled.crowd_lod
+    item = scatter(levelled, attributes=[("id", "INT", ids)])
+    settings.source, settings.points = "POINTS", item
+    bpy.ops.crowd_lod.populate()
+    before = trajectory_of(levelled)
+    press(levelled, 5, "NUDGE", "GROUP")
+    press(levelled, 9, "HIDE")
+    assert [entry.agents for entry in settings.exceptions] == ["#135", "#135", "#163"]
+    levelled.frame_set(25)
+    item.data.attributes["id"].data.foreach_set("value", ids[::-1].copy())
+    item.data.update()
+    bpy.context.view_layer.update()
+    crowd = trajectory_of(levelled).start
+    assert crowd.x[54] == pytest.approx(trajectory_of(levelled).own.start.x[54] + 0.5)
+    assert crowd.group[54] != before.start.group[5] and np.flatnonzero(~crowd.present).tolist() == [50]
