@@ -9,6 +9,8 @@ from .cli import commands
 from .crowd import (
     characters_from_selection,
     machine_buttons,
+    map_areas,
+    map_painting,
     sample_menu,
     scene_crowd,
     scenery,
@@ -20,6 +22,7 @@ from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .ui import (
     agent_edits,
+    area_list,
     crowd_list,
     exception_list,
     machine_panels,
@@ -36,11 +39,13 @@ from .ui import (
 MODULES = (
     exception_list,
     agent_edits,
+    area_list,
     properties,
     machine_settings,
     sample_menu,
     state_machine_menu,
     machine_buttons,
+    map_painting,
     scene_crowd,
     simulate,
     characters_from_selection,
@@ -65,12 +70,12 @@ MODULES = (
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, frame_update.follow],
-    "depsgraph_update_post": [scenery.edited],
+    "depsgraph_update_post": [scenery.edited, map_areas.noticed],
     "load_pre": [scene_cache.forget, frame_update.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
-    "undo_post": [collection_caches.renew],
-    "redo_post": [collection_caches.renew],
+    "undo_post": [collection_caches.renew, map_areas.undone],
+    "redo_post": [collection_caches.renew, map_areas.undone],
     "load_post": [settings_versions.upgrade, render_setup.upgrade],
     "save_pre": [settings_versions.note],
     "render_pre": [frame_update.rendering],
@@ -108,6 +113,7 @@ def unregister() -> None:
                 handlers.remove(function)
     scene_cache.forget()
     swatches.unregister()
+    map_areas.unregister()
     machine_settings.unregister()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):

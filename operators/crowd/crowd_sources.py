@@ -62,7 +62,7 @@ def together(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.t
 
 
 def _images(crowd) -> tuple:
-    return crowd.map_image, crowd.height_image
+    return crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
 
 
 def _asked(crowd) -> tuple:
@@ -110,7 +110,7 @@ def _member(
 ) -> Trajectory:
     """Return the trajectory of one crowd, cached while its inputs stay the same."""
     # read at each call; all else where something has changed
-    stored_values.check(crowd, ("source", "points", "map_image", "height_image", "machine"))
+    stored_values.check(crowd, ("source", "points", "map_image", "height_image", "areas_image", "machine"))
     seconds = scene.render.fps_base / scene.render.fps
     latest = _latest.setdefault(scene.session_uid, {})
     before = latest.get(index)

@@ -23,7 +23,7 @@ from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.rig_dependencies import action_range
-from . import crowd_sources, needs
+from . import crowd_sources, map_areas, needs
 from .character_extent import bounds, frames_of, lowest, posing, unknown
 from .scene_world import bias_of, check_maps
 from .settings_versions import VERSION
@@ -350,6 +350,8 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a setting is bad.
     """
     settings = scene.crowd_lod
+    for crowd in crowd_sources.crowds_of(settings):
+        map_areas.make(crowd, depsgraph)
     check_maps(settings)
     groups = yield from measuring_groups(scene)
     trajectory = crowd_sources.populated(scene, groups, depsgraph)
