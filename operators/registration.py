@@ -11,6 +11,7 @@ from .crowd import (
     machine_buttons,
     map_areas,
     map_painting,
+    record_points,
     sample_menu,
     scene_crowd,
     scenery,
@@ -48,6 +49,7 @@ MODULES = (
     map_painting,
     scene_crowd,
     simulate,
+    record_points,
     characters_from_selection,
     make_lods,
     deviation,
@@ -70,7 +72,7 @@ MODULES = (
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, frame_update.follow],
-    "depsgraph_update_post": [scenery.edited, map_areas.noticed],
+    "depsgraph_update_post": [scenery.edited, map_areas.moved_or_edited],
     "load_pre": [scene_cache.forget, frame_update.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],

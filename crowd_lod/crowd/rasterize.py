@@ -6,7 +6,7 @@ import numpy as np
 
 from .maps import Area
 
-PAIRS = 1_000_000  # triangles times cells that are compared at a time
+OVERLAPS = 1_000_000  # triangles times cells that are compared at a time
 
 
 def covered(triangles: np.ndarray, area: Area, rows: int, columns: int) -> np.ndarray:
@@ -51,7 +51,7 @@ def _pairs(corners: np.ndarray, rows: int, columns: int) -> Iterator[tuple[np.nd
     ends = np.cumsum(counts[order])
     begin = 0
     while begin < len(order):
-        end = max(begin + 1, int(np.searchsorted(ends, (ends[begin - 1] if begin else 0) + PAIRS, "right")))
+        end = max(begin + 1, int(np.searchsorted(ends, (ends[begin - 1] if begin else 0) + OVERLAPS, "right")))
         chosen = order[begin:end]
         which = np.repeat(chosen, counts[chosen])
         place = np.arange(len(which)) - np.repeat(np.cumsum(counts[chosen]) - counts[chosen], counts[chosen])

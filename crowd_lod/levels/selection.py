@@ -20,6 +20,7 @@ WORTH = 0.05  # of full detail's memory or time: what a LOD has to save
 STEPS = 60  # of a tolerance that is raised until LODs fit in memory, four to its double
 # between two frames that were looked at, agents may be nearer or farther by this factor
 BETWEEN = 1.25
+CLOSE = 1.05  # so many times as far is about as far
 
 
 @dataclass(frozen=True)
@@ -30,6 +31,7 @@ class View:
     distance: (m,) metres, of each agent; empty if not known.
     character: (m,) intp, which of its group's characters each agent shows
         (animation/phase_classes.py, Library); empty if not known.
+    agents: (m,) intp, how many agents stand there; or 1.
     """
 
     camera: Camera
@@ -37,6 +39,14 @@ class View:
     farthest: float
     distance: np.ndarray = field(default_factory=lambda: np.empty(0))
     character: np.ndarray = field(default_factory=lambda: np.empty(0, np.intp))
+    agents: np.ndarray | int = 1
+
+    def counted(self) -> "View":
+        """Return the view with agents of a character together that stand within CLOSE of each other."""
+        steps = np.floor(np.log(self.distance.clip(1e-3)) / np.log(CLOSE)).astype(np.intp)
+        cells = np.stack([steps, self.character])
+        (steps, character), agents = np.unique(cells, axis=1, return_counts=True)
+        return replace(self, distance=CLOSE ** (steps + 0.5), character=character, agents=agents)
 
 
 def guessed(ratios: Sequence[float], known: dict[int, float], usual: float) -> list[float]:
@@ -154,7 +164,7 @@ def allowed(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> 
     found = np.zeros((len(shot.views), len(kept), shot.characters), np.intp)
     for own, view in zip(found, shot.views, strict=True):
         begin = limits(policy, view.camera, np.array([group.radius]), deviation)[0]
-        np.add.at(own, (np.searchsorted(begin, view.distance, side="right"), view.character), 1)
+        np.add.at(own, (np.searchsorted(begin, view.distance, side="right"), view.character), view.agents)
     return found
 
 

@@ -1,7 +1,7 @@
 """The crowd as another program places it, known at one time alone."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ class Snapshot:
     """Points at one time, one array per column.
 
     x, y, z: (n,) float64 world metres, the feet.
-    heading: (n,) float32 radians.
+    heading: (n,) float32 radians; None if not known.
     phase: (n,) float32 in [0, 1), the places in their action's cycle; None if not known.
     group: (n,) uint8, indices of character groups; None if not known.
     ids: (n,) int64 from 0 on, different ones; None if points go by their order.
@@ -33,7 +33,7 @@ class Snapshot:
     x: np.ndarray
     y: np.ndarray
     z: np.ndarray
-    heading: np.ndarray
+    heading: np.ndarray | None = None
     phase: np.ndarray | None = None
     group: np.ndarray | None = None
     ids: np.ndarray | None = None
@@ -72,15 +72,15 @@ def drawn_for(found: Snapshot, seed: int, chosen: Sequence[int]) -> Drawn:
     """
     key = random_streams.keys(seed, len(found.x)) if found.ids is None else random_streams.keys_of(seed, found.ids)
     which = (random_streams.uniform(key, random_streams.THEN) * len(chosen)).astype(np.intp)
-    phase_class = (random_streams.uniform(key, random_streams.TIME) * CLASSES).astype(np.uint8)
-    return Drawn(found.ids, seed, tuple(chosen), key, np.array(chosen, np.uint8)[which], phase_class)
+    classes = _classes(random_streams.uniform(key, random_streams.STATE))
+    return Drawn(found.ids, seed, tuple(chosen), key, np.array(chosen, np.uint8)[which], classes)
 
 
 class Points(Trajectory):
     """Agents that stand where an object's points are now; where they are at any other time is not known.
 
-    An agent without a group gets one at random, of those chosen. Who has no phase plays by time,
-    however it moves. Velocities are not known, so there are no blocks: every agent is tested.
+    Agents whose group is not known get one at random, of those chosen. If the phase is not known
+    they play by time, however they move; if the heading is not, they face +x. Velocities are not known, so there are no blocks: every agent is tested.
 
     found: the points.
     drawn: see `drawn_for`.
@@ -102,7 +102,7 @@ class Points(Trajectory):
             found.x,
             found.y,
             found.z,
-            found.heading,
+            heading=np.zeros(len(found.x), np.float32) if found.heading is None else found.heading,
             state=np.zeros(len(found.x), np.uint8),
             group=drawn.group if found.group is None else found.group,
             phase_class=drawn.phase_class if found.phase is None else _classes(found.phase),
@@ -134,6 +134,11 @@ class Points(Trajectory):
                 "which writes down where they are in all frames of the shot."
             )
         return self.start
+
+    def regrouped(self, group: np.ndarray) -> "Points":
+        """Return the same crowd with its agents in the groups `group`."""
+        found = replace(self.found, group=group)
+        return Points(found, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name)
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Points":
         """Return the same crowd with only `leave` left out."""

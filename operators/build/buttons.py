@@ -16,6 +16,7 @@ from .frame_update import update
 from .hidden_characters import hide_characters, told_of_characters
 from .render_setup import build, remove_build, told_of_cast
 from .staleness import note_build
+from .watched_points import watch_points
 
 
 def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]]) -> Generator[float, None, Made]:
@@ -44,6 +45,7 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, M
                 store_groups(settings, groups)
             found = yield from share(work(), 0.3 if made else 0.0, 1.0)
             hide_characters(scene)
+            watch_points(scene)
             update(scene, layer.depsgraph)
             note_build(scene)
             done = True

@@ -5,6 +5,8 @@ and transparent elsewhere. So a frame needs no mesh, and the pixels are compared
 painted map are. The image is made at Populate, by a button, and when a mesh is moved or edited.
 """
 
+from collections.abc import Iterator
+
 import bpy
 import numpy as np
 
@@ -12,10 +14,10 @@ from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.rasterize import covered
 from ...crowd_lod.errors import CrowdError
 from ..blender import image_data, scene_cache
-from ..blender.mesh_data import read_triangles
-from .scene_world import MADE_FOR, area_of, machine_of, made_for
+from . import kept_meshes
+from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
 
-SOLID = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
+SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
 # Of each scene whose meshes have changed: True. And what was wrong when its image was last made.
@@ -30,15 +32,15 @@ def cells_of(size: tuple[float, float], longer: int) -> tuple[int, int]:
     return max(1, round(depth / cell)), max(1, round(width / cell))
 
 
-def objects_of(entry) -> list[bpy.types.Object]:
-    """Return the objects of an area that have a surface."""
+def meshes_in(entry) -> list[bpy.types.Object]:
+    """Return the objects of an area."""
     inside = entry.collection.all_objects if entry.collection is not None else ()
-    return [item for item in (entry.object, *inside) if item is not None and item.type in SOLID]
+    return [item for item in dict.fromkeys((entry.object, *inside)) if item is not None]
 
 
 def is_scenery(item: bpy.types.Object) -> bool:
-    """Return whether an object is none of Crowd LOD's own."""
-    return not any(key.startswith("crowd_lod") for key in item.keys())
+    """Return whether an object may be a wall, and is none of Crowd LOD's own."""
+    return (item.type in SURFACES or item.is_instancer) and not any(key.startswith("crowd_lod") for key in item.keys())
 
 
 def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
@@ -62,14 +64,13 @@ def make(crowd, depsgraph: bpy.types.Depsgraph) -> int:
                 f"The area {entry.name} lays the label {entry.label or 'without a name'}, and the state machine has none such: "
                 f"choose one of {', '.join(machine.labels)}."
             )
-        items = objects_of(entry)
-        if not items:
+        shapes = list(_triangles(meshes_in(entry), depsgraph))
+        if not shapes:
             raise CrowdError(f"The area {entry.name} has no object with a surface: choose a mesh, or a collection that holds some.")
-        for item in items:
-            inside = covered(_triangles(item, depsgraph), area, rows, columns)
-            pixels[inside] = (*machine.label_colors[machine.labels.index(entry.label)], 255)
+        for shape in shapes:
+            pixels[covered(shape, area, rows, columns)] = (*machine.label_colors[machine.labels.index(entry.label)], 255)
     _store(crowd, pixels)
-    crowd.areas_image[MADE_FOR] = made_for(crowd, machine)
+    crowd.areas_image[MADE_FOR] = areas_depend_on(crowd, machine)
     return int((pixels[..., 3] > 0).sum())
 
 
@@ -89,35 +90,26 @@ def _store(crowd, pixels: np.ndarray) -> None:
         bpy.data.images.remove(old)
 
 
-def _triangles(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Return the triangles (n, 3, 2) of an object, world x and y."""
-    evaluated = item.evaluated_get(depsgraph)
-    try:
-        mesh = evaluated.to_mesh()
-    except RuntimeError as error:
-        raise CrowdError(f"The object {item.name} gives no mesh ({str(error).strip()}): choose another for the area.") from None
-    try:
-        points, triangles, _, _ = read_triangles(mesh)
+def _triangles(items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) -> Iterator[np.ndarray]:
+    """Yield the triangles (n, 3, 2) of each shape of the objects, world x and y."""
+    for _, mesh, points, triangles in kept_meshes.evaluated_triangles(items, depsgraph):
         if not len(triangles):  # a curve or a chain of edges is a wall, too
             edges = np.empty((len(mesh.edges), 2), np.int32)
             mesh.edges.foreach_get("vertices", edges.ravel())
             triangles = edges[:, [0, 1, 0]]
-    finally:
-        evaluated.to_mesh_clear()
-    matrix = np.array(evaluated.matrix_world, np.float64)
-    places = points.astype(np.float64) @ matrix[:2, :3].T + matrix[:2, 3]
-    return places.clip(-FARTHEST, FARTHEST)[triangles]
+        if len(triangles):
+            yield points[:, :2].clip(-FARTHEST, FARTHEST)[triangles]
 
 
 @bpy.app.handlers.persistent
-def noticed(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Handler of depsgraph_update_post: have the areas follow where an object of theirs or a setting has changed.
 
     Not in renders and not in the background: there Populate has made them.
     """
     if bpy.app.background or not len(scene.crowd_lod.areas):
         return
-    watched = {item for entry in scene.crowd_lod.areas for item in objects_of(entry)}
+    watched = {item for entry in scene.crowd_lod.areas for item in meshes_in(entry)}
     data = {item.data for item in watched}
     for update in depsgraph.updates:
         block = update.id.original

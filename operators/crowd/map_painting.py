@@ -128,11 +128,16 @@ class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):
         return f"{settings.map_image.name}: {columns} by {rows} pixels of {area.size[0] / columns:.3g} m, all {machine.labels[0]}."
 
 
+def _unmapped(scene: bpy.types.Scene) -> str:
+    return "" if scene.crowd_lod.map_image is not None else "The scene has no label map: press New Map"
+
+
 class CROWDLOD_OT_paint_label(Reporting, bpy.types.Operator):
     """Paint this label on the map, with a hard brush in Texture Paint"""
 
     bl_idname = "crowd_lod.paint_label"
     bl_label = "Paint Label"
+    needs = (_unmapped,)
 
     label: StringProperty(name="Label", description="Label of the state machine")
 

@@ -42,6 +42,12 @@ def further_crowds(scene: bpy.types.Scene) -> str:
     return "" if len(scene.crowd_lod.crowds) else "There are no further crowds"
 
 
+def points(scene: bpy.types.Scene) -> str:
+    crowds = scene.crowd_lod, *scene.crowd_lod.crowds
+    found = any(crowd.source == "POINTS" and crowd.points is not None for crowd in crowds)
+    return "" if found else "Choose the object whose points are the agents"
+
+
 def exceptions(scene: bpy.types.Scene) -> str:
     return "" if len(scene.crowd_lod.exceptions) else "There are no exceptions"
 

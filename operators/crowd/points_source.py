@@ -4,6 +4,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS, Group
+from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.trajectory.points import Points, Snapshot, drawn_for
 from ..blender import scene_data
@@ -12,6 +13,10 @@ WHOLE = "INT", "INT8"  # types of attributes
 WIDTHS = {"FLOAT_VECTOR": 3, "FLOAT4X4": 16}
 KINDS = "MESH", "POINTCLOUD", "CURVE", "CURVES", "SURFACE", "FONT", "META", "VOLUME"  # of objects that have a geometry
 ALIVE = 3  # Particle.alive_state
+
+
+class NoPoints(CrowdError):
+    """An object has no points at the time."""
 
 
 def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
@@ -38,7 +43,7 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
         return before
     drawn = before.drawn if before is not None else None
     if drawn is None or not drawn.holds(found, seed, chosen.tolist()):
-        _check_ids(crowd.points, found.ids)
+        check_ids(crowd.points, found.ids)
         drawn = drawn_for(found, seed, chosen.tolist())
     return Points(found, drawn, time, groups, seconds, crowd.points.name)
 
@@ -74,7 +79,7 @@ def read_points(
     else:
         found = {}
     if not found or not len(found["x"]):
-        raise CrowdError(
+        raise NoPoints(
             f"The object {item.name} has no points, instances or particles in this frame: choose another, or another frame."
         )
     _check(item, found)
@@ -116,8 +121,9 @@ def _attributes(item: bpy.types.Object, shape, matrix: np.ndarray, facing: float
         x, y = (along @ turn[:, :2]).T
         heading = np.arctan2(y, x) - np.float32(ahead)
     x, y, z = place.T.astype(np.float64) if (matrix == np.eye(4)).all() else (place @ turn + matrix[:3, 3]).T
-    columns = {"x": x, "y": y, "z": z, "heading": np.zeros(len(x)) if heading is None else heading}
-    columns["heading"] = columns["heading"].astype(np.float32)
+    columns = {"x": x, "y": y, "z": z}
+    if heading is not None:
+        columns["heading"] = heading.astype(np.float32)
     phase, ids = _values(item, shape, "phase"), _values(item, shape, "id")
     if phase is not None:
         with np.errstate(invalid="ignore"):  # what is not finite is told below
@@ -187,6 +193,11 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray]) -> None:
     count = len(found["x"])
     if count > MOST_AGENTS:
         raise CrowdError(f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} agents.")
+    reach = max(np.abs(found[name]).max() for name in "xyz")
+    if reach > FARTHEST:  # not for NaN
+        raise CrowdError(
+            f"Points of {item.name} lie up to {reach:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
+        )
     for name in ("x", "y", "z", "heading", "phase"):
         wrong = np.flatnonzero(~np.isfinite(found[name])) if name in found else ()
         if len(wrong):
@@ -195,7 +206,8 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray]) -> None:
             )
 
 
-def _check_ids(item: bpy.types.Object, ids: np.ndarray | None) -> None:
+def check_ids(item: bpy.types.Object, ids: np.ndarray | None) -> None:
+    """Raise CrowdError if two points of `item` have one id."""
     ordered = np.sort(ids) if ids is not None else np.empty(0, np.int64)
     twice = np.flatnonzero(ordered[1:] == ordered[:-1])
     if len(twice):

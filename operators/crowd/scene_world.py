@@ -38,7 +38,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     area, over = area_of(settings), settings.areas_image if len(settings.areas) else None
     if settings.map_image is None and over is None:
         return edge_map(area, machine.labels)
-    if over is not None and over.get(MADE_FOR) != made_for(settings, machine):
+    if over is not None and over.get(MADE_FOR) != areas_depend_on(settings, machine):
         raise CrowdError(
             "The walls and areas were laid over another ground, map or state machine: press Refresh Walls and Areas, or Populate."
         )
@@ -54,7 +54,7 @@ def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     return LabelMap(labels, area, strays)
 
 
-def made_for(settings, machine: machines.StateMachine) -> str:
+def areas_depend_on(settings, machine: machines.StateMachine) -> str:
     """Return what a map of walls and areas depends on beside its meshes, as text."""
     size = settings.map_image and tuple(settings.map_image.size)
     labels = [f"{name} {bytes(color).hex()}" for name, color in zip(machine.labels, machine.label_colors, strict=True)]

@@ -1,17 +1,105 @@
-"""For which shot LODs by tolerance were made: another one may need others."""
+"""For which shot LODs by tolerance were made, and what another shot would change."""
 
+import base64
 import json
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import bpy
+import numpy as np
 
-from ..blender import scene_data
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.culling.camera import Camera
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number
+from ...crowd_lod.levels.selection import LADDER, Shot, View
+from ..blender import scene_cache, scene_data
+from ..blender.cameras import read_cameras
+from .selection import chosen
 
-MADE_FOR = "crowd_lod_made_for"  # custom property of the collection of all LODs
+# custom properties of the collection of all LODs: what they were made for, and what they were
+# chosen from
+MADE_FOR, CHOSEN_FROM = "crowd_lod_made_for", "crowd_lod_chosen_from"
+_known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.kept({}, by_scene=True)
 
 
-def note_shot(scene: bpy.types.Scene) -> None:
-    """Store in the scene's LODs what they were made for."""
-    scene.crowd_lod.levels[MADE_FOR] = json.dumps(_facts(scene))
+@dataclass(frozen=True)
+class Forecast:
+    """About what Make LOD Meshes would change.
+
+    farther: LODs begin at so many times the distance.
+    rows: of each group whose LODs would change, its name, the parts of the triangles that its LODs
+        have now, and those that they would have.
+    """
+
+    farther: float
+    rows: tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]
+
+    @property
+    def short(self) -> str:
+        """Return the change in a few words: how many LODs each group would have, and whether coarser."""
+        told = []
+        for name, now, then in self.rows:
+            fewer = sum(then) / len(then) < sum(now) / len(now) if len(now) == len(then) else then[-1] < now[-1]
+            count = f"{len(now)} to {len(then)}" if len(now) != len(then) else f"{len(now)}"
+            told.append(f"{name} {count} LODs, {'coarser' if fewer else 'finer'}")
+        return f"About: {'; '.join(told)}" if told else "About the same LODs would do"
+
+    @property
+    def sentence(self) -> str:
+        """Return the change in full."""
+        told = [f"{name} from {_parts(now)} to {_parts(then)} of the triangles" for name, now, then in self.rows]
+        where = "where they did" if abs(self.farther - 1) < 0.005 else f"at {number(self.farther)} times the distance"
+        change = f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
+        return f"LODs begin {where} when they were made. Make LOD Meshes {change}."
+
+
+def _parts(ratios: Sequence[float]) -> str:
+    return f"{', '.join(f'{100 * ratio:g}' for ratio in ratios)} %"
+
+
+def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[Shot | None], keep: Sequence[Sequence[int]]) -> None:
+    """Store in the scene's LODs what they were made for, and what they were chosen from.
+
+    groups: with values of all their candidates.
+    shots: where each group's agents are; None: not chosen by tolerance.
+    keep: for each group, the candidates that it has.
+    """
+    top = scene.crowd_lod.levels
+    top[MADE_FOR] = json.dumps(_facts(scene))
+    top[CHOSEN_FROM] = json.dumps(
+        {
+            "camera": _scale(scene),
+            "groups": [
+                {
+                    "name": group.name,
+                    "radius": float(group.radius),
+                    "diagonal": float(group.diagonal),
+                    "triangles": [*map(int, group.triangles)],
+                    "bounds": [*map(float, group.bounds)],
+                    "shaded": [*map(float, group.shaded)],
+                    "characters": shot.characters,
+                    "keep": [*map(int, own)],
+                    "views": [_packed(view.counted()) for view in shot.views],
+                }
+                for group, shot, own in zip(groups, shots, keep, strict=True)
+                if shot is not None
+            ],
+        }
+    )
+
+
+def _packed(view: View) -> list:
+    about = np.array([np.round(1000 * np.log(view.distance)), view.character, np.broadcast_to(view.agents, view.character.shape)])
+    text = base64.b64encode(zlib.compress(about.astype(np.int32).tobytes())).decode()
+    return [view.camera.pixels_per_unit, view.nearest, view.farthest, text]
+
+
+def _unpacked(stored: list, camera: Camera, farther: float) -> View:
+    density, nearest, farthest, text = stored
+    about = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.int32).reshape(3, -1).astype(np.intp)
+    return View(replace(camera, density=density * farther), nearest, farthest, np.exp(about[0] / 1000), about[1], about[2])
 
 
 def outdated(scene: bpy.types.Scene) -> str:
@@ -30,6 +118,84 @@ def outdated(scene: bpy.types.Scene) -> str:
     now = _facts(scene)
     told = [f"{name} {before[name]} (now {now[name]})" for name in now if name in before and before[name] != now[name]]
     return f"LODs were made for {', '.join(told)}" if told else ""
+
+
+def forecast(scene: bpy.types.Scene) -> Forecast | None:
+    """Return about what making LODs anew would change; None if that is not known.
+
+    It takes the agents that the shot showed when the LODs were made: what another lens leaves out,
+    or brings in, is not counted. No LOD is made or measured, and the answer is kept until something
+    changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds.
+    """
+    settings = scene.crowd_lod
+    stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
+    if not isinstance(stored, str) or settings.memory or not outdated(scene):
+        return None
+    key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
+    known = _known.get(scene.session_uid)
+    if known is None or known[0] != key:
+        scene_cache.tidy()
+        try:
+            found = _forecast(scene, json.loads(stored))
+        except (CrowdError, ValueError, KeyError, TypeError, IndexError, zlib.error):  # a script may have put anything there
+            found = None
+        known = _known[scene.session_uid] = key, found
+    return known[1]
+
+
+def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
+    """Choose again from what is `stored`, as the camera is now."""
+    settings, camera, now = scene.crowd_lod, _camera(scene), _scale(scene)
+    before = stored["camera"]
+    if camera is None or not now or not before or now[0] != before[0]:
+        return None
+    closer = now[1] / before[1]
+    groups = [
+        Group(
+            own["name"],
+            0.0,
+            own["radius"],
+            0.0,
+            1.0,
+            triangles=tuple(own["triangles"]),
+            deviations=tuple(own["bounds"]),  # a group has bounds only if it was measured
+            bounds=tuple(own["bounds"]),
+            shaded=tuple(own["shaded"]),
+            diagonal=own["diagonal"],
+        )
+        for own in stored["groups"]
+    ]
+    engine, shading = scene_data.engine_of(scene), settings.shading_counts
+    shots = [
+        Shot([_unpacked(view, camera, closer) for view in own["views"]], own["characters"], engine, shading)
+        for own in stored["groups"]
+    ]
+    keep = chosen(settings, groups, shots, 1.0).keep
+    rows = [
+        (own["name"], tuple(LADDER[k] for k in own["keep"]), tuple(LADDER[k] for k in then))
+        for own, then in zip(stored["groups"], keep, strict=True)
+        if own["keep"] != then
+    ]
+    tolerance = json.loads(settings.levels[MADE_FOR])["tolerance"]
+    return Forecast(closer * float(tolerance.split()[0]) / settings.tolerance, tuple(rows))
+
+
+def _camera(scene: bpy.types.Scene) -> Camera | None:
+    try:
+        return read_cameras(scene, scene.view_layers[0].depsgraph)[0]
+    except CrowdError:
+        return None
+
+
+def _scale(scene: bpy.types.Scene) -> list:
+    """Return [kind of camera, what its pixels per unit go by]; [] without a camera.
+
+    If the lens moves, this is the resolution alone.
+    """
+    camera = _camera(scene)
+    if camera is None:
+        return []
+    return [camera.kind, camera.pixels_per_unit if "lens" in _facts(scene) else camera.pixels[0]]
 
 
 def _facts(scene: bpy.types.Scene) -> dict[str, str]:

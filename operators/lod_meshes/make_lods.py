@@ -64,7 +64,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
     done = False
     try:
         ladders, groups, shots = yield from _read(scene, characters, earlier)
-        chosen = yield from _chosen(scene, ladders, groups, shots)
+        chosen, guesses = yield from _chosen(scene, ladders, groups, shots)
         homes, edited = yield from _made(ladders, chosen.keep, earlier)
         done = True
     except ReferenceError as error:  # by a script or another add-on, between two steps
@@ -86,7 +86,7 @@ def make_levels(scene: bpy.types.Scene) -> Generator[float, None, Outcome]:
         view_layer.update()  # a scene that was never evaluated has no layer collections yet
         view_layer.layer_collection.children[top.name].exclude = True
     settings.levels, settings.dropped = top, "\n".join(_told(ladders, chosen.dropped))
-    note_shot(scene)
+    note_shot(scene, guesses, shots, chosen.keep)
     settings.memory_tolerance, settings.memory_made, settings.estimate = chosen.tolerance, settings.memory, ""
     columns = [ladder.columns([home[CANDIDATE] for home in own]) for ladder, own in zip(ladders, homes, strict=True)]
     store_groups(settings, tuple(replace(group, **_padded(own, len(levels))) for group, own in zip(groups, columns, strict=True)))
@@ -125,9 +125,9 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
     """Choose LODs, some by what is guessed of them; yields the progress.
 
     One that was chosen by a guess is measured, and all are chosen again, until all that are chosen are measured. Returns the
-    choice.
+    choice, and the groups with values of all their candidates.
     """
-    chosen, missing, total = None, True, sum(len(ladder.ratios) for ladder in ladders)
+    chosen, guesses, missing, total = None, [], True, sum(len(ladder.ratios) for ladder in ladders)
     while missing:
         usual = [each for ladder in ladders for each in ladder.lost()]
         guesses = [ladder.guess(group, usual) for ladder, group in zip(ladders, groups, strict=True)]
@@ -136,7 +136,7 @@ def _chosen(scene: bpy.types.Scene, ladders: list[Ladder], groups: Sequence[Grou
         for ladder, k in missing[:1]:  # it says more of the others
             tried = sum(len(each.rows) for each in ladders)
             yield from share(ladder.measure(k), 0.1 + 0.8 * tried / total, 0.1 + 0.8 * (tried + 1) / total)
-    return chosen
+    return chosen, guesses
 
 
 def _made(ladders: list[Ladder], keep: Sequence[Sequence[int]], earlier: bpy.types.Collection | None) -> Iterator[float]:

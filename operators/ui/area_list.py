@@ -20,7 +20,7 @@ class CrowdLodArea(bpy.types.PropertyGroup):
         update=_follow,
         type=bpy.types.Object,
         name="Object",
-        poll=lambda _, candidate: candidate.type in map_areas.SOLID,
+        poll=lambda _, candidate: map_areas.is_scenery(candidate),
         description="The label lies where this object is, seen from above",
     )
     collection: PointerProperty(
@@ -60,7 +60,7 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         scene, settings = context.scene, context.scene.crowd_lod
         labels = map_areas.machine_of(settings).labels
         label = "wall" if "wall" in labels else selected(scene, "labels") or labels[-1]
-        items = [item for item in context.selected_objects if item.type in map_areas.SOLID and map_areas.is_scenery(item)]
+        items = [item for item in context.selected_objects if map_areas.is_scenery(item)]
         for item in items or [None]:
             entry = settings.areas.add()
             entry.name, entry.object, entry.label = item.name if item else "Area", item, label

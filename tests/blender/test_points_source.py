@@ -143,6 +143,7 @@ BAD = [
     ("Point 2 .* has the group 2: the crowd has 2", lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])])),
     ("name a group elephant: the crowd has", lambda scene: bare(scene, 1, [("group", "STRING", ["elephant"])])),
     ("Point 0 .* has phase nan", lambda scene: bare(scene, 1, [("phase", "FLOAT", [np.inf])])),
+    ("lie up to 1e\\+0?9 m", lambda scene: _far(scene)),
     ("is disabled", lambda scene: _disabled(scene)),
     ("in no collection", lambda scene: _nowhere(scene)),
 ]
@@ -151,6 +152,12 @@ BAD = [
 def _broken(scene):
     item = bare(scene, 3)
     item.data.vertices[1].co.y = np.nan  # the object is turned
+    return item
+
+
+def _far(scene):
+    item = bare(scene, 3)
+    item.location.x = 1e9
     return item
 
 
@@ -190,3 +197,52 @@ def test_build_shows_the_points_of_each_frame(scene):
                 shown |= {each.value: tuple(v.co) for each, v in zip(data.attributes["id"].data, data.vertices, strict=True)}
         assert shown and sorted(shown) == sorted(frame.buckets.order.tolist())
         np.testing.assert_allclose(list(shown.values()), place[list(shown)], atol=1e-5)
+
+
+def test_a_build_reads_points_that_are_hidden_in_viewports_and_renders(scene, rendered):
+    item = scatter(scene)
+    crowd_of(scene, item)
+    bpy.ops.crowd_lod.make_levels()
+    bpy.ops.crowd_lod.build()
+    item.hide_viewport = item.hide_render = True
+    scene.frame_set(25)
+    assert trajectory_of(scene).start.x.max() == pytest.approx(-25 / 12, abs=1e-4)
+
+    def look(scene):
+        points = [each for each in scene.crowd_lod.build.objects if each.type == "MESH"]
+        return max(v.co.x for each in points for v in each.data.vertices)
+
+    assert rendered(scene, 13, look)[13] == pytest.approx(-13 / 12, abs=1e-4)
+    scene.crowd_lod.source = "MACHINE"
+    bpy.ops.crowd_lod.build()
+    assert not [m for each in scene.crowd_lod.build.objects for m in each.modifiers if m.name.startswith("Points of")]
+
+
+def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
+    scene.frame_start, scene.frame_end, scene.crowd_lod.center = 3, 6, (10, -4, 0.5)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "shot.blend"))
+    item = scatter(scene, instances=True, where=(1, 2, 3))
+    crowd_of(scene, item)
+    bpy.ops.crowd_lod.record_points()
+    settings = scene.crowd_lod
+    assert (settings.source, settings.tracks_file, settings.first_frame) == ("FILE", "//shot_Scatter.npz", 3)
+    with np.load(tmp_path / "shot_Scatter.npz") as file:
+        tracks = dict(file)
+    assert tracks["fps"] == 24 and len(tracks["id"]) == 4 * 60 and set(tracks["frame"]) == {3, 4, 5, 6}
+    for number in range(3, 7):
+        scene.frame_set(number)
+        place, turn = instances_of(scene, item)
+        now = tracks["frame"] == number
+        assert tracks["id"][now].tolist() == list(range(60))
+        np.testing.assert_allclose(np.stack([tracks[axis][now] for axis in "xyz"], axis=1) + settings.center, place, atol=1e-5)
+        assert np.cos(tracks["heading"][now] - turn).min() > 1 - 1e-6
+
+
+def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(scene, tmp_path):
+    item = bare(scene, 40)
+    crowd_of(scene, item)
+    item.modifiers.new("Part", "BUILD").frame_duration = 5
+    scene.frame_end, scene.crowd_lod.tracks_file = 4, "before"
+    with pytest.raises(RuntimeError, match="16 points at frame 3, and 8 at frame 2: give its points an attribute id"):
+        bpy.ops.crowd_lod.record_points()
+    assert (scene.crowd_lod.source, scene.crowd_lod.tracks_file, scene.frame_current) == ("POINTS", "before", 1)

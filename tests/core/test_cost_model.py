@@ -8,7 +8,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.agents import Group
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.levels.cost_model import FILE, MEMORY, SECONDS, Actors, Price, Work, price, work_of
-from crowd_lod_extension.crowd_lod.levels.selection import WORTH, Shot, View, cheapest, choose, within
+from crowd_lod_extension.crowd_lod.levels.selection import WORTH, Shot, View, cheapest, choose, priced, within
 
 from ..support.cameras import straight
 
@@ -149,3 +149,20 @@ def test_lods_fit_in_memory_with_the_least_tolerance(seed):
     assert total <= budget < least(reached / 2**0.25)
     with pytest.raises(CrowdError, match="The characters cannot take less than .* MB: set Memory for Characters"):
         within(groups, 1.0, shots, 0.9 * floor)
+
+
+@pytest.mark.parametrize("engine", ["CYCLES", "EEVEE"])
+def test_agents_that_are_counted_by_distance_lead_to_as_good_a_choice(engine):
+    random = np.random.default_rng(8)
+    for near in ((2, 5), (8, 20), (30, 90)):
+        whole = shot_of(random, agents=3000, engine=engine, near=near)
+        few = replace(whole, views=[view.counted() for view in whole.views])
+        assert all(len(view.distance) < 400 and view.agents.sum() == 3000 for view in few.views)
+        cost = {chosen: own.memory + own.seconds for chosen, own in shares(whole).items()}
+        assert cost[tuple(cheapest(BODY, range(5), 1.0, few)[0])] <= min(cost.values()) + 1.2 * WORTH
+
+
+def shares(shot) -> dict:
+    """What each choice of LODs costs, as a part of the whole character's."""
+    found = dict(priced(BODY, range(5), 1.0, shot))
+    return {chosen: own.share(found[(0,)]) for chosen, own in found.items() if chosen[0] == 0}

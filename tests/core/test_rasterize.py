@@ -31,7 +31,7 @@ def area_in(triangle, x, y, width, height):
 
 @pytest.mark.parametrize("pairs", [1_000_000, 7])
 def test_cells_are_those_that_a_triangle_has_a_part_in(pairs, monkeypatch):
-    monkeypatch.setattr(rasterize, "PAIRS", pairs)
+    monkeypatch.setattr(rasterize, "OVERLAPS", pairs)
     rng = np.random.default_rng(3)
     rows, columns = 9, 13
     width, height = AREA.size[0] / columns, AREA.size[1] / rows

@@ -1,0 +1,179 @@
+"""From an object's points, frame by frame, to a file of tracks: then their other frames are known, too."""
+
+import tempfile
+from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ...crowd_lod.progress import Made, share
+from ...crowd_lod.reporting import files
+from ...crowd_lod.tracks import npz
+from ...crowd_lod.tracks.rows import MOST_ROWS, Rows
+from ...crowd_lod.trajectory.points import Snapshot
+from ..blender import frame_stepping, scene_data
+from ..blender.operator import Stepwise
+from . import needs
+from .crowd_sources import chosen_groups, crowds_of, is_live
+from .points_source import NoPoints, check_ids, read_points
+from .scene_crowd import groups_of, measure_groups
+
+SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "first_frame")  # settings that recording sets
+STEPPED = 0.95  # part of the progress
+
+
+def with_record(
+    scene: bpy.types.Scene, frames: Sequence[int], work: Callable[[], Generator[float, None, Made]]
+) -> Generator[float, None, Made]:
+    """Run `work()` while the crowds of `scene` that are an object's points follow a record of them.
+
+    It holds all frames of the scene, and `frames` of the timeline, and is gone at the end. Without
+    such crowds nothing is recorded.
+
+    Yields the progress and returns the result of the work.
+    """
+    crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
+    if not crowds:
+        return (yield from work())
+    own = [(crowd, name, getattr(crowd, name)) for crowd in crowds for name in SOURCE]
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [Path(folder) / f"{k}.npz" for k in range(len(crowds))]
+        try:
+            yield from share(recording(scene, paths, frames), 0.0, 0.3)
+            return (yield from share(work(), 0.3, 1.0))
+        finally:
+            for crowd, name, value in own:
+                setattr(crowd, name, value)
+
+
+def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()) -> Generator[float, None, list[int]]:
+    """Write the points of each live crowd of `scene` in all of its frames to `paths`; the crowds then follow these files.
+
+    frames: more frames of the timeline.
+    Yields the progress; returns how many agents each crowd has. CrowdError if points cannot be
+    used: then the crowds are as before.
+    """
+    crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
+    groups = groups_of(scene.crowd_lod) or measure_groups(scene)
+    ends = scene.frame_start, scene.frame_end, *frames
+    since, until = (scene_data.remapped(scene.render, frame) for frame in (min(ends), max(ends)))
+    times = range(int(np.floor(since)), int(np.ceil(until)) + 1)
+    found: list[list[Snapshot]] = [[] for _ in crowds]
+    when: list[list[int]] = [[] for _ in crowds]
+    with frame_stepping.stepped(scene) as at:
+        for done, time in enumerate(times):
+            depsgraph = at((), time)
+            for crowd, own, known in zip(crowds, found, when, strict=True):
+                snapshot = _looked_at(crowd, depsgraph, groups)
+                if snapshot is not None:
+                    own.append(snapshot)
+                    known.append(time)
+            yield STEPPED * (done + 1) / len(times)
+    with ExitStack() as written:
+        for crowd, own, known, path in zip(crowds, found, when, paths, strict=True):
+            rows = _rows(crowd, own, known, len(times), groups)
+            npz.write(written.enter_context(files.staged_file(path)), rows)
+    for crowd, path, known in zip(crowds, paths, when, strict=True):
+        crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", str(path), "AUTO", 0
+        crowd.first_frame = known[0]
+    yield 1.0
+    return [len(np.unique(np.concatenate([_ids(snapshot) for snapshot in own]))) for own in found]
+
+
+def take_points(scene: bpy.types.Scene, item: bpy.types.Object, path: Path) -> Generator[float, None, str]:
+    """Let the scene's own crowd follow the points of `item` as recorded in the file `path`.
+
+    Yields the progress; returns a sentence.
+    """
+    settings = scene.crowd_lod
+    before = settings.source, settings.points
+    settings.source, settings.points = "POINTS", item
+    try:
+        (count,) = yield from recording(scene, [path])
+    except BaseException:
+        settings.source, settings.points = before
+        raise
+    return f"{count:,} agents follow the points of {item.name}, recorded in {printable(path)}."
+
+
+def _looked_at(crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...]) -> Snapshot | None:
+    """Return the points now; None if there are none."""
+    chosen = chosen_groups(crowd, groups)
+    names = tuple(groups[g].name for g in chosen)
+    try:
+        found = read_points(crowd.points, depsgraph, crowd.id_data.crowd_lod.forward, chosen, names)
+    except NoPoints:
+        return None
+    check_ids(crowd.points, found.ids)
+    return found
+
+
+def _ids(found: Snapshot) -> np.ndarray:
+    return np.arange(len(found.x)) if found.ids is None else found.ids
+
+
+def _rows(crowd, found: list[Snapshot], times: list[int], frames: int, groups: tuple[Group, ...]) -> Rows:
+    """Return the rows of a file.
+
+    found, times: the points, and when they were found.
+    frames: how many frames were looked at.
+    """
+    item, counts = crowd.points, [len(each.x) for each in found]
+    if not found:
+        raise NoPoints(f"The object {item.name} has no points in any frame of the scene: choose another, or set the frame range.")
+    if sum(counts) > MOST_ROWS:
+        raise CrowdError(f"The object {item.name} has {sum(counts):,} points in all frames: record at most {MOST_ROWS:,}.")
+    if any(each.ids is None for each in found) and (len(set(counts)) > 1 or len(found) < frames):
+        k = next((k for k, count in enumerate(counts) if count != counts[0]), 0)
+        other = (
+            f"{counts[k]:,} points at frame {times[k]}, and {counts[0]:,} at frame {times[0]}" if k else "no points in some frames"
+        )
+        raise CrowdError(
+            f"The object {item.name} has {other}: give its points an attribute id of whole numbers, so that agents are known."
+        )
+
+    def column(name: str) -> np.ndarray | None:
+        """Return a column that all frames have, or None."""
+        parts = [getattr(each, name) for each in found]
+        return None if any(part is None for part in parts) else np.concatenate(parts)
+
+    group, center, names = column("group"), crowd.center, np.array([each.name for each in groups])
+    return Rows(
+        id=np.concatenate([_ids(each) for each in found]),
+        frame=np.repeat(np.array(times, np.int64), counts),
+        # the setting Center is added to what a file has
+        **{name: column(name) - center[axis] for axis, name in enumerate("xyz")},
+        heading=column("heading"),
+        phase=column("phase"),
+        group=None if group is None else names[group],
+        rate=crowd.id_data.render.fps / crowd.id_data.render.fps_base,
+    )
+
+
+class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
+    """Write where the points are in all frames of the scene to a file beside the .blend file, which the crowd then follows"""
+
+    bl_idname = "crowd_lod.record_points"
+    bl_label = "Record Points"
+    needs = (needs.characters, needs.points)
+
+    def steps(self, context) -> Generator[float, None, str]:
+        scene = context.scene
+        crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
+        file = Path(bpy.data.filepath or Path(bpy.app.tempdir, scene.name))
+        parts = [(file.stem, crowd.name, crowd.points and crowd.points.name) for crowd in crowds]
+        paths = [file.parent / f"{bpy.path.clean_name('_'.join(filter(None, each)))}.npz" for each in parts]
+        counts = yield from recording(scene, paths)
+        for crowd in crowds:
+            if bpy.data.filepath:
+                crowd.tracks_file = bpy.path.relpath(crowd.tracks_file)
+        told = ", ".join(f"{count:,} agents in {printable(path)}" for count, path in zip(counts, paths, strict=True))
+        return f"Recorded: {told}. To follow the object again, set Source to Points."
+
+
+CLASSES = (CROWDLOD_OT_record_points,)
