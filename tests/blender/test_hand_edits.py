@@ -135,6 +135,38 @@ def test_erasing_and_thinning_keep_numbers_of_who_stands_in_the_box(levelled):
     assert 0.25 < len(parts[0]) / len(inside) < 0.75
 
 
+def test_a_volume_holds_whose_middle_is_in_its_mesh(levelled):
+    """A prism over an L, which holds less than its box."""
+    corners = [(0, 0), (12, 0), (12, 4), (5, 4), (5, 9), (0, 9)]
+    sides = [(k, (k + 1) % 6, (k + 1) % 6 + 6, k + 6) for k in range(6)]
+    faces, mesh = [(5, 4, 3, 2, 1, 0), (6, 7, 8, 9, 10, 11), *sides], bpy.data.meshes.new("L")
+    mesh.from_pydata([(x, y, z) for z in (0, 3) for x, y in corners], [], faces)
+    item = bpy.data.objects.new("L", mesh)
+    item.location, item.rotation_euler.z, item.scale = (-6, -5, 0), 0.5, (1.5, 1, 1)
+    levelled.collection.objects.link(item)
+    levelled.frame_set(4)
+    bpy.context.view_layer.update()
+    bpy.context.view_layer.objects.active = item
+    crowd = trajectory_of(levelled).at(4)
+    turned = np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]]) @ np.stack([crowd.x + 6, crowd.y + 5])
+    x, y = turned[0] / 1.5, turned[1]
+    box = (x > 0) & (x < 12) & (y > 0) & (y < 9)
+    inside = box & ((y < 4) | (x < 5))
+    bpy.ops.crowd_lod.erase()
+    gone = lambda: np.flatnonzero(~trajectory_of(levelled).at(1).present).tolist()  # noqa: E731
+    assert gone() == np.flatnonzero(inside).tolist() and 10 < inside.sum() < box.sum()
+    # without its bottom it has no volume, and its box counts
+    bpy.ops.crowd_lod.remove_exception()
+    mesh.clear_geometry()
+    mesh.from_pydata([(x, y, z) for z in (0, 3) for x, y in corners], [], faces[1:])
+    bpy.context.view_layer.update()
+    bpy.ops.crowd_lod.erase()
+    assert gone() == np.flatnonzero(box).tolist()
+    levelled.crowd_lod.exceptions[0].chosen_by = "VOLUME"
+    with pytest.raises(RuntimeError, match="The region L of the exception Erase L is no closed mesh"):
+        bpy.ops.crowd_lod.find_agents()
+
+
 def test_who_is_nudged_is_found_where_he_walks_without_edits(levelled):
     own = trajectory_of(levelled).at(1)
     add(levelled, kind="NUDGE", agents=f"0-{len(own) - 1}", move=(500, 0, 0))
