@@ -37,6 +37,8 @@ class CrowdLodException(bpy.types.PropertyGroup):
     move: FloatVectorProperty(
         name="Nudge",
         size=3,
+        min=-100_000,
+        max=100_000,
         subtype="TRANSLATION",
         unit="LENGTH",
         description="By which way they stand beside their own, along the world's axes",
