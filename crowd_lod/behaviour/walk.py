@@ -12,8 +12,9 @@ import numpy as np
 from ..animation.phase_classes import gaits_of
 from ..crowd.agents import CLASSES, Crowd, Group
 from ..crowd.leave_outs import ALL, STILL, LeftOut, needless, needless_of_places
-from ..crowd.maps import Area, HeightMap, LabelMap
+from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine
+from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import aside
 from ..trajectory.trajectory import PART, States, Trajectory
@@ -29,14 +30,19 @@ MOST_KEPT = 2**30
 TURN, REST = 0.1, 0.001
 
 
-def bounds_of_walk(machine: StateMachine, heights: HeightMap | None) -> VelocityBounds:
-    """Return how fast the table lets agents walk, and the height map lets them climb."""
+def bounds_of_walk(machine: StateMachine, heights: Ground | None) -> VelocityBounds:
+    """Return how fast the table lets agents walk, and the ground lets them climb.
+
+    A terrain may have steps of any height.
+    """
     velocity = machine.velocity.reshape(-1, 2)
     fastest = float(np.linalg.norm(velocity, axis=-1).max())
     low, high = velocity.min(axis=0, initial=0), velocity.max(axis=0, initial=0)
     if machine.edge == "reflect":
         low, high = np.minimum(low, -high), np.maximum(high, -low)
     climb = 0.0
+    if isinstance(heights, Terrain):
+        return VelocityBounds(np.append(low, 0.0), np.append(high, 0.0), fastest, heights.span[1] - heights.span[0])
     if heights is not None:
         climb = (np.array(heights.steepest) * np.maximum(-low, high)).sum()
     return VelocityBounds(np.append(low, -climb), np.append(high, climb), fastest)
@@ -52,11 +58,14 @@ class Walk(Trajectory):
     """The crowd that the state machine moves over its map, cached from the first frame on.
 
     At a fractional time the last step is taken in part. Before `first_frame` the crowd stands as
-    populated. On a height map agents stand on the ground.
+    populated. On a height map or a terrain agents stand on the ground. Where floors lie over each
+    other, an agent's height follows from its last one, step by step.
 
     every: one crowd is kept each so many frames, so that going back is cheap; fewer in a long shot
         of a large crowd (MOST_KEPT).
-    tilts: whether agents stand square on the slopes of the height map.
+    tilts: whether agents stand square on the slopes of the ground.
+    seated: whether all stay where they start, height and heading too, on the map or not; the state
+        machine then only changes their states.
     classes: number of phase classes (animation/phase_classes.py).
     """
 
@@ -67,10 +76,11 @@ class Walk(Trajectory):
     seconds_per_frame: float
     first_frame: int = 1
     every: int = 16
-    heights: HeightMap | None = None
+    heights: Ground | None = None
     tilts: bool = False
     leave: frozenset[LeftOut] = ALL
     classes: int = CLASSES
+    seated: bool = False
     _kept: dict[int, Crowd] = field(default_factory=dict, repr=False)
     _lock: threading.Lock = field(default_factory=threading.Lock, repr=False)
 
@@ -83,12 +93,18 @@ class Walk(Trajectory):
         self.gaits = gaits_of(self.groups, self.machine.paces, self.classes)
         pace = pace_of(self.start.x, self.start.y, self.start.state, self.machine, self.world)
         self.start = replace(self.start, pace=pace)
-        self._kept[0] = self.start
+        # on several floors the height is part of each step
+        self._floors = None if self.heights is None or self.seated or not self.heights.layered else self.heights
+        if self._floors is not None:
+            self.start = replace(self.start, z=self._floors.at(self.start.x, self.start.y, self.start.z))
+        # on the map, where the state machine knows them
+        self._first = _onto(self.world.area, self.start) if self.seated else self.start
+        self._kept[0] = self._first
         # the latest, and the one before it once that has been asked for, as open shutters do
-        self._recent: tuple[tuple[int, Crowd], ...] = ((0, self.start),)
+        self._recent: tuple[tuple[int, Crowd], ...] = ((0, self._first),)
         self._looks_back = False
         self._ground: tuple[np.ndarray, np.ndarray] | None = None  # x, and the ground's z there
-        found = needless_of_places(self.start, len(self.groups), self.heights is not None, self.level)
+        found = needless_of_places(self.start, len(self.groups), not self.level, self.level)
         self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
         self._regrouped: Walk | None = None  # the last that was asked for
@@ -103,7 +119,10 @@ class Walk(Trajectory):
         return self._on_ground(crowd)
 
     def _on_ground(self, crowd: Crowd) -> Crowd:
-        if self.heights is None:
+        if self.seated:
+            start = self.start
+            return replace(crowd, x=start.x, y=start.y, z=start.z, heading=start.heading)
+        if self.heights is None or self._floors is not None:
             return crowd
         x, z = self._ground or (None, crowd.z)
         if crowd.x is not x:  # who stands still, stands on the ground found before
@@ -139,14 +158,22 @@ class Walk(Trajectory):
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Walk":
         """Return the same crowd from `time` on, a whole frame, with only `leave` left out."""
         bare = self._at_whole(int(max(time - self.first_frame, 0)))
+        bare = self._on_ground(bare) if self.seated else bare
         walk = replace(self, start=bare, leave=leave, first_frame=int(time), _kept={}, _lock=threading.Lock())
         walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
         return walk
 
-    @property
+    @cached_property
     def area(self) -> Area:
-        """The map's."""
-        return self.world.area
+        """The map's, or one about all places where agents stay."""
+        area, start = self.world.area, self.start
+        if not self.seated:
+            return area
+        x, y = (
+            np.append(place[np.isfinite(place)], ends)
+            for place, ends in zip((start.x, start.y), np.array(area.bounds)[..., 0].T, strict=True)
+        )
+        return Area(x.min(), y.min(), x.max(), y.max(), area.z)
 
     @property
     def states(self) -> States:
@@ -154,22 +181,24 @@ class Walk(Trajectory):
         return States(self.machine.states, self.machine.state_colors)
 
     def velocity(self, since: float, until: float) -> VelocityBounds:
-        """Return how fast the table lets agents walk, and the height map lets them climb, at any time."""
+        """Return how fast the table lets agents walk, and the ground lets them climb, at any time."""
         return self._velocity
 
     @cached_property
     def _velocity(self) -> VelocityBounds:
-        return STANDING if STILL in self.left_out else bounds_of_walk(self.machine, self.heights)
+        return STANDING if self.seated or STILL in self.left_out else bounds_of_walk(self.machine, self.heights)
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return (pitch, roll) of `agents` on the height map, if they align to its slopes."""
+        """Return (pitch, roll) of `agents` on the ground, if they align to its slopes."""
         if not self.tilts or self.heights is None:
             return None
-        return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents])
+        return self.heights.tilt(crowd.x[agents], crowd.y[agents], crowd.heading[agents], crowd.z[agents])
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
-        """Return the height map's height under `agents`."""
-        return None if self.heights is None else self.heights.at(crowd.x[agents], crowd.y[agents])
+        """Return the ground's height under `agents`; None where they keep that of their places."""
+        if self.heights is None or self.seated:
+            return None
+        return self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
 
     def regrouped(self, group: np.ndarray) -> "Walk":
         """Return the same walk from its start on, where agents of another group change their phase class by its rates."""
@@ -183,13 +212,13 @@ class Walk(Trajectory):
 
     @property
     def level(self) -> bool:
-        """Whether there is no height map."""
-        return self.heights is None
+        """Whether there is neither a height map nor a terrain, or all keep the height of their places."""
+        return self.heights is None or self.seated
 
     @property
     def wraps(self) -> bool:
-        """Whether the map wraps around."""
-        return self.machine.edge == "wrap"
+        """Whether the map wraps around, and anybody walks."""
+        return self.machine.edge == "wrap" and not self.seated
 
     def jumped(self, now: Crowd, before: Crowd, agents: np.ndarray) -> np.ndarray | None:
         """Return which of `agents` are half a map away from where they were."""
@@ -200,20 +229,21 @@ class Walk(Trajectory):
         return (aside > width / 2) | (along > depth / 2)
 
     def digests(self) -> dict[str, bytes]:
-        """Return the start, the state machine, and the maps."""
-        world, heights = self.world, self.heights
-        relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
-        return {
-            "the crowd": b"".join(column.tobytes() for column in self.start.columns.values()),
+        """Return the start, the state machine, the map, and the ground."""
+        world, start, heights = self.world, self.start, self.heights
+        own = {
+            "the crowd": b"".join([*(column.tobytes() for column in start.columns.values()), b"seated" * self.seated]),
             "the state machine": self.machine.text.encode(),
             "the map": repr((world.area, world.labels.shape)).encode() + world.labels.tobytes(),
-            "the height map": relief,
+            "the height map": b"",
         }
+        ground = "the terrain" if isinstance(heights, Terrain) else "the height map"
+        return own if heights is None else own | {ground: heights.digest()}
 
     def _step(self, crowd: Crowd, frames: float, since: int) -> Crowd:
         """Return the crowd `frames`, at most 1, after frame `since`, counted from 0."""
         # the first step takes who stands off the map onto it
-        if STILL in self.left_out and crowd is not self.start:
+        if STILL in self.left_out and crowd is not self._first:
             return crowd
         seconds = frames * self.seconds_per_frame
         tables, (known, ahead) = self._tables(seconds), self._ahead
@@ -234,6 +264,8 @@ class Walk(Trajectory):
         else:
             moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
         moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
+        if self._floors is not None:
+            moved = replace(moved, z=self._floors.at(moved.x, moved.y, crowd.z))
         if frames == 1:
             self._ahead = moved, ahead
         return moved
@@ -288,6 +320,11 @@ class Walk(Trajectory):
                     self._ahead = None, None  # to look again
             self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
         return frame, crowd
+
+
+def _onto(area: Area, crowd: Crowd) -> Crowd:
+    """Return the crowd with those beyond the `area` on its border."""
+    return replace(crowd, x=np.clip(crowd.x, area.x_min, area.x_max), y=np.clip(crowd.y, area.y_min, area.y_max))
 
 
 def walks_of(trajectory: Trajectory) -> list[Walk]:

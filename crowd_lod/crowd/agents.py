@@ -248,10 +248,7 @@ def populate(count: int, seed: int, groups: int, machine: StateMachine, world: L
     agent (see `runs`). From IN_PLACE agents on, each group follows a Morton curve.
     CrowdError if a count is out of range, or if no label lets agents start.
     """
-    if not 1 <= count <= MOST_AGENTS:
-        raise CrowdError(f"The crowd has {count} agents; set a count from 1 to {MOST_AGENTS}.")
-    if not 1 <= groups <= MOST_GROUPS:
-        raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")
+    check_counts(count, groups)
     open_cells = np.flatnonzero(machine.spawn[world.labels])
     if not len(open_cells):
         raise CrowdError("The map has no place where agents may start: paint a label whose spawn is true.")
@@ -260,18 +257,46 @@ def populate(count: int, seed: int, groups: int, machine: StateMachine, world: L
     row, column = np.divmod(cell, world.labels.shape[1])
     x = world.area.x_min + (column + random.random(count)) * world.cell[0]
     y = world.area.y_min + (row + random.random(count)) * world.cell[1]
+    return peopled((x, y, np.full(count, world.area.z)), None, random, (seed, groups, classes), machine, world)
+
+
+def check_counts(count: int, groups: int = 1) -> None:
+    """Raise CrowdError if a count of agents or of groups is out of range."""
+    if not 1 <= count <= MOST_AGENTS:
+        raise CrowdError(f"The crowd has {count} agents; set a count from 1 to {MOST_AGENTS}.")
+    if not 1 <= groups <= MOST_GROUPS:
+        raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")
+
+
+def peopled(
+    points: Sequence[np.ndarray],
+    heading: np.ndarray | None,
+    random: np.random.Generator,
+    numbers: tuple[int, int, int],
+    machine: StateMachine,
+    world: LabelMap,
+) -> Crowd:
+    """Return a crowd at the points x, y, z, (n,) each; see populate.
+
+    heading: (n,) float32, NaN for agents that are to get one; None for all.
+    random: gives all that is drawn.
+    numbers: seed of the agents' own streams, groups, classes.
+    """
+    (x, y, z), (seed, groups, classes) = points, numbers
+    count = len(x)
     state = np.searchsorted(np.cumsum(machine.start)[:-1], random.random(count), side="right").astype(np.uint8)
     group = np.sort(random.integers(groups, size=count, dtype=np.uint8))
     phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
     label = world.at(x, y)
     first_move, pace = machine.velocity[state, label], machine.paces.of[state, label]
-    heading = np.where(
+    drawn = np.where(
         first_move.any(axis=1),
         np.arctan2(first_move[:, 1], first_move[:, 0]),
         random.uniform(-np.pi, np.pi, count),
     ).astype(np.float32)
+    heading = drawn if heading is None else np.where(np.isnan(heading), drawn, heading)
     if count >= IN_PLACE:
         order = morton_order.order_of(x, y, group, world.area)
-        x, y, heading, state, group, phase, pace = (each[order] for each in (x, y, heading, state, group, phase, pace))
+        x, y, z, heading, state, group, phase, pace = (each[order] for each in (x, y, z, heading, state, group, phase, pace))
     key = random_streams.keys(seed, count)
-    return Crowd(x, y, np.full(count, world.area.z), heading, state, group, phase, machine.waits(state, key), key, pace=pace)
+    return Crowd(x, y, z, heading, state, group, phase, machine.waits(state, key), key, pace=pace)

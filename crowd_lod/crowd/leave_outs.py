@@ -94,6 +94,12 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
     return frozenset(item for item, true in holds.items() if true)
 
 
+def reachable_velocities(machine: StateMachine, world: LabelMap, states: np.ndarray) -> np.ndarray:
+    """Return the velocities (s, l, 2) m/s of all states that agents who start in `states` may be in, on the labels of the map."""
+    labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
+    return machine.velocity[np.ix_(np.flatnonzero(_reached(machine, states, labels)), labels)]
+
+
 def _reached(machine: StateMachine, start: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return (S,) bool: the states that agents may ever be in.
 

@@ -182,6 +182,7 @@ class HeightMap:
 
     heights: np.ndarray
     area: Area
+    layered = False  # there is one floor
 
     def __post_init__(self) -> None:
         wrong = np.argwhere(~np.isfinite(self.heights))
@@ -191,6 +192,10 @@ class HeightMap:
                 f"The height map holds {len(wrong)} values at NaN or infinity, the first at column {column}, row {row} from "
                 "the bottom: paint a height there."
             )
+
+    def digest(self) -> bytes:
+        """Return all that the heights follow from, but for the area."""
+        return repr(self.heights.shape).encode() + self.heights.tobytes()
 
     @cached_property
     def span(self) -> tuple[float, float]:
@@ -205,8 +210,11 @@ class HeightMap:
         along_x, along_y = (np.abs(np.diff(self.heights.astype(np.float64), axis=axis)).max(initial=0) for axis in (1, 0))
         return float(along_x * (columns / width)), float(along_y * (rows / depth))
 
-    def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Return world z (n,) float64 of the ground at world positions x, y (n,)."""
+    def at(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> np.ndarray:
+        """Return world z (n,) float64 of the ground at world positions x, y (n,).
+
+        last: where each agent stood before; it has no meaning on one floor.
+        """
         z = np.empty(len(x))
         for begin in range(0, len(x), LOOK_UPS):
             block = slice(begin, begin + LOOK_UPS)
@@ -227,20 +235,14 @@ class HeightMap:
         along_y = ((c - a) * (1 - u) + (d - b) * u) * (rows / depth)
         return along_x * inside[0], along_y * inside[1]
 
-    def tilt(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (pitch, roll) of agents that stand at right angles to the ground.
+    def tilt(
+        self, x: np.ndarray, y: np.ndarray, heading: np.ndarray, last: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return (pitch, roll) of agents that stand at right angles to the ground: see `lean`.
 
-        Each is (n,) float32, radians. pitch: how far the ground rises ahead. roll: how far it rises
-        to the agent's left.
-        x, y, heading: (n,).
-        To tilt an agent, rotate it about z by its heading, then about its own left axis by -pitch,
-        then about its own forward axis by roll.
+        x, y, heading: (n,); last: as in `at`.
         """
-        along_x, along_y = self.slope(x, y)
-        cos, sin = np.cos(heading, dtype=np.float64), np.sin(heading, dtype=np.float64)
-        ahead, left = along_x * cos + along_y * sin, along_y * cos - along_x * sin
-        pitch = np.arctan(ahead)
-        return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
+        return lean(*self.slope(x, y), heading)
 
     def _corners(
         self, x: np.ndarray, y: np.ndarray
@@ -260,6 +262,20 @@ class HeightMap:
         right, above = np.minimum(column + 1, columns - 1), np.minimum(row + 1, rows - 1)
         places = ((row, column), (row, right), (above, column), (above, right))
         return [self.heights[place].astype(np.float64) for place in places], across - column, up - row, inside
+
+
+def lean(along_x: np.ndarray, along_y: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (pitch, roll) of agents that stand at right angles to ground of these slopes, each (n,).
+
+    Each is (n,) float32, radians. pitch: how far the ground rises ahead. roll: how far it rises
+    to the agent's left.
+    To tilt an agent, rotate it about z by its heading, then about its own left axis by -pitch,
+    then about its own forward axis by roll.
+    """
+    cos, sin = np.cos(heading, dtype=np.float64), np.sin(heading, dtype=np.float64)
+    ahead, left = along_x * cos + along_y * sin, along_y * cos - along_x * sin
+    pitch = np.arctan(ahead)
+    return pitch.astype(np.float32), np.arctan(left * np.cos(pitch)).astype(np.float32)
 
 
 def labels_from_colors(pixels: np.ndarray, colors: np.ndarray, names: tuple[str, ...], where: str) -> tuple[np.ndarray, np.ndarray]:

@@ -13,11 +13,13 @@ class VelocityBounds:
 
     low, high: (3,) float64, the bounds of the velocity along x, y and z; low <= 0 <= high.
     fastest: m/s, the greatest horizontal speed, if it is known to be less than that of the bounds.
+    steps: metres by which z may change at once, as on stairs, however short the time.
     """
 
     low: np.ndarray
     high: np.ndarray
     fastest: float = np.inf
+    steps: float = 0.0
 
     def between(self, seconds: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
         """Return (least, most) displacement, each (3,) metres, at any time in `seconds`.
@@ -25,7 +27,13 @@ class VelocityBounds:
         seconds: relative to the time of the boxes.
         """
         ways = np.multiply.outer((min(seconds), max(seconds)), (self.low, self.high))
-        return np.minimum(ways.min(axis=(0, 1)), 0.0), np.maximum(ways.max(axis=(0, 1)), 0.0)
+        rise = np.array([0.0, 0.0, self.steps])
+        return np.minimum(ways.min(axis=(0, 1)), 0.0) - rise, np.maximum(ways.max(axis=(0, 1)), 0.0) + rise
+
+    @property
+    def climbs(self) -> bool:
+        """Whether z may change."""
+        return bool(self.high[2] > 0 or self.low[2] < 0 or self.steps > 0)
 
     @cached_property
     def speed(self) -> float:
@@ -36,7 +44,8 @@ class VelocityBounds:
     def joined(self, other: "VelocityBounds") -> "VelocityBounds":
         """Return the bounds of both crowds."""
         fastest = max(self.speed, other.speed)
-        return VelocityBounds(np.minimum(self.low, other.low), np.maximum(self.high, other.high), fastest)
+        low, high = np.minimum(self.low, other.low), np.maximum(self.high, other.high)
+        return VelocityBounds(low, high, fastest, max(self.steps, other.steps))
 
 
 STANDING = VelocityBounds(np.zeros(3), np.zeros(3), 0.0)

@@ -84,9 +84,8 @@ def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
         order = kept.order = since, blocks.filled(morton_order.order_of(crowd.x, crowd.y, crowd.group, area))
     longest = [frames * trajectory.seconds_per_frame for frames in (-SHUTTER, every + SHUTTER)]
     wraps = velocity.between(longest) if trajectory.wraps else None
-    climbs = velocity.high[2] > 0 or velocity.low[2] < 0
     span = trajectory.heights.span if trajectory.heights is not None else (-np.inf, np.inf)
-    return blocks.blocks_of(trajectory.kept_at(frame), order[1], trajectory.spheres, area, wraps, span if climbs else None)
+    return blocks.blocks_of(trajectory.kept_at(frame), order[1], trajectory.spheres, area, wraps, span if velocity.climbs else None)
 
 
 def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:

@@ -11,7 +11,8 @@ from ..animation.phase_classes import Gaits
 from ..crowd import random_streams
 from ..crowd.agents import Crowd, Group, Spheres, spheres_of
 from ..crowd.leave_outs import LeftOut
-from ..crowd.maps import Area, HeightMap
+from ..crowd.maps import Area
+from ..crowd.terrain import Ground
 from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
 
@@ -44,7 +45,7 @@ class Trajectory(ABC):
     leave: what may be left out where the scene does not need it (crowd/leave_outs.py).
     left_out: what of it no frame needs.
     area: a rectangle that the crowd stays on.
-    heights: the ground that agents stand on, if it is a height map.
+    heights: the ground that agents stand on, a height map or a terrain; None if it is level.
     gaits: at which rates the groups play their actions.
     states: what agents do.
     ids: (n,) int64, the numbers of a file or of an object's points, which agents keep when others
@@ -58,7 +59,7 @@ class Trajectory(ABC):
     every: int
     leave: frozenset[LeftOut]
     left_out: frozenset[LeftOut]
-    heights: HeightMap | None
+    heights: Ground | None
     gaits: Gaits
     ids: np.ndarray | None = None
 
@@ -118,7 +119,7 @@ class Trajectory(ABC):
         return float(max(steps))
 
     def tilt(self, crowd: Crowd, agents: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return (pitch, roll) of `agents` (m,) who stand square on their ground; see HeightMap.tilt.
+        """Return (pitch, roll) of `agents` (m,) who stand square on their ground; see maps.lean.
 
         Each is (m,) float32, radians. None if all stand upright.
         """
@@ -137,6 +138,11 @@ class Trajectory(ABC):
         CrowdError where their source alone decides on groups.
         """
         raise CrowdError("The source of these agents alone decides on their groups.")
+
+    @property
+    def told(self) -> str:
+        """A sentence on where the agents come from, for who populates; "" if there is nothing to say."""
+        return ""
 
     @property
     def level(self) -> bool:

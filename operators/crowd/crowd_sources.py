@@ -1,22 +1,29 @@
 """From a scene's crowds to one trajectory: who moves the agents of each, and all of them together."""
 
 import hashlib
-from collections.abc import Callable
+import time as clock
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import replace
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.behaviour.walk import Walk
-from ...crowd_lod.crowd.agents import Group, populate
-from ...crowd_lod.crowd.maps import HeightMap
+from ...crowd_lod.crowd import start_places
+from ...crowd_lod.crowd.agents import Crowd, Group, populate
+from ...crowd_lod.crowd.maps import LabelMap
+from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.crowd.terrain import Ground
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.progress import aside
+from ...crowd_lod.tracks.cast import groups_of_agents
+from ...crowd_lod.tracks.recorded import Recorded
 from ...crowd_lod.trajectory.several import Several
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import image_data, scene_cache, stored_values
-from . import hand_edits
+from . import hand_edits, start_source, terrain_source, tracks_source
 from .points_source import points_of_crowd
-from .scene_world import heights_of, machine_of, world_of
+from .scene_world import area_of, heights_of, machine_of, world_of
 
 # Trajectories by the digest of all they depend on.
 _trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
@@ -25,6 +32,12 @@ MOST_TRAJECTORIES = 8
 _latest: dict[int, dict[int, tuple]] = scene_cache.kept({}, by_scene=True)
 # Of each scene the crowds that were put together last, and the trajectory of all.
 _together: dict[int, tuple[tuple, Trajectory]] = scene_cache.kept({}, by_scene=True)
+
+
+# Of each scene when `outdated` looked last, and what it found.
+_outdated: dict[int, tuple[float, list[str]]] = scene_cache.kept({}, by_scene=True)
+LOOK = 1.0  # seconds between two looks
+ASKED = start_source.places_outdated, terrain_source.terrain_outdated
 
 
 def crowds_of(settings) -> list[bpy.types.PropertyGroup]:
@@ -61,6 +74,49 @@ def together(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.t
     return hand_edits.with_edits(scene, known[1])
 
 
+def reading(crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph) -> Generator[float, None, None]:
+    """Read the places and the terrain of the crowds from their objects, and keep them in the file.
+
+    Yields the progress of what takes long. CrowdError if an object has none.
+    """
+    for crowd in crowds:
+        start_source.read_places(crowd, forward, depsgraph)
+        terrain_source.read_terrain(crowd, depsgraph)
+        yield 0.0
+    render = crowds[0].id_data.render
+    yield from tracks_source.reading_files(crowds, render.fps / render.fps_base)
+    for crowd in crowds:
+        terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
+        if terrain is not None:
+            yield from aside(terrain.prepare, lambda: 0.0)
+
+
+def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
+    """Yield sentences on what the crowds' places and terrain lack."""
+    for crowd, part in zip(crowds, trajectory.parts, strict=True):
+        yield from terrain_source.terrain_notes(crowd, part)
+        if isinstance(part, Walk) and crowd.start_on != "RECTANGLE":
+            places = start_source.places_of(crowd, part.world.area)
+            lost = len(places or ()) - len(part.start)
+            if lost:
+                yield (
+                    f"{lost:,} of {len(places or ()):,} places are left out: they lie off the label map, or where its labels let "
+                    "nobody start."
+                )
+
+
+def outdated(scene: bpy.types.Scene) -> list[str]:
+    """Return a sentence for each crowd whose places or terrain are not what Populate would read now.
+
+    The answer may be a second old: the sidebar asks whenever it is drawn.
+    """
+    now, (looked, found) = clock.monotonic(), _outdated.get(scene.session_uid, (-LOOK, []))
+    if now >= looked + LOOK:
+        found = [note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)]
+        _outdated[scene.session_uid] = now, found
+    return found
+
+
 def _images(crowd) -> tuple:
     return crowd.map_image, crowd.height_image
 
@@ -69,7 +125,10 @@ def _asked(crowd) -> tuple:
     """Return the numbers and texts of a crowd's settings that its trajectory depends on."""
     numbers = (*crowd.center, *crowd.size, crowd.height_scale, crowd.count, crowd.seed, crowd.first_frame)
     points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
-    return crowd.machine and crowd.machine.as_string(), numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points
+    ground = terrain_source.wanted(crowd) and (crowd.terrain_mesh and crowd.terrain_mesh.session_uid)
+    text = crowd.machine and crowd.machine.as_string()
+    place = start_source.places_asked(crowd), ground, tracks_source.file_asked(crowd) if crowd.source == "FILE" else ()
+    return text, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
 
 
 def is_live(crowd) -> bool:
@@ -110,7 +169,8 @@ def _member(
 ) -> Trajectory:
     """Return the trajectory of one crowd, cached while its inputs stay the same."""
     # read at each call; all else where something has changed
-    stored_values.check(crowd, ("source", "points", "map_image", "height_image", "machine"))
+    pointers = "points", "map_image", "height_image", "machine", "start_places", "terrain_mesh"
+    stored_values.check(crowd, ("source", *pointers))
     seconds = scene.render.fps_base / scene.render.fps
     latest = _latest.setdefault(scene.session_uid, {})
     before = latest.get(index)
@@ -126,7 +186,7 @@ def _member(
     asked = _asked(crowd), groups, seconds
     if before is None or before[0] != asked or not all(a is b for a, b in zip(before[1], images, strict=True)):
         stored_values.check(crowd)
-        latest[index] = asked, images, _walk(crowd, groups, seconds)
+        latest[index] = asked, images, (_recorded if crowd.source == "FILE" else _walk)(crowd, groups, seconds)
     return latest[index][2]
 
 
@@ -134,19 +194,67 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     """Return the trajectory of a crowd that its state machine moves."""
     machine = machine_of(crowd)
     world = world_of(crowd, machine)
-    heights, own = heights_of(crowd, world.area), chosen_groups(crowd, groups)
+    own = chosen_groups(crowd, groups)
+    heights = terrain_source.terrain_of(crowd, world.area.z) or heights_of(crowd, world.area)
     numbers = (crowd.count, crowd.seed, crowd.first_frame, crowd.tilt)
-    key = machine.text, world.area, world.labels.shape, groups, tuple(own.tolist()), *numbers, seconds
-    relief = b"" if heights is None else repr(heights.heights.shape).encode() + heights.heights.tobytes()
+    key = (
+        machine.text,
+        world.area,
+        world.labels.shape,
+        groups,
+        tuple(own.tolist()),
+        *numbers,
+        seconds,
+        start_source.places_asked(crowd),
+    )
+    relief = b"" if heights is None else heights.digest()
 
     def made() -> Trajectory:
         lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
-        start = populate(crowd.count, crowd.seed, len(own), machine, world)
+        start, seated = _start(crowd, machine, world, len(own))
         if len(own) < len(groups):
             start = replace(start, group=own[start.group])
-        return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt)
+        return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt, seated=seated)
 
     return _kept(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made)
+
+
+def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
+    """Return the trajectory of a crowd that follows a file."""
+    tracks = tracks_source.tracks_of_crowd(crowd, 1 / seconds)
+    tracks_source.check_places(tracks, crowd)
+    area, own = area_of(crowd), chosen_groups(crowd, groups)
+    heights = terrain_source.terrain_of(crowd, area.z) or heights_of(crowd, area)
+    numbers = crowd.seed, crowd.first_frame, tuple(crowd.center), crowd.tilt, seconds
+    key = tracks.digest, area, groups, tuple(own.tolist()), *numbers
+
+    def made() -> Trajectory:
+        lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
+        shown = groups_of_agents(tracks, [group.name for group in groups], own, crowd.seed)
+        place = crowd.first_frame, crowd.seed, tuple(crowd.center)
+        return Recorded(tracks, lean, shown, seconds, *place, heights=heights, tilts=crowd.tilt)
+
+    return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), made)
+
+
+def _start(crowd, machine: StateMachine, world: LabelMap, groups: int) -> tuple[Crowd, bool]:
+    """Return the crowd's first frame, and whether all stay at their places.
+
+    CrowdError if there is no place where agents who walk may start.
+    """
+    places = start_source.places_of(crowd, world.area)
+    if places is None:
+        return populate(crowd.count, crowd.seed, groups, machine, world), False
+    seated = start_places.stays(machine, world)
+    if not seated:
+        able = start_places.allowed(places, machine, world)
+        if not able.any():
+            raise CrowdError(
+                f"None of the {len(places):,} places of the crowd {crowd.name or 1} lies on the label map where its labels let "
+                "agents start: move Center, enlarge Size, or paint such a label there."
+            )
+        places = places.of(np.flatnonzero(able))
+    return start_places.settle(places, crowd.seed, groups, machine, world), seated
 
 
 def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
@@ -175,7 +283,7 @@ def chosen_groups(crowd, groups: tuple[Group, ...]) -> np.ndarray:
     return np.array([g for g, name in enumerate(names) if name in chosen or not chosen], np.uint8)
 
 
-def leaning(groups: tuple[Group, ...], heights: HeightMap) -> tuple[Group, ...]:
+def leaning(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:
     """Return `groups` with spheres that hold characters leaning on slopes.
 
     A lean of t moves a sphere's center, `center` metres above the feet, by 2 sin(t / 2) of that

@@ -23,7 +23,7 @@ from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.rig_dependencies import action_range
-from . import crowd_sources, needs
+from . import crowd_sources, kept_meshes, needs, terrain_source
 from .character_extent import bounds, frames_of, lowest, posing, unknown
 from .scene_world import bias_of, check_maps
 from .settings_versions import VERSION
@@ -55,19 +55,21 @@ def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Obje
     origin: world metres.
     """
     stored_values.check(scene.crowd_lod)
-    top = scene.crowd_lod.characters
+    top, ground = scene.crowd_lod.characters, terrain_source.grounds_of(crowd_sources.crowds_of(scene.crowd_lod))
     if top is None:
         raise CrowdError(
             f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
         )
-    kept = [child for child in top.children if not is_stage(child.all_objects)]
+    kept = [
+        child for child in top.children if not is_stage(child.all_objects) and not ground.issuperset(child.all_objects[:] or [top])
+    ]
     groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in kept]
     own = set(top.objects)
     for root in top.objects:
         if root.parent not in own:
             # LODs hang on the same armature
             below = [item for item in root.children_recursive if not item.get(OWNED)]
-            if not is_stage([root, *below]):
+            if not is_stage([root, *below]) and root not in ground:
                 groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
     if not groups:
         state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
@@ -351,17 +353,21 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     """
     settings = scene.crowd_lod
     check_maps(settings)
-    groups = yield from measuring_groups(scene)
-    trajectory = crowd_sources.populated(scene, groups, depsgraph)
-    troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
-    warnings = [troubles.sentence] if troubles.found else []
-    warnings += [*_off_ground(scene, groups), *_unmeasured(scene, groups)]
+    crowds = crowd_sources.crowds_of(settings)
+    with kept_meshes.taken_back(crowds):
+        yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
+        groups = yield from measuring_groups(scene)
+        trajectory = crowd_sources.populated(scene, groups, depsgraph)
+        troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
+        warnings = [troubles.sentence] if troubles.found else []
+        warnings += [*_off_ground(scene, groups), *_unmeasured(scene, groups), *crowd_sources.notes(crowds, trajectory)]
     store_groups(settings, groups)
     _place_levels(scene)
     settings.trouble = troubles.sentence
     said = [] if troubles.found else [troubles.sentence]
     agents = f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}."
-    return " ".join(filter(None, (agents, *warnings, *said))), warnings
+    sources = [part.told for part in trajectory.parts]
+    return " ".join(filter(None, (agents, *sources, *warnings, *said))), warnings
 
 
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):

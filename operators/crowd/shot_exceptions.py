@@ -20,10 +20,10 @@ from ...crowd_lod.planning.exceptions import KINDS, Exemption, check_level, pars
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
 from . import hand_edits
+from .object_boxes import box_of, in_box
 from .scene_world import area_of
 
 REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
-FLAT = 1e-6  # of its largest size, below which a box has no thickness
 # Of painted maps: the values, and their digest.
 _painted: dict[int, tuple[np.ndarray, str]] = scene_cache.kept({})
 
@@ -133,7 +133,7 @@ def _region_marks(region: bpy.types.Object) -> tuple:
         above = above.parent
     if any(each.animation_data or len(each.constraints) for each in chain):
         return (region.name_full,)
-    return tuple(np.round(np.array(region.matrix_world), 5).ravel().tolist()), _box(region).round(5).ravel().tolist()
+    return tuple(np.round(np.array(region.matrix_world), 5).ravel().tolist()), box_of(region).round(5).ravel().tolist()
 
 
 def _map_digest(image: bpy.types.Image) -> str:
@@ -184,27 +184,9 @@ def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: f
 
     A flat box, such as a plane's, reaches up and down without end.
     """
-    item = region.evaluated_get(at([region], time))
-    low, high = _box(item)
-    size, matrix = high - low, np.array(item.matrix_world, np.float64)
-    flat = size <= FLAT * size.max()
-    if flat.sum() > 1 or not np.linalg.cond(matrix) < 1e9:
-        raise CrowdError(
-            f"The region {region.name} of the exception {name} has no area: give it vertices that span one, or a scale above 0."
-        )
-    crowd = trajectory.at(time)
-    with np.errstate(invalid="ignore"):  # agents at NaN are in no region
-        own = np.linalg.solve(matrix[:3, :3], np.stack([crowd.x, crowd.y, crowd.z]) - matrix[:3, 3:])
-        inside = (flat[:, None] | ((own >= low[:, None]) & (own <= high[:, None]))).all(axis=0)
-    return _present(inside, crowd)
-
-
-def _box(item: bpy.types.Object) -> np.ndarray:
-    """Return the lowest and the highest corner of the object's box in its own space, (2, 3) float64."""
-    if item.type == "EMPTY":
-        return np.array([[-1.0], [1.0]]) * np.full((2, 3), item.empty_display_size)
-    corners = np.array(item.bound_box, np.float64)
-    return np.array([corners.min(axis=0), corners.max(axis=0)])
+    crowd, told = trajectory.at(time), f"The region {region.name} of the exception {name}"
+    places = np.stack([crowd.x, crowd.y, crowd.z], axis=1)
+    return _present(in_box(region.evaluated_get(at([region], time)), places, told), crowd)
 
 
 def _begins(entry, frames: Sequence[int]) -> int | None:

@@ -114,7 +114,7 @@ def _row(
 
 def changes(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     """Return what differs between what a plan was made for, and what there is now."""
-    return [name for name, digest in now.items() if before.get(name) != digest]
+    return [name for name in {**now, **before} if before.get(name) != now.get(name)]
 
 
 def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None) -> dict[str, str]:

@@ -72,6 +72,7 @@ class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
         draw_source(layout, crowd)
         if crowd.source == "MACHINE":
             draw_behavior(layout, crowd)
+        draw_ground(layout, crowd)
         draw_simulation(layout, crowd, settings.crowd_index + 1)
 
 
@@ -86,10 +87,36 @@ def draw_source(layout, crowd) -> None:
         button(layout, "crowd_lod.record_points", icon="REC")
     else:
         layout.prop(crowd, "count")
+        draw_start(layout, crowd)
     layout.prop(crowd, "seed")
     layout.prop(crowd, "group_names")
     greyed(layout, crowd.source != "POINTS").prop(crowd, "center")
     greyed(layout, crowd.source == "MACHINE").prop(crowd, "size")
+
+
+def draw_start(layout, crowd) -> None:
+    """Draw where the agents of a crowd start."""
+    layout.prop(crowd, "start_on")
+    if crowd.start_on in ("SURFACE", "CURVES", "POINTS"):
+        layout.prop(crowd, "start_object")
+    if crowd.start_on == "SURFACE":
+        item = crowd.start_object
+        if item is not None and item.type == "MESH":
+            layout.prop_search(crowd, "density_group", item, "vertex_groups")
+        for name in ("density_image", "density_volumes"):
+            layout.prop(crowd, name)
+    if crowd.start_on in ("GRID", "CURVES"):
+        for name in ("spacing", "jitter"):
+            layout.prop(crowd, name)
+    if crowd.start_on == "CURVES":
+        for name in ("rows", "row_depth", "row_rise", "row_turn"):
+            layout.prop(crowd, name)
+
+
+def draw_ground(layout, crowd) -> None:
+    """Draw what the agents of a crowd stand on besides a height map."""
+    for name in ("terrain", "terrain_object"):
+        layout.prop(crowd, name)
 
 
 def draw_behavior(layout, crowd) -> None:

@@ -93,6 +93,57 @@ class CrowdSettings:
         max=MOST_AGENTS,
         description="Number of agents in the crowd",
     )
+    start_on: EnumProperty(
+        update=outdate,
+        name="Start On",
+        description="Where the agents that the state machine moves start",
+        items=[
+            ("RECTANGLE", "Rectangle", "At random on the crowd's ground, where the label map lets them"),
+            ("SURFACE", "Surface", "At random on the faces of an object, by its density"),
+            ("GRID", "Grid", "In a grid over the crowd's ground"),
+            ("CURVES", "Curves", "In rows along the curves of an object, as in a stadium"),
+            ("POINTS", "Points", "On the instances, points or vertices of an object"),
+        ],
+    )
+    start_object: PointerProperty(
+        type=bpy.types.Object, name="Object", description="Object whose faces, curves or points the agents start on"
+    )
+    density_group: StringProperty(
+        name="Vertex Group", description="Vertex group of the object whose weights give the density of agents; even if empty"
+    )
+    density_image: PointerProperty(
+        type=bpy.types.Image, name="Image", description="Image over the object's UV map, which gives the density by its gray"
+    )
+    density_volumes: PointerProperty(
+        type=bpy.types.Collection, name="Volumes", description="Collection of objects: agents start within their boxes alone"
+    )
+    spacing: FloatProperty(
+        update=outdate,
+        name="Spacing",
+        min=0,
+        unit="LENGTH",
+        description="Distance between neighbors, which then fixes how many agents there are; 0 to place as many as Agents says",
+    )
+    jitter: FloatProperty(
+        name="Jitter", min=0, max=1, subtype="FACTOR", description="Part of the distance by which agents stand out of line"
+    )
+    rows: IntProperty(update=outdate, name="Rows", default=1, min=1, max=1000, description="Rows along each curve, outward from it")
+    row_depth: FloatProperty(
+        name="Row Depth",
+        default=0.9,
+        min=0,
+        unit="LENGTH",
+        description="Distance from one row to the next: outward from a closed curve, to the left of an open one",
+    )
+    row_rise: FloatProperty(name="Row Rise", unit="LENGTH", description="Height of each row above the one before")
+    row_turn: FloatProperty(
+        name="Turn",
+        subtype="ANGLE",
+        description="Angle added to where agents face: inward from a closed curve, to the right of an open one",
+    )
+    start_places: PointerProperty(
+        type=bpy.types.Mesh, name="Places", description="Places to start on an object, as Populate drew them"
+    )
     seed: IntProperty(name="Seed", min=0, description="The same seed gives the same crowd")
     center: renamed(
         FloatVectorProperty, "center", name="Center", size=3, subtype="TRANSLATION", description="Center of the crowd's ground"
@@ -125,7 +176,20 @@ class BehaviorSettings:
     height_scale: FloatProperty(
         name="Height", default=1.0, unit="LENGTH", description="Height of the value 1 (white) above that of 0 (black)"
     )
-    tilt: BoolProperty(name="Align to Slope", description="Agents on a height map stand square on its slope instead of upright")
+    terrain: PointerProperty(
+        type=bpy.types.Collection,
+        name="Terrain",
+        description="Collection of meshes that agents stand on, with any number of floors. It takes the place of a height map",
+    )
+    terrain_object: PointerProperty(
+        type=bpy.types.Object, name="Terrain Object", description="Object that agents stand on, besides the collection or instead"
+    )
+    terrain_mesh: PointerProperty(
+        type=bpy.types.Mesh, name="Ground", description="Faces of the terrain that one can stand on, as Populate read them"
+    )
+    tilt: BoolProperty(
+        name="Align to Slope", description="Agents on a height map or a terrain stand square on its slope instead of upright"
+    )
     machine: PointerProperty(
         type=bpy.types.Text,
         name="State Machine",

@@ -11,7 +11,7 @@ from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
 from . import steps
 from .agent_edits import draw_edits
-from .crowd_list import draw_behavior, draw_simulation, draw_source
+from .crowd_list import draw_behavior, draw_ground, draw_simulation, draw_source
 from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
 from .step_panel import Sidebar, Step, presets_button
 
@@ -99,14 +99,17 @@ class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
 
 
 class CROWDLOD_PT_heights(Step, bpy.types.Panel):
-    bl_label = "Height Map"
+    bl_label = "Ground"
     bl_parent_id = "CROWDLOD_PT_behaviour"
 
     def body(self, context, layout, settings) -> None:
-        layout.template_ID(settings, "height_image", open="image.open")
-        column = greyed(layout, settings.height_image is not None)
-        column.prop(settings, "height_scale")
-        column.prop(settings, "tilt")
+        draw_ground(layout, settings)
+        terrain = settings.terrain is not None or settings.terrain_object is not None
+        column = greyed(layout, not terrain)
+        label(column, "Height Map")
+        column.template_ID(settings, "height_image", open="image.open")
+        greyed(column, settings.height_image is not None).prop(settings, "height_scale")
+        greyed(layout, terrain or settings.height_image is not None).prop(settings, "tilt")
 
 
 class CROWDLOD_PT_simulation(Step, bpy.types.Panel):

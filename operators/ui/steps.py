@@ -6,7 +6,7 @@ from ...crowd_lod.simplification.decimate import missing_library
 from ..batch.verify_button import verdict_of
 from ..build import staleness
 from ..build.render_setup import BAKED
-from ..crowd import needs
+from ..crowd import crowd_sources, needs
 from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
 
@@ -51,6 +51,7 @@ def messages(scene: bpy.types.Scene) -> list[tuple[str, str]]:
         found.append((f"Next: {LABELS[following(scene)]}", "FORWARD"))
     if changed := staleness.changed(scene):
         found.append((f"Changed since Build: {', '.join(changed)}", "FILE_REFRESH"))
+    found += [(note, "FILE_REFRESH") for note in crowd_sources.outdated(scene)]
     if lods := outdated(scene):
         change = forecast(scene)
         found.append((f"{lods}. {change.sentence}" if change else lods, "FILE_REFRESH"))

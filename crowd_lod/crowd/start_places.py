@@ -1,0 +1,282 @@
+"""Places where a crowd starts: on surfaces, on a grid, in rows along curves.
+
+The same arguments give the same places, bit for bit.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import CrowdError
+from . import leave_outs
+from .agents import CLASSES, Crowd, check_counts, peopled
+from .maps import Area, LabelMap
+from .state_machine import StateMachine
+
+# Places that are drawn on a surface to find one, at most; and drawn at a time, at most.
+TRIES, AT_A_TIME = 20_000, 2**18
+# Metres: points of a curve that are closer are one.
+ONE_POINT = 1e-6
+SHARPEST = 2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
+
+# Which share of the places at `points` (k, 3), on the triangles (k,) with the weights (k, 3) of their
+# corners, is kept: (k,) from 0 to 1.
+Density = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Places:
+    """n places in world space.
+
+    points: (n, 3) float64, metres, the feet.
+    heading: (n,) float32, radians from +x, counter-clockwise; NaN where the place has none.
+    """
+
+    points: np.ndarray
+    heading: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def of(self, some: np.ndarray) -> "Places":
+        """Return these places alone."""
+        return Places(self.points[some], self.heading[some])
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """How agents stand in a grid or in rows.
+
+    apart: metres between neighbors; 0 for such that there are as many places as agents.
+    jitter: part of that distance by which each is moved at most, along and across, half of it either way.
+    rows: how many rows stand along each curve.
+    depth, rise: metres from one row to the next, outward and up.
+    turn: radians, added to the heading.
+    """
+
+    apart: float = 0.0
+    jitter: float = 0.0
+    rows: int = 1
+    depth: float = 0.9
+    rise: float = 0.0
+    turn: float = 0.0
+
+
+def unturned(points: np.ndarray) -> Places:
+    """Return places without headings at `points` (n, 3)."""
+    return Places(points, np.full(len(points), np.nan, np.float32))
+
+
+def on_surface(corners: np.ndarray, weights: np.ndarray, count: int, seed: int, density: Density | None = None) -> Places:
+    """Return `count` places on triangles, drawn by area times density.
+
+    corners: (m, 3, 3) float64, world metres.
+    weights: (m, 3), the density at the corners, 0 or more; it is linear between them.
+    density: a further factor.
+    CrowdError without faces, at NaN, or where the density is 0 everywhere, or nearly so.
+    """
+    check_counts(count)
+    across, along = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(across, along)
+    area = np.sqrt(normal[:, 0] ** 2 + normal[:, 1] ** 2 + normal[:, 2] ** 2)
+    if not np.isfinite(area).all() or not np.isfinite(weights).all():
+        raise CrowdError("The surface to start on has points or weights at NaN or infinity: mend its mesh or its modifiers.")
+    if not area.any():
+        raise CrowdError("The surface to start on has no faces: give it a mesh with faces.")
+    # a linear density is the sum of three, each of one corner: first a corner is drawn, then a place
+    until = np.cumsum((area[:, None] * weights).ravel())
+    if not until[-1] > 0:
+        raise CrowdError("The surface to start on has density 0 everywhere: paint its vertex group above 0 somewhere.")
+    random, found, have, tries = np.random.Generator(np.random.PCG64(seed)), [], 0, 0
+    while have < count:
+        # about as many as are still missing, by what was kept so far
+        share = max(have / tries, 1 / 1000) if tries else 1.0
+        ask = int(np.clip(1.2 * (count - have) / share if density else count - have, 16, AT_A_TIME))
+        points, triangle, weight = _drawn(corners, until, ask, random)
+        if density is not None:
+            points = points[random.random(ask) < density(points, triangle, weight)]
+        found.append(points)
+        have, tries = have + len(points), tries + ask
+        if tries > TRIES * (have + 100):
+            raise CrowdError(
+                "The surface to start on has density 0 nearly everywhere: brighten the image, or move the volumes that give it."
+            )
+    return unturned(np.concatenate(found)[:count])
+
+
+def _drawn(
+    corners: np.ndarray, until: np.ndarray, count: int, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (points (count, 3), triangles (count,), weights of their corners (count, 3)).
+
+    until: (3 m,), the sum of the shares of all corners up to each.
+    """
+    # the last corner that has a share: the product may round up to the whole
+    last = np.searchsorted(until, until[-1])
+    at = np.minimum(np.searchsorted(until, random.random(count) * until[-1], side="right"), last)
+    triangle, corner = np.divmod(at, 3)
+    # three sorted numbers part 1 in four; two of the parts belong to the corner
+    ends = np.sort(random.random((3, count)), axis=0)
+    weight = np.empty((count, 3))
+    rows = np.arange(count)
+    weight[rows, corner] = ends[1]
+    weight[rows, (corner + 1) % 3] = ends[2] - ends[1]
+    weight[rows, (corner + 2) % 3] = 1 - ends[2]
+    own = corners[triangle]
+    return weight[:, :1] * own[:, 0] + weight[:, 1:2] * own[:, 1] + weight[:, 2:] * own[:, 2], triangle, weight
+
+
+def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
+    """Return places in a grid over the `area`, from its lower left corner on.
+
+    With a distance the area fixes their number; without one there are `count`.
+    CrowdError if a count is out of range.
+    """
+    width, depth = area.size
+    if spacing.apart:
+        columns, rows = (max(int(side / spacing.apart + 1e-9), 1) for side in (width, depth))
+        count = columns * rows
+    else:
+        check_counts(count)
+        columns = max(round(np.sqrt(count * width / depth)), 1)
+        rows = -(-count // columns)
+    check_counts(count)
+    across, up = (width / columns, depth / rows) if not spacing.apart else (spacing.apart, spacing.apart)
+    row, column = np.divmod(np.arange(count), columns)
+    shift = spacing.jitter * (np.random.Generator(np.random.PCG64(seed)).random((2, count)) - 0.5)
+    left, low = (area.x_min + area.x_max - columns * across) / 2, (area.y_min + area.y_max - rows * up) / 2
+    points = np.stack(
+        [left + (column + 0.5 + shift[0]) * across, low + (row + 0.5 + shift[1]) * up, np.full(count, area.z)], axis=1
+    )
+    return unturned(points)
+
+
+def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, spacing: Spacing) -> Places:
+    """Return places in rows along curves; all face inward from a closed curve, and to the right of an open one.
+
+    The first row lies on the curve, and each further one behind it. With a distance the curves fix the number of places; without one there are
+    `count`, spread evenly over all rows.
+
+    curves: of each its points (k, 3) float64, world metres, and whether it is closed.
+    CrowdError if no curve has a length, a point is at NaN, or the count is out of range.
+    """
+    ways = [_row(points, closed, k, spacing) for points, closed in curves for k in range(spacing.rows)]
+    found = [(way, lengths) for way, lengths in ways if len(lengths)]
+    total = sum(float(lengths.sum()) for _, lengths in found)
+    if not total > 0:
+        raise CrowdError("The curves to start along have no length: give the object splines or edges that are longer than 0.")
+    if spacing.apart:
+        counts = [max(int(lengths.sum() / spacing.apart + 1e-9), 1) for _, lengths in found]
+    else:
+        check_counts(count)
+        until = np.rint(np.cumsum([lengths.sum() for _, lengths in found]) / total * count).astype(int)
+        counts = np.diff(until, prepend=0).tolist()
+    check_counts(sum(counts))
+    random = np.random.Generator(np.random.PCG64(seed))
+    parts = [_along(way, lengths, number, random, spacing) for (way, lengths), number in zip(found, counts, strict=True)]
+    return Places(np.concatenate([each.points for each in parts]), np.concatenate([each.heading for each in parts]))
+
+
+def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
+    """Return the chains of a wire, each its points (k,) intp in order, and whether it is closed.
+
+    edges: (e, 2), the points that each joins; count: of all points. A chain ends where more than two edges meet. It
+        goes on from its end that was made first.
+    """
+    beside: list[list[int]] = [[] for _ in range(count)]
+    for a, b in edges.tolist():
+        beside[a].append(b)
+        beside[b].append(a)
+    left = {(a, b) for a, b in edges.tolist()} | {(b, a) for a, b in edges.tolist()}
+    found = []
+    ends = [point for point in range(count) if len(beside[point]) not in (0, 2)]
+    for start in [*ends, *range(count)]:
+        for onward in sorted(beside[start]):
+            chain = [start]
+            while (chain[-1], onward) in left:
+                left -= {(chain[-1], onward), (onward, chain[-1])}
+                chain.append(onward)
+                if len(beside[onward]) == 2:
+                    onward = sum(beside[onward]) - chain[-2]
+            if len(chain) > 1:
+                closed = chain[0] == chain[-1] and len(chain) > 2
+                found.append((np.array(chain[:-1] if closed else chain, np.intp), closed))
+    return found
+
+
+def _row(points: np.ndarray, closed: bool, k: int, spacing: Spacing) -> tuple[np.ndarray, np.ndarray]:
+    """Return (points (p, 3), lengths (p - 1,)) of the row `k` along a curve; a closed one ends at its first point."""
+    if not np.isfinite(points).all():
+        raise CrowdError("The curves to start along have points at NaN or infinity: mend the object or its modifiers.")
+    points = np.concatenate([points, points[:1]]) if closed else points
+    points = points[np.append(True, _lengths(points[:, :2]) > ONE_POINT)] if len(points) else points
+    if len(points) < 2:
+        return points, np.empty(0)
+    if closed and _turns_left(points):
+        points = points[::-1]
+    way = np.diff(points[:, :2], axis=0)
+    left = np.stack([-way[:, 1], way[:, 0]], axis=1) / _lengths(points[:, :2])[:, None]
+    before, after = (
+        np.concatenate([left[-1:] if closed else left[:1], left]),
+        np.concatenate([left, left[:1] if closed else left[-1:]]),
+    )
+    # where two sides meet, the corner lies on both rows
+    both = before + after
+    length = (both**2).sum(axis=1, keepdims=True)
+    corner = both * np.minimum(2 / np.maximum(length, 1e-12), SHARPEST / np.sqrt(np.maximum(length, 1e-12)))
+    points = points + np.concatenate([corner * (k * spacing.depth), np.full((len(points), 1), k * spacing.rise)], axis=1)
+    return points, _lengths(points)
+
+
+def _lengths(points: np.ndarray) -> np.ndarray:
+    """Return the distances of neighboring points (k, 2) or (k, 3), (k - 1,) metres."""
+    return np.sqrt(sum(step**2 for step in np.diff(points, axis=0).T))
+
+
+def _turns_left(points: np.ndarray) -> bool:
+    """Return whether a closed way (k, 3), which ends where it begins, goes counter-clockwise seen from above."""
+    x, y = (points[:, axis] - points[0, axis] for axis in (0, 1))
+    return bool((x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0)
+
+
+def _along(points: np.ndarray, lengths: np.ndarray, count: int, random: np.random.Generator, spacing: Spacing) -> Places:
+    """Return `count` places, evenly along one row."""
+    until = np.append(0.0, np.cumsum(lengths))
+    apart = until[-1] / max(count, 1)
+    shift = spacing.jitter * (random.random((2, count)) - 0.5)
+    at = (np.arange(count) + 0.5 + shift[0]) * apart
+    side = np.clip(np.searchsorted(until, at, side="right") - 1, 0, len(lengths) - 1)
+    part = (at - until[side]) / np.maximum(lengths[side], ONE_POINT)
+    way = points[side + 1] - points[side]
+    right = np.stack([way[:, 1], -way[:, 0]], axis=1) / np.maximum(_lengths(points[:, :2])[side], ONE_POINT)[:, None]
+    found = points[side] + part[:, None] * way
+    found[:, :2] += right * (shift[1] * apart)[:, None]
+    return Places(found, (np.arctan2(right[:, 1], right[:, 0]) + spacing.turn).astype(np.float32))
+
+
+def stays(machine: StateMachine, world: LabelMap) -> bool:
+    """Return whether no agent ever moves, wherever it starts."""
+    return not leave_outs.reachable_velocities(machine, world, np.flatnonzero(machine.start)).any()
+
+
+def allowed(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarray:
+    """Return which places agents may start at, (n,) bool: on the map, where its label lets them."""
+    x, y, area = places.points[:, 0], places.points[:, 1], world.area
+    inside = (x >= area.x_min) & (x <= area.x_max) & (y >= area.y_min) & (y <= area.y_max)
+    return inside & machine.spawn[world.at(x, y)]
+
+
+def settle(places: Places, seed: int, groups: int, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
+    """Return the crowd's first frame: an agent at each of the places, mixed.
+
+    Headings are those of the places; where they have none, as `populate` gives them. All else is as
+    there, too.
+    CrowdError if a count is out of range, or a place is at NaN or infinity.
+    """
+    if not np.isfinite(places.points).all():
+        raise CrowdError("Places to start are at NaN or infinity: mend the object that they come from.")
+    check_counts(len(places), groups)
+    random = np.random.Generator(np.random.PCG64(seed))
+    places = places.of(random.permutation(len(places)))
+    return peopled(tuple(places.points.T.copy()), places.heading, random, (seed, groups, classes), machine, world)

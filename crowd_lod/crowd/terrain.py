@@ -1,0 +1,284 @@
+"""Terrain: the ground that a crowd stands on, from the triangles of meshes, on several floors.
+
+Triangles are sorted once, seen from above, into cells. A look-up asks the triangles of its cell
+alone, and takes the height of their plane: it is exact on ramps, and steps of stairs stay steps.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import CrowdError
+from ..progress import breath
+from .maps import LOOK_UPS, HeightMap, lean
+
+STEP = 0.5  # metres: how far an agent steps up at once
+# Metres: a gap in the ground that is narrower is none; so wide is every triangle that carries anybody.
+CLOSE = 1e-4
+STEEP = 1.0  # rise over run: on steeper ground nobody leans
+MOST_CELLS = 2**21
+NEXT = [1, 2, 0]  # of each corner of a triangle, the next one
+PAIRS = 2**19  # triangles and cells that are compared at a time
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """Ground of triangles, which may lie over each other.
+
+    An agent stands on the highest floor at most STEP above its last height, or else on the lowest.
+    Floors less than STEP apart are one, the upper of them: nobody fits between.
+
+    corners: (m, 3, 3) float64, world metres: of each triangle three points (x, y, z). See upward.
+    z: the height where there is no triangle, metres.
+    CrowdError if there is no triangle, or a point at NaN or infinity.
+    """
+
+    corners: np.ndarray
+    z: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not len(self.corners):
+            raise CrowdError("The terrain has no face that one can stand on: give it a mesh with faces that are not upright.")
+        if not np.isfinite(self.corners).all():
+            wrong = int((~np.isfinite(self.corners).all(axis=2)).sum())
+            raise CrowdError(f"The terrain has {wrong} corners at NaN or infinity: mend its mesh or its modifiers.")
+
+    @cached_property
+    def span(self) -> tuple[float, float]:
+        """The least and the greatest world z of the ground, and of where there is none."""
+        heights = self.corners[:, :, 2]
+        return min(self.z, float(heights.min())), max(self.z, float(heights.max()))
+
+    @cached_property
+    def steepest(self) -> tuple[float, float]:
+        """The greatest slopes along x and along y that agents lean on, as rises over runs."""
+        slopes = np.abs(self._heights[:, :2])
+        slopes = slopes[np.hypot(*slopes.T) <= STEEP]
+        return float(slopes[:, 0].max(initial=0)), float(slopes[:, 1].max(initial=0))
+
+    @cached_property
+    def layered(self) -> bool:
+        """Whether floors lie over each other, so that an agent's height follows from its last one.
+
+        Where they do in a spot smaller than a cell, it may be overlooked; agents then are on the upper.
+        """
+        middles = self.corners[:, :, :2].mean(axis=1)
+        rows, columns = np.divmod(np.flatnonzero(np.diff(self._cells[0]) > 1), self._grid[0])
+        cells = self._low + (np.stack([columns, rows], axis=1) + 0.5) * self._size
+        places = np.concatenate([middles, cells])
+        for at in range(0, len(places), LOOK_UPS):
+            breath()
+            who, _, z = self._over(*places[at : at + LOOK_UPS].T)
+            if len(who):
+                begin = _begins(who)
+                if (np.maximum.reduceat(z, begin) > _reached(z, begin, np.minimum.reduceat(z, begin))).any():
+                    return True
+        return False
+
+    def at(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> np.ndarray:
+        """Return world z (n,) float64 of the ground at world positions x, y (n,).
+
+        last: (n,) metres, where each agent stood before; None for the lowest floor.
+        """
+        z = np.full(len(x), float(self.z))
+        for agents, height, _ in self._stood(x, y, last):
+            z[agents] = height
+        return z
+
+    def slope(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); 0 where there is none."""
+        slopes = np.zeros((2, len(x)))
+        for agents, _, triangles in self._stood(x, y, last):
+            slopes[:, agents] = self._heights[triangles, :2].T
+        return slopes[0], slopes[1]
+
+    def tilt(
+        self, x: np.ndarray, y: np.ndarray, heading: np.ndarray, last: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return (pitch, roll) of agents that stand at right angles to the ground: see maps.lean.
+
+        On ground steeper than STEEP they stand upright.
+        """
+        along_x, along_y = self.slope(x, y, last)
+        gentle = np.hypot(along_x, along_y) <= STEEP
+        return lean(along_x * gentle, along_y * gentle, heading)
+
+    def missing(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Return where there is no ground, (n,) bool, of x, y (n,)."""
+        none = np.ones(len(x), bool)
+        for agents, _, _ in self._stood(x, y, None):
+            none[agents] = False
+        return none
+
+    def prepare(self) -> None:
+        """Make what look-ups need: seconds for a million triangles."""
+        _ = self.layered, self._heights
+
+    def digest(self) -> bytes:
+        """Return all that the heights follow from."""
+        return repr(self.z).encode() + self.corners.tobytes()
+
+    def _stood(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield (agents (k,) intp, heights (k,), triangles (k,)) of those with ground under them."""
+        for at in range(0, len(x), LOOK_UPS):
+            block = slice(at, at + LOOK_UPS)
+            who, triangles, z = self._over(x[block], y[block])
+            if not len(who):
+                continue
+            begin = _begins(who)
+            agents = who[begin]
+            if len(agents) == len(who):
+                yield agents + at, z, triangles
+                continue
+            lowest = np.minimum.reduceat(z, begin)
+            found = _reached(z, begin, lowest if last is None else last[block][agents])
+            # the first triangle of that height
+            (same,) = np.nonzero(z == np.repeat(found, np.diff(begin, append=len(z))))
+            yield agents + at, found, triangles[same[_begins(who[same])]]
+
+    def _over(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (agents, triangles, heights), each (k,): all triangles under or over x, y (n,), agent by agent."""
+        begin, of_cell = self._cells
+        columns, rows = self._grid
+        place = np.stack([x, y]) - self._low[:, None]
+        inside = ((place >= -CLOSE) & (place <= (self._size * self._grid)[:, None] + CLOSE)).all(axis=0)
+        column, row = (
+            np.fmin(np.fmax(each / size, 0), count - 1).astype(np.intp)
+            for each, size, count in zip(place, self._size, (columns, rows), strict=True)
+        )
+        cell = row * columns + column
+        first = begin[cell]
+        count = (begin[cell + 1] - first) * inside
+        who = np.repeat(np.arange(len(x)), count)
+        triangles = of_cell[np.arange(len(who)) + np.repeat(first - (np.cumsum(count) - count), count)]
+        side, (u, v) = self._sides[triangles].T, place[:, who]
+        on = side[0] * u + side[1] * v + side[2] >= -CLOSE
+        for k in (3, 6):
+            on &= side[k] * u + side[k + 1] * v + side[k + 2] >= -CLOSE
+        who, triangles = who[on], triangles[on]
+        along_x, along_y, z, least, most = self._heights[triangles].T
+        return who, triangles, np.clip(along_x * u[on] + along_y * v[on] + z, least, most)
+
+    @cached_property
+    def _low(self) -> np.ndarray:
+        """The least x and y, (2,)."""
+        return self.corners[:, :, :2].min(axis=(0, 1))
+
+    @cached_property
+    def _grid(self) -> np.ndarray:
+        """Columns and rows of the cells, (2,) intp: about four cells a triangle, as square as can be."""
+        width, depth = self._extent
+        count = np.clip(4 * len(self.corners), 4096, MOST_CELLS)
+        columns = np.clip(np.sqrt(count * width / depth), 1, count)
+        return np.array([np.ceil(columns), np.ceil(count / columns)], np.intp)
+
+    @cached_property
+    def _extent(self) -> np.ndarray:
+        return np.maximum(self.corners[:, :, :2].max(axis=(0, 1)) - self._low, CLOSE)
+
+    @cached_property
+    def _size(self) -> np.ndarray:
+        """Width and depth of a cell, (2,) metres."""
+        return self._extent / self._grid
+
+    @cached_property
+    def _plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return x, y, along, up, each (m, 3): the points from the least x and y on, and the ways to the next ones."""
+        x, y = (np.ascontiguousarray(self.corners[:, :, axis] - self._low[axis]) for axis in (0, 1))
+        return x, y, x[:, NEXT] - x, y[:, NEXT] - y
+
+    @cached_property
+    def _sides(self) -> np.ndarray:
+        """(m, 9) float64: three times (a, b, c); a u + b v + c is the distance from a side, above 0 within.
+
+        u, v: metres from the least x and y.
+        """
+        x, y, along, up = self._plan
+        way = np.where(_double(along, up) < 0, -1.0, 1.0)[:, None] / np.hypot(along, up)
+        a, b = -up * way, along * way
+        return np.stack([a, b, -(a * x + b * y)], axis=2).reshape(-1, 9)
+
+    @cached_property
+    def _heights(self) -> np.ndarray:
+        """(m, 5) float64: the slopes along x and y, the height at u = v = 0, the least and the greatest height."""
+        (x, y, along, up), z = self._plan, self.corners[:, :, 2]
+        rise, double = z[:, NEXT] - z, _double(along, up)
+        slope_x = (rise[:, 0] * up[:, 1] - up[:, 0] * rise[:, 1]) / double
+        slope_y = (along[:, 0] * rise[:, 1] - rise[:, 0] * along[:, 1]) / double
+        return np.stack([slope_x, slope_y, z[:, 0] - slope_x * x[:, 0] - slope_y * y[:, 0], z.min(axis=1), z.max(axis=1)], axis=1)
+
+    @cached_property
+    def _cells(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return (begin (cells + 1,) intp, triangles (k,) int32): cell c is touched by triangles[begin[c]:begin[c + 1]]."""
+        plan = self.corners[:, :, :2] - self._low
+        least, most = ((edge / self._size).astype(np.intp) for edge in (plan.min(axis=1) - CLOSE, plan.max(axis=1) + CLOSE))
+        least, most = np.clip(least, 0, self._grid - 1), np.clip(most, 0, self._grid - 1)
+        wide, high = (most - least + 1).T
+        ends = np.cumsum(wide * high)
+        cells, triangles, since = [], [], 0
+        while since < len(plan):
+            breath()
+            before = ends[since - 1] if since else 0
+            until = max(int(np.searchsorted(ends, before + PAIRS, side="right")), since + 1)
+            which = np.repeat(np.arange(since, until), (wide * high)[since:until])
+            nth = np.arange(len(which)) - np.repeat(
+                ends[since:until] - (wide * high)[since:until] - before, (wide * high)[since:until]
+            )
+            row, column = np.divmod(nth, wide[which])
+            row, column = row + least[which, 1], column + least[which, 0]
+            middle = (np.stack([column, row]) + 0.5) * self._size[:, None]
+            side, touched = self._sides[which].T, np.ones(len(which), bool)
+            for k in (0, 3, 6):
+                reach = (np.abs(side[k]) * self._size[0] + np.abs(side[k + 1]) * self._size[1]) / 2 + 2 * CLOSE
+                touched &= side[k] * middle[0] + side[k + 1] * middle[1] + side[k + 2] >= -reach
+            cells.append((row * self._grid[0] + column)[touched])
+            triangles.append(which[touched].astype(np.int32))
+            since = until
+        cell = np.concatenate(cells)
+        count = np.bincount(cell, minlength=int(self._grid.prod()))
+        return np.append(0, np.cumsum(count)), np.concatenate(triangles)[np.argsort(cell, kind="stable")]
+
+
+def upward(corners: np.ndarray) -> np.ndarray:
+    """Return which triangles of one object, `corners` (m, 3, 3), carry somebody, (m,) bool.
+
+    Left out are upright ones, and those that face down: they are ceilings. If all face down, the
+    mesh is taken for one that is inside out, and they count.
+    """
+    along, up = (corners[:, NEXT, axis] - corners[:, :, axis] for axis in (0, 1))
+    double = _double(along, up)
+    longest = np.hypot(along, up).max(axis=1, initial=0)
+    # what is NaN stays, to be told of
+    wide = ~(np.abs(double) <= CLOSE * longest)
+    faces_up = ~(double < 0)
+    return wide & faces_up if (wide & faces_up).any() else wide
+
+
+def _double(along: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return twice the area of each triangle seen from above, (m,); below 0 where it faces down."""
+    return along[:, 0] * up[:, 1] - up[:, 0] * along[:, 1]
+
+
+def _begins(who: np.ndarray) -> np.ndarray:
+    """Return where each agent's entries begin in `who` (k,), sorted."""
+    return np.flatnonzero(np.append(True, who[1:] != who[:-1]))
+
+
+def _reached(z: np.ndarray, begin: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """Return the height (a,) that each agent gets to from its `last` (a,) by steps up of at most STEP.
+
+    z: heights of floors, agent by agent; begin: where each agent's begin.
+    """
+    lowest, count = np.minimum.reduceat(z, begin), np.diff(begin, append=len(z))
+    while True:
+        found = np.maximum.reduceat(np.where(z <= np.repeat(last + STEP, count), z, -np.inf), begin)
+        found = np.maximum(found, lowest)
+        if np.array_equal(found, last):
+            return found
+        last = found
+
+
+# What a crowd may stand on. Both give heights, slopes and tilts at places.
+Ground = HeightMap | Terrain
