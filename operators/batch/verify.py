@@ -24,6 +24,7 @@ from ..blender import cameras, cleanup, console, frame_stepping, image_data, mes
 from ..build import bake, render_setup
 from ..build.frame_update import Held, held_by, members
 from ..crowd import lights
+from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
 from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, outline_of, put_cameras, set_up_cycles
@@ -43,6 +44,7 @@ DISPLACED = 1e-3
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
+@on_record(lambda scene, wanted, command: wanted.frames)
 def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Generator[float, None, dict[str, Any]]:
     """Write the proof for `scene`: yield the progress, return verify.json's dict.
 
