@@ -15,7 +15,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import noted, told_unplanned
+from ...crowd_lod.planning.planned import HIDDEN, noted, told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import file_checks, tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
@@ -229,6 +229,8 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
     finest = np.zeros(len(planned.crowd), np.uint8)
     nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
     everyone = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
+    if planned.plan_row is not None:  # who is hidden by an exception is not there
+        everyone &= planned.plan_row & HIDDEN == 0
     culled = replace(full, buckets=sort(planned.visible, finest, count))
     return {
         "a": replace(full, buckets=sort(everyone, finest, count), shadow=nobody, mirrored=nobody),

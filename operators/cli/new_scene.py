@@ -57,10 +57,11 @@ def made(args, command: list[str]) -> dict:
         characters_of(scene)  # says what is wrong with them
         _check_units(scene, characters)
         source = _object(args.source, characters)
-        _empty(scene, source)
+        own = ground is not None and ground.samefile(characters)
+        left = _empty(scene, source, own)
         settings = scene.crowd_lod
         if ground is not None:
-            settings.terrain = _add_ground(scene, ground)
+            settings.terrain = left if own else _add_ground(scene, ground)
         if source is None:
             settings.source, settings.tracks_file, settings.tracks_unit = "FILE", str(tracks), (args.unit or "auto").upper()
             settings.tracks_rate = args.fps or 0
@@ -104,8 +105,11 @@ def _check_units(scene: bpy.types.Scene, path: Path) -> None:
         )
 
 
-def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None) -> None:
-    """Remove all from the open file but the object `source` and `scene`, its characters, LOD meshes, world and how it renders."""
+def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool) -> bpy.types.Collection | None:
+    """Remove all from the open file but the object `source` and `scene`, its characters, LOD meshes, world and how it renders.
+
+    keeps: what else the scene shows stays, in a collection that is returned.
+    """
     settings = scene.crowd_lod
     if settings.build is not None:
         remove_build(scene)
@@ -120,18 +124,28 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None) -> None:
     scene.camera = scene.background_set = None
     for other in [other for other in bpy.data.scenes if other != scene]:
         bpy.data.scenes.remove(other)
-    levels = settings.levels if settings.levels in list(scene.collection.children) else None
-    for child in list(scene.collection.children):
-        scene.collection.children.unlink(child)
-    for item in list(scene.collection.objects):
-        scene.collection.objects.unlink(item)
-    for child in filter(None, (settings.characters, levels)):
-        scene.collection.children.link(child)
+    top, home = scene.collection, bpy.data.collections.new("Ground")
+    own = {settings.characters, *([settings.levels] if settings.levels in top.children_recursive else [])}
+    for parent in (top, *bpy.data.collections):
+        for child in own & set(parent.children):
+            parent.children.unlink(child)
+    for child in list(top.children):
+        home.children.link(child)
+        top.children.unlink(child)
+    for item in list(top.objects):
+        if item != source:
+            home.objects.link(item)
+        top.objects.unlink(item)
+    for child in (*own, *([home] if keeps else [])):
+        top.children.link(child)
     settings.characters.hide_render = True
     if source is not None:
-        scene.collection.objects.link(source)
+        top.objects.link(source)
+    if not keeps:
+        bpy.data.collections.remove(home)
     bpy.data.orphans_purge(do_recursive=True)
     scene.unit_settings.system = "METRIC"
+    return home if keeps else None
 
 
 def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:

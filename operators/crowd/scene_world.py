@@ -1,5 +1,8 @@
 """The scene's settings -> the method's world: state machine, label map, height map, detail map."""
 
+from functools import lru_cache
+
+import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
@@ -14,6 +17,21 @@ def machine_of(settings) -> machines.StateMachine:
     if settings.machine is None:
         return machines.load_preset("chapter")
     return machines.parse(settings.machine.as_string(), settings.machine.name)
+
+
+def actions_named(scene: bpy.types.Scene) -> tuple[str, ...]:
+    """Return the names of the actions that states of the scene's crowds name, in order.
+
+    CrowdError if a state machine is bad.
+    """
+    crowds = (scene.crowd_lod, *scene.crowd_lod.crowds)
+    texts = [crowd.machine for crowd in crowds if crowd.machine and crowd.source == "MACHINE"]
+    return tuple(sorted({name for text in texts for name in _actions(text.as_string(), text.name)} - {""}))
+
+
+@lru_cache(maxsize=16)
+def _actions(text: str, name: str) -> tuple[str, ...]:
+    return machines.parse(text, name).actions
 
 
 def area_of(settings) -> Area:

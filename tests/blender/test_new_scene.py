@@ -94,6 +94,7 @@ def corridor(tmp_path):
     return path
 
 
+@pytest.mark.once
 def test_tracks_get_a_scene_that_films_them_on_the_ground_that_is_given(people, ground, corridor, tmp_path):
     (tmp_path / "shots").mkdir()
     out = tmp_path / "shots" / "corridor.blend"
@@ -109,6 +110,22 @@ def test_tracks_get_a_scene_that_films_them_on_the_ground_that_is_given(people, 
     assert run("preview", out, "--frames", "150", "--width", "96", "--out", tmp_path / "preview") == 0
     assert run("plan", out, "--frames", "100:103", "--out", tmp_path / "plan") == 0
     assert run("build", out, "--out", tmp_path / "built.blend") == 0
+
+
+def test_the_file_of_the_characters_may_be_the_ground(levelled, corridor, tmp_path):
+    """Its characters lie in a collection of its own; they are no ground."""
+    bpy.ops.mesh.primitive_plane_add(size=100, location=(0, 0, -0.25))
+    bpy.context.object.name = "Floor"
+    nested = bpy.data.collections.new("Nested")
+    levelled.collection.children.link(nested)
+    levelled.collection.children.unlink(levelled.crowd_lod.characters)
+    nested.children.link(levelled.crowd_lod.characters)
+    path, out = tmp_path / "all.blend", tmp_path / "shot.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    assert run("scene", corridor, "--characters", path, "--ground", path, "--out", out) == 0
+    scene = opened(out)
+    assert [item.name for item in scene.crowd_lod.terrain.all_objects if item.type == "MESH"] == ["Floor"]
+    assert set(trajectory_of(scene).at(60).z) == {-0.25} and len(scene.crowd_lod.groups) == 2
 
 
 def test_without_a_ground_there_is_light(people, tmp_path):
