@@ -15,7 +15,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import noted, told_unplanned
+from ...crowd_lod.planning.planned import HIDDEN, noted, told_unplanned
 from ...crowd_lod.progress import share, standing
 from ...crowd_lod.reporting import file_checks, tables
 from ...crowd_lod.reporting.frame_parts import FrameParts
@@ -26,6 +26,7 @@ from ..blender import cameras, cleanup, console, frame_stepping, image_data, mes
 from ..build import bake, render_setup
 from ..build.frame_update import Held, held_by, members
 from ..crowd import lights
+from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
 from .shared_frames import ALONE, Sharing, made, state_of
@@ -48,6 +49,7 @@ LODS_MADE = 0.05  # of the progress: LODs made
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
+@on_record(lambda scene, wanted, *_: wanted.frames)
 def verify(
     scene: bpy.types.Scene, wanted: Verify, command: list[str], sharing: Sharing = ALONE
 ) -> Generator[float, None, dict[str, Any]]:
@@ -227,6 +229,8 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
     finest = np.zeros(len(planned.crowd), np.uint8)
     nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
     everyone = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
+    if planned.plan_row is not None:  # who is hidden by an exception is not there
+        everyone &= planned.plan_row & HIDDEN == 0
     culled = replace(full, buckets=sort(planned.visible, finest, count))
     return {
         "a": replace(full, buckets=sort(everyone, finest, count), shadow=nobody, mirrored=nobody),

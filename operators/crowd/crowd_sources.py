@@ -118,7 +118,7 @@ def outdated(scene: bpy.types.Scene) -> list[str]:
 
 
 def _images(crowd) -> tuple:
-    return crowd.map_image, crowd.height_image
+    return crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
 
 
 def _asked(crowd) -> tuple:
@@ -139,6 +139,15 @@ def is_live(crowd) -> bool:
 def live(settings) -> bool:
     """Return whether a crowd of the settings is."""
     return any(map(is_live, crowds_of(settings)))
+
+
+def check_recorded(scene: bpy.types.Scene, what: str) -> None:
+    """Raise CrowdError if agents are an object's points, which `what` would need in other frames, too."""
+    for crowd in filter(is_live, crowds_of(scene.crowd_lod)):
+        raise CrowdError(
+            f"{what} needs to know where the points of {crowd.points.name if crowd.points else 'an object'} are at other times: "
+            "press Record Points first."
+        )
 
 
 def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
@@ -169,7 +178,7 @@ def _member(
 ) -> Trajectory:
     """Return the trajectory of one crowd, cached while its inputs stay the same."""
     # read at each call; all else where something has changed
-    pointers = "points", "map_image", "height_image", "machine", "start_places", "terrain_mesh"
+    pointers = "points", "map_image", "height_image", "areas_image", "machine", "start_places", "terrain_mesh"
     stored_values.check(crowd, ("source", *pointers))
     seconds = scene.render.fps_base / scene.render.fps
     latest = _latest.setdefault(scene.session_uid, {})

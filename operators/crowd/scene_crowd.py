@@ -23,7 +23,7 @@ from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
 from ..blender.performance import Part, performance_of
-from . import crowd_sources, kept_meshes, needs, terrain_source
+from . import crowd_sources, kept_meshes, map_areas, needs, terrain_source
 from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
 from .scene_world import actions_named, bias_of, check_maps
@@ -371,8 +371,10 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a setting is bad.
     """
     settings = scene.crowd_lod
-    check_maps(settings)
     crowds = crowd_sources.crowds_of(settings)
+    for crowd in crowds:
+        map_areas.make(crowd, depsgraph)
+    check_maps(settings)
     with kept_meshes.taken_back(crowds):
         yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
         groups = yield from measuring_groups(scene)

@@ -142,9 +142,12 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
 
 def draw_edits(layout) -> None:
     """Draw the buttons that edit the picked agent."""
-    row = layout.row(align=True)
-    for kind, (_, icon) in BUTTONS.items():
-        row.operator("crowd_lod.edit_agent", text="", icon=icon).kind = kind
+    column = layout.column(align=True)
+    for kinds in (("NUDGE", "TURN", "HIDE"), ("GROUP", "ALWAYS")):
+        row = column.row(align=True)
+        for kind in kinds:
+            text, icon = BUTTONS[kind]
+            row.operator("crowd_lod.edit_agent", text=text, icon=icon, translate=False).kind = kind
 
 
 CLASSES = (CROWDLOD_OT_edit_agent, CROWDLOD_OT_find_agents, CROWDLOD_OT_erase)
