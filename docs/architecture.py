@@ -89,23 +89,25 @@ def house(axes: Axes, package: str, all_imports: dict) -> None:
         for other in below[floor]:
             ends = (places[other][0] + 0.15 * (x - places[other][0]), places[other][1] + HEIGHT / 2), (x, y - HEIGHT / 2)
             axes.annotate("", *ends, arrowprops={"arrowstyle": "-|>", "color": color, "lw": 1.2})
+    side = 0.6 * max(len([floor for floor in FLOORS[package] if rows.get(floor) == row]) for row in range(top + 1))
+    side = max(side, 1.8)
     lowest = any((package, "") in all_imports[package, floor] for floor in below)
     box(axes, 0, -0.75 if lowest else top + 0.75, 3.5, "", f"{told(package, '')}: {role}", color)
-    axes.set(xlim=(-1.8, 1.8), ylim=(-1.1, 6.1), aspect="auto")
+    axes.set(xlim=(-side, side), ylim=(-1.1, 6.1), aspect="auto")
     axes.set_title(title, color=color, weight="bold", size=12)
     axes.axis("off")
 
 
 def main() -> None:
     all_imports = imports()
-    figure = Figure(figsize=(13, 9), dpi=100)
+    figure = Figure(figsize=(15, 9), dpi=100)
     FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 2)
+    panels = figure.subplots(1, 2, width_ratios=(4, 3))
     figure.subplots_adjust(left=0.01, right=0.99, bottom=0.01, top=0.95, wspace=0.13)
     for axes, package in zip(panels, HOUSES, strict=True):
         house(axes, package, all_imports)
     assert not any(home == "operators" for (own, _), found in all_imports.items() if own == "crowd_lod" for home, _ in found)
-    figure.text(0.5, 0.5, "imports\n\u27f5\narrays and\nfrozen\ndataclasses", ha="center", va="center", size=9, color="#333333")
+    figure.text(0.575, 0.36, "imports\n\u27f5\narrays and\nfrozen\ndataclasses", ha="center", va="center", size=9, color="#333333")
     figure.savefig(ROOT / "docs" / "architecture.png")
 
 

@@ -59,17 +59,19 @@ class Exemption:
 def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None) -> np.ndarray:
     """Return the agents that `text` names, such as "12, 40-50", increasing, (m,) intp.
 
-    After "#" stand the numbers of a file's own, such as "#1007, #1020-1030".
+    After "#" stand the numbers of a file's own, such as "#1007, #1020-1030". Of these, some may be
+    missing: points come and go.
 
     count: agents of the crowd.
     name: of the exception.
     ids: (n,) int64, Trajectory.ids.
-    CrowdError if it names none, one that is not there, or a range that runs backwards.
+    CrowdError if it names none, an index that is not there, numbers of a file of which none is there,
+    or a range that runs backwards.
     """
     if not text.strip():
         raise CrowdError(f"The exception {name} names no agents: write their numbers, such as 12, 40-50.")
     chosen = np.zeros(count, bool)
-    own = np.empty(0, np.int64) if ids is None else ids
+    own = np.empty(0, np.int64) if ids is None or "#" not in text else ids
     order = np.argsort(own, kind="stable")
     own = own[order]
     for part in text.split(","):
@@ -83,13 +85,13 @@ def parse_agents(text: str, count: int, name: str, ids: np.ndarray | None = None
             )
         if mark:
             begin, end = np.searchsorted(own, (first, last + 1)).tolist()
-            if begin == end:
-                raise CrowdError(f"The exception {name} names {part.strip()}: no agent of the crowd has that number in its file.")
             chosen[order[begin:end]] = True
             continue
         if last >= count:
             raise CrowdError(f"The exception {name} names agent {last}: the crowd has {count:,}, numbered from 0 on.")
         chosen[first : last + 1] = True
+    if not chosen.any():
+        raise CrowdError(f"The exception {name} names {text.strip()}: no agent has that number in its file or object.")
     return np.flatnonzero(chosen)
 
 

@@ -1,7 +1,7 @@
 """The crowd as another program places it, known at one time alone."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -134,6 +134,11 @@ class Points(Trajectory):
                 "which writes down where they are in all frames of the shot."
             )
         return self.start
+
+    def regrouped(self, group: np.ndarray) -> "Points":
+        """Return the same crowd with its agents in the groups `group`."""
+        found = replace(self.found, group=group)
+        return Points(found, self.drawn, self.time, self.groups, self.seconds_per_frame, self.name)
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Points":
         """Return the same crowd with only `leave` left out."""

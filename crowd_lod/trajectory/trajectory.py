@@ -140,6 +140,11 @@ class Trajectory(ABC):
         raise CrowdError("The source of these agents alone decides on their groups.")
 
     @property
+    def told(self) -> str:
+        """A sentence on where the agents come from, for who populates; "" if there is nothing to say."""
+        return ""
+
+    @property
     def level(self) -> bool:
         """Whether nobody ever leaves its height."""
         return False

@@ -116,7 +116,7 @@ def _scene_of(scene: bpy.types.Scene) -> dict[str, Any]:
 def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
     area = trajectory.area
     return {
-        "count": settings.count,
+        "count": len(trajectory.parts[0].start),
         "seed": settings.seed,
         "area": {"x": [area.x_min, area.x_max], "y": [area.y_min, area.y_max], "z": area.z},
         "forward": settings.forward,

@@ -16,10 +16,12 @@ from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import aside
+from ...crowd_lod.tracks.cast import groups_of_agents
+from ...crowd_lod.tracks.recorded import Recorded
 from ...crowd_lod.trajectory.several import Several
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import image_data, scene_cache, stored_values
-from . import hand_edits, start_source, terrain_source
+from . import hand_edits, start_source, terrain_source, tracks_source
 from .points_source import points_of_crowd
 from .scene_world import area_of, heights_of, machine_of, world_of
 
@@ -81,6 +83,8 @@ def reading(crowds: Sequence, forward: str, depsgraph: bpy.types.Depsgraph) -> G
         start_source.read_places(crowd, forward, depsgraph)
         terrain_source.read_terrain(crowd, depsgraph)
         yield 0.0
+    render = crowds[0].id_data.render
+    yield from tracks_source.reading_files(crowds, render.fps / render.fps_base)
     for crowd in crowds:
         terrain = terrain_source.terrain_of(crowd, area_of(crowd).z)
         if terrain is not None:
@@ -123,7 +127,8 @@ def _asked(crowd) -> tuple:
     points = (crowd.source, crowd.points and crowd.points.session_uid, crowd.points_count)
     ground = terrain_source.wanted(crowd) and (crowd.terrain_mesh and crowd.terrain_mesh.session_uid)
     text = crowd.machine and crowd.machine.as_string()
-    return text, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, start_source.places_asked(crowd), ground
+    place = start_source.places_asked(crowd), ground, tracks_source.file_asked(crowd) if crowd.source == "FILE" else ()
+    return text, numbers, crowd.tilt, crowd.group_names, crowd.use_crowd, points, *place
 
 
 def is_live(crowd) -> bool:
@@ -181,7 +186,7 @@ def _member(
     asked = _asked(crowd), groups, seconds
     if before is None or before[0] != asked or not all(a is b for a, b in zip(before[1], images, strict=True)):
         stored_values.check(crowd)
-        latest[index] = asked, images, _walk(crowd, groups, seconds)
+        latest[index] = asked, images, (_recorded if crowd.source == "FILE" else _walk)(crowd, groups, seconds)
     return latest[index][2]
 
 
@@ -212,6 +217,24 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt, seated=seated)
 
     return _kept(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made)
+
+
+def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
+    """Return the trajectory of a crowd that follows a file."""
+    tracks = tracks_source.tracks_of_crowd(crowd, 1 / seconds)
+    tracks_source.check_places(tracks, crowd)
+    area, own = area_of(crowd), chosen_groups(crowd, groups)
+    heights = terrain_source.terrain_of(crowd, area.z) or heights_of(crowd, area)
+    numbers = crowd.seed, crowd.first_frame, tuple(crowd.center), crowd.tilt, seconds
+    key = tracks.digest, area, groups, tuple(own.tolist()), *numbers
+
+    def made() -> Trajectory:
+        lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
+        shown = groups_of_agents(tracks, [group.name for group in groups], own, crowd.seed)
+        place = crowd.first_frame, crowd.seed, tuple(crowd.center)
+        return Recorded(tracks, lean, shown, seconds, *place, heights=heights, tilts=crowd.tilt)
+
+    return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), made)
 
 
 def _start(crowd, machine: StateMachine, world: LabelMap, groups: int) -> tuple[Crowd, bool]:

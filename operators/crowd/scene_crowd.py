@@ -366,7 +366,8 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     settings.trouble = troubles.sentence
     said = [] if troubles.found else [troubles.sentence]
     agents = f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}."
-    return " ".join(filter(None, (agents, *warnings, *said))), warnings
+    sources = [part.told for part in trajectory.parts]
+    return " ".join(filter(None, (agents, *sources, *warnings, *said))), warnings
 
 
 class CROWDLOD_OT_populate(Stepwise, bpy.types.Operator):

@@ -7,6 +7,7 @@ from crowd_lod_extension.crowd_lod.trajectory.edited import Edited
 from crowd_lod_extension.operators.build import staleness
 from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 
+from ..support.scatter import scatter
 from .test_build import instances
 from .test_shot_exceptions import add, cube, frame_at, planned, seen_at
 
@@ -151,7 +152,7 @@ WRONG = [
     (dict(kind="NUDGE", agents="300", move=(1, 0, 0)), "The exception Hero names agent 300: the crowd has 300"),
     (dict(kind="TURN", agents=""), "The exception Hero names no agents"),
     (dict(kind="GROUP", agents="3", group_name="nobody"), "The exception Hero asks for the character group nobody"),
-    (dict(kind="HIDE", agents="#7"), "The exception Hero names #7: no agent of the crowd has that number in its file"),
+    (dict(kind="HIDE", agents="#7"), "The exception Hero names #7: no agent has that number in its file or object"),
     (dict(kind="NUDGE", chosen_by="REGION"), "The exception Hero does not know its agents yet: press Find Agents"),
     (dict(kind="ALWAYS", agents="1", level=3), "The exception Hero asks for LOD 3: the crowd has LODs 0 to 2"),
 ]
@@ -201,3 +202,21 @@ def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
     assert isinstance(edited, Edited) and len(edited.at(3)) == 320
     assert np.flatnonzero(edited.at(3).x != own.x).tolist() == [305]
     assert np.flatnonzero(edited.at(3).group != own.group).tolist() == [305]
+
+
+def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
+    ids, settings = np.arange(60) * 7 + 100, levelled.crowd_lod
+    item = scatter(levelled, attributes=[("id", "INT", ids)])
+    settings.source, settings.points = "POINTS", item
+    bpy.ops.crowd_lod.populate()
+    before = trajectory_of(levelled)
+    press(levelled, 5, "NUDGE", "GROUP")
+    press(levelled, 9, "HIDE")
+    assert [entry.agents for entry in settings.exceptions] == ["#135", "#135", "#163"]
+    levelled.frame_set(25)
+    item.data.attributes["id"].data.foreach_set("value", ids[::-1].copy())
+    item.data.update()
+    bpy.context.view_layer.update()
+    crowd = trajectory_of(levelled).start
+    assert crowd.x[54] == pytest.approx(trajectory_of(levelled).own.start.x[54] + 0.5)
+    assert crowd.group[54] != before.start.group[5] and np.flatnonzero(~crowd.present).tolist() == [50]

@@ -37,10 +37,11 @@ def test_agents_of_a_file_are_found_by_its_numbers():
     ids = np.array([700, 7, -1, 12, 12, 9])
     assert parse_agents("#7-9, 2, #700", 6, "Hero", ids).tolist() == [0, 1, 2, 5]
     assert parse_agents("#12", 6, "Hero", ids).tolist() == [3, 4]
+    assert parse_agents("#8, #700, #800-900", 6, "Hero", ids).tolist() == [0]  # points come and go
     # who has no number of its own, or shares it, is named by its index
     assert named(np.arange(6), ids) == "#7, #9, #700, 2-4" and named(np.array([0, 1, 2, 8])) == "0-2, 8"
     for text, own in (("#8", ids), ("#7", None)):
-        with pytest.raises(CrowdError, match=f"The exception Hero names {text}: no agent of the crowd has that number in its file"):
+        with pytest.raises(CrowdError, match=f"The exception Hero names {text}: no agent has that number in its file or object"):
             parse_agents(text, 6, "Hero", own)
 
 

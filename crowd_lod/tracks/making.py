@@ -1,0 +1,170 @@
+"""From rows of a file to tracks."""
+
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+
+from ..errors import CrowdError
+from ..progress import breath
+from . import motion
+from .order import numbered, order_by
+from .rows import UNITS, Rows
+from .samples import Samples
+from .tracks import Tracks
+
+HIDES = 2.0  # seconds; a gap longer than that hides the agent
+FASTEST = 40.0  # m/s, which nobody moves at from the first row to the last
+WALKS = 0.2, 4.0  # m/s, of a walker
+
+
+def tracks_of(rows: Rows, where: str) -> Tracks:
+    """Return the tracks of `rows`, in metres, with a rate.
+
+    where: the file, for messages.
+    CrowdError if an agent is twice in a frame, or moves faster than anybody can.
+    """
+    ids, agent = numbered(rows.id)
+    columns = _by_agent(rows, agent.astype(np.int32))
+    breath()
+    agent, frame = columns["agent"], columns["frame"]
+    enters = np.diff(agent, prepend=-1) > 0
+    passed = np.diff(frame, append=frame[-1:])
+    passed[np.append(enters[1:], True)] = 0
+    _check_once(ids, agent, frame, passed, where)
+    seconds = passed / rows.rate
+    steps = passed[passed > 0]
+    step = float(np.median(steps[:: -(-len(steps) // motion.SAMPLE)])) if len(steps) else 1.0
+    _check_speeds(ids, columns, seconds, rows, where)
+    hidden = seconds > max(HIDES, 1.5 * step / rows.rate)
+    crossed = int(np.count_nonzero(passed > 1.5 * step)) - int(hidden.sum())
+    breath()
+    made, paces = _moving(columns | {"time": frame / rows.rate}, enters, seconds, hidden, ids, step / rows.rate)
+    breath()
+    order, classes = _in_classes(frame, passed, step)
+    place = np.empty(len(order), np.int32)
+    place[order] = np.arange(len(order), dtype=np.int32)
+    after = np.append(place[1:], place[-1:])
+    leaves = np.append(enters[1:], True)
+    after[leaves] = place[leaves]
+    columns = {**columns, **made, "hidden": hidden, "after": after}
+    breath()
+    kept: dict[str, Any] = {each.name: columns.get(each.name) for each in fields(Samples)}
+    kept = {name: None if column is None else column[order] for name, column in kept.items()}
+    samples = Samples(**kept)
+    return Tracks(
+        ids,
+        samples,
+        classes,
+        np.array([place[enters], place[leaves]], np.intp),
+        rows.rate,
+        paces,
+        rows.phase is not None,
+        None if rows.group is None else columns["group"][enters],
+        _told(rows, len(ids), (float(frame.min()), float(frame.max())), crossed, hidden),
+    )
+
+
+def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the columns of `rows` in the order of agents, and of each agent in the order of frames."""
+    columns = {name: column for name, column in rows.columns.items() if name != "id"} | {"agent": agent}
+    frame, ahead = rows.frame, np.diff(agent)
+    if len(agent) > 1 and not ((ahead > 0) | ((ahead == 0) & (np.diff(frame) >= 0))).all():
+        order = order_by(agent, order_by(frame))
+        columns = {name: column[order] for name, column in columns.items()}
+    return columns
+
+
+def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: np.ndarray, where: str) -> None:
+    twice = (passed[:-1] <= 0) & (agent[1:] == agent[:-1])
+    if twice.any():
+        row = int(twice.argmax())
+        raise CrowdError(
+            f"The agent {ids[agent[row]]} is in frame {frame[row]:g} of {where} more than once, as in "
+            f"{np.count_nonzero(twice):,} rows: give each agent one place a frame."
+        )
+
+
+def _check_speeds(ids: np.ndarray, columns: dict[str, np.ndarray], seconds: np.ndarray, rows: Rows, where: str) -> None:
+    agent, frame = columns["agent"], columns["frame"]
+    first = np.flatnonzero(np.diff(agent, prepend=-1))
+    ways = np.hypot(np.diff(columns["x"], append=columns["x"][-1:]), np.diff(columns["y"], append=columns["y"][-1:]))
+    way, time = (np.add.reduceat(np.where(seconds > 0, each, 0.0), first) for each in (ways, seconds))
+    speed = np.divide(way, time, out=np.zeros(len(first)), where=time > 0)
+    if speed.max() <= FASTEST:
+        return
+    worst = int(speed.argmax())
+    since, until = first[worst], np.append(first[1:], len(agent))[worst] - 1
+    times, by = UNITS[rows.unit or "m"]
+    fits = [
+        f"{unit} ({speed[worst] * by / times * own[0] / own[1]:.2g} m/s)"
+        for unit, own in UNITS.items()
+        if WALKS[0] <= speed[worst] * by / times * own[0] / own[1] <= WALKS[1]
+    ]
+    better = f"set Unit to {' or '.join(fits)}" if fits else "set Frame Rate to frames a second, or Unit to the file's"
+    raise CrowdError(
+        f"The agent {ids[worst]} of {where} moves at {speed[worst]:,.0f} m/s from frame {frame[since]:g} to {frame[until]:g}, "
+        f"taken in {rows.unit or 'm'} at {rows.rate:g} frames a second: {better}."
+    )
+
+
+def _moving(
+    columns: dict[str, np.ndarray], enters: np.ndarray, seconds: np.ndarray, hidden: np.ndarray, ids: np.ndarray, step: float
+) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Return the columns of Samples that follow from the motion, by agents, and the paces.
+
+    step: seconds between most rows.
+    """
+    begins = enters | np.append(False, hidden[:-1])
+    vx, vy = motion.velocities(columns["x"], columns["y"], columns["time"], begins, step)
+    speed = np.hypot(vx, vy)
+    walks = (speed >= motion.STANDS) & ~hidden
+    heading = columns.get("heading")
+    heading = motion.headings(vx, vy, walks, columns["agent"], ids) if heading is None else heading.astype(np.float32)
+    leaves = np.append(enters[1:], True)
+    turn = motion.turns(heading, 2 * np.pi).astype(np.float32)
+    phase = columns.get("phase")
+    if phase is None:
+        way = motion.summed(np.where(walks, speed, 0) * seconds, enters)
+    else:
+        change = motion.turns(phase, 1.0)
+        change[leaves] = 0
+        way = phase[motion.first_of(enters)] % 1.0 + motion.summed(change, enters)
+    turn[leaves] = 0
+    paces = motion.ladder(speed[walks])
+    pace = motion.paces_of(speed, enters, paces)
+    pace[~walks] = 0
+    made = {"heading": heading, "turn": turn, "way": way.astype(np.float32), "walks": walks, "pace": pace}
+    return made, paces
+
+
+def _in_classes(frame: np.ndarray, passed: np.ndarray, step: float) -> tuple[np.ndarray, tuple[tuple[int, int, float], ...]]:
+    """Return (order, classes): the rows' order by class and frame, and Tracks.classes."""
+    with np.errstate(divide="ignore"):
+        classes = np.clip(np.ceil(np.log2(passed / step) - 1e-6), 0, 60).astype(np.uint8)
+    orders, found, at = [], [], 0
+    for each in np.flatnonzero(np.bincount(classes)):
+        some = np.flatnonzero(classes == each)
+        orders.append(order_by(frame, some))
+        # a little more, for what rounding takes; who does not hold is left out when asked
+        longest = max(float(passed[some].max()), step) * (1 + 1e-9)
+        found.append((at, at + len(some), longest))
+        at += len(some)
+    return np.concatenate(orders), tuple(found)
+
+
+def _told(rows: Rows, agents: int, frames: tuple[float, float], crossed: int, hidden: np.ndarray) -> str:
+    long = int(hidden.sum())
+    gaps = [f"{crossed:,} gap{'s are' if crossed > 1 else ' is'} crossed in a straight line"] if crossed else []
+    gaps += (
+        [f"{long:,} gap{'s' if long > 1 else ''} of more than {HIDES:g} seconds hide{'' if long > 1 else 's'} the agent"]
+        if long
+        else []
+    )
+    when = (
+        f"from {frames[0]:g} to {frames[1]:g} s"
+        if rows.rate == 1
+        else f"in frames {frames[0]:g} to {frames[1]:g} at {rows.rate:g} a second"
+    )
+    told = f"The file has {agents:,} agent{'s' * (agents > 1)} {when}, in {rows.unit or 'm'}."
+    return " ".join([told, *([f"{' and '.join(gaps)}.".capitalize()] if gaps else []), *rows.notes])

@@ -1,0 +1,91 @@
+"""Tracks: where a file has its agents at any time, and how they move.
+
+Every row of the file begins an interval, which ends at the agent's next row. Intervals are kept in
+classes of like length, those of a class by when they begin. So those that hold at a time lie
+together, whoever is there, and a crowd that enters and leaves costs no more than who is present.
+"""
+
+import hashlib
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .samples import Samples
+from .step_bounds import StepBounds
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """The agents of a file of tracks.
+
+    ids: (n,) int64, increasing.
+    samples: of all agents.
+    classes: (first sample, one past the last, longest) of each class of intervals, the latter in
+        frames.
+    ends: (2, n) intp, the sample at which each agent enters, and that at which it leaves.
+    rate: frames of the file a second.
+    paces: (P,) float64 m/s.
+    phased: whether Samples.way counts cycles.
+    group: (n,) whole numbers or texts, what the file tells of each agent's group, or None.
+    told: a sentence on the file.
+    """
+
+    ids: np.ndarray
+    samples: Samples
+    classes: tuple[tuple[int, int, float], ...]
+    ends: np.ndarray
+    rate: float
+    paces: np.ndarray
+    phased: bool
+    group: np.ndarray | None
+    told: str
+
+    @cached_property
+    def first(self) -> float:
+        """The first frame."""
+        return float(self.samples.frame[self.ends[0]].min())
+
+    @cached_property
+    def last(self) -> float:
+        """The last frame."""
+        return float(self.samples.frame[self.ends[1]].max())
+
+    @cached_property
+    def bounds(self) -> StepBounds:
+        """How fast agents move at most, by the time."""
+        return StepBounds(self.samples, self.classes, (self.first, self.last), self.rate)
+
+    @cached_property
+    def spread(self) -> np.ndarray:
+        """(2, 3) float64 metres, the least and the greatest x, y and z; z is 0 if the file has none."""
+        places = [self.samples.x, self.samples.y, np.zeros(1) if self.samples.z is None else self.samples.z]
+        return np.array([[place.min() for place in places], [place.max() for place in places]])
+
+    @cached_property
+    def digest(self) -> bytes:
+        """Of all that the crowd at any time follows from."""
+        found = hashlib.sha256(repr((self.rate, self.phased)).encode())
+        group = None if self.group is None else self.group.astype(str)
+        for column in (self.ids, self.paces, group, *vars(self.samples).values()):
+            found.update(b"\0" if column is None else column.tobytes())
+        return found.digest()
+
+    def holding(self, frame: float) -> np.ndarray:
+        """Return the samples (m,) intp whose interval holds `frame`, of each agent one at most; in no order of agents.
+
+        An agent's last sample holds at its own frame alone.
+        """
+        found = []
+        for begin, end, longest in self.classes:
+            frames = self.samples.frame[begin:end]
+            since, until = np.searchsorted(frames, [frame - longest, frame], side="right") + begin
+            after = self.samples.after[since:until]
+            holds = self.samples.frame[after] > frame
+            if not holds.all():
+                own = np.arange(since, until)
+                holds |= (after == own) & (self.samples.frame[since:until] == frame)
+                found.append(own[holds])
+            else:
+                found.append(np.arange(since, until))
+        return np.concatenate(found)

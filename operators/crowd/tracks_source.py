@@ -1,0 +1,118 @@
+"""The file of tracks that a crowd follows, as its settings name it."""
+
+import os
+from collections.abc import Generator
+from pathlib import Path
+
+import bpy
+
+from ...crowd_lod.crowd.maps import FARTHEST
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ...crowd_lod.progress import aside, share
+from ...crowd_lod.tracks.reading import content_of, read_tracks
+from ...crowd_lod.tracks.tracks import Tracks
+from ..blender import scene_cache
+
+UNITS = {"AUTO": "", "M": "m", "CM": "cm", "MM": "mm", "FT": "ft"}
+MOST_FILES = 4  # that are kept
+# Of a path, its time of change and its size: the digest of its content.
+_contents: dict[tuple, bytes] = scene_cache.kept({})
+# Of a content and how it is read: its tracks.
+_files: dict[tuple, Tracks] = scene_cache.kept({})
+
+
+def tracks_path(crowd) -> Path:
+    """Return the path of the crowd's file. CrowdError if none is chosen."""
+    if not crowd.tracks_file.strip():
+        raise CrowdError(f"The crowd {crowd.name or 1} follows a file, and none is chosen: choose a File in the Crowd panel.")
+    return Path(bpy.path.abspath(crowd.tracks_file, library=crowd.id_data.library))
+
+
+def stamp_of(crowd) -> tuple:
+    """Return what the content of the crowd's file goes by, until it is read: its path, time of change and size.
+
+    CrowdError if there is no such file.
+    """
+    path = tracks_path(crowd)
+    try:
+        found = os.stat(path)
+    except OSError as error:
+        raise CrowdError(f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another.") from None
+    return str(path), found.st_mtime_ns, found.st_size
+
+
+def file_asked(crowd) -> tuple:
+    """Return what the crowd's tracks depend on."""
+    try:
+        stamp = stamp_of(crowd)
+    except CrowdError:  # whoever reads the file says so
+        stamp = (crowd.tracks_file,)
+    return *stamp, crowd.tracks_unit, crowd.tracks_rate
+
+
+def tracks_of_crowd(crowd, usual: float) -> Tracks:
+    """Return the tracks of the crowd's file, kept while its content stays the same.
+
+    usual: frames a second of a file that tells none.
+    CrowdError if it cannot be read or used.
+    """
+    stamp, told = stamp_of(crowd), _told(crowd, usual)
+    return _kept(stamp, told) or _read(stamp, told, [0.0])
+
+
+def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
+    """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find; yield the progress, 0 to 1."""
+    wanted = dict.fromkeys((stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE")
+    for k, (stamp, told) in enumerate(wanted):
+        if _kept(stamp, told) is None:
+            progress = [0.0]
+
+            def read(stamp: tuple = stamp, told: tuple = told, progress: list = progress) -> Tracks:
+                return _read(stamp, told, progress)
+
+            yield from share(aside(read, lambda progress=progress: progress[0]), k / len(wanted), (k + 1) / len(wanted))
+
+
+def _told(crowd, usual: float) -> tuple[str, float, float]:
+    """Return how the crowd's file is read: unit, rate, and the rate if the file tells none."""
+    rate = round(float(crowd.tracks_rate), 6)
+    return UNITS[crowd.tracks_unit], rate, 0.0 if rate else usual
+
+
+def _kept(stamp: tuple, told: tuple) -> Tracks | None:
+    content = _contents.get(stamp)
+    return None if content is None else _files.get((content, *told))
+
+
+def _read(stamp: tuple, told: tuple, progress: list[float]) -> Tracks:
+    path = Path(stamp[0])
+    try:
+        content = content_of(path)
+    except OSError as error:
+        raise CrowdError(f"The file of trajectories {printable(path)} cannot be read ({error.strerror}): choose another.") from None
+    _contents[stamp] = content
+    key = content, *told
+    if key not in _files:
+
+        def tell(part: float) -> None:
+            progress[0] = part
+
+        unit, rate, usual = told
+        tracks = read_tracks(path, unit, rate, usual, tell)
+        while len(_files) >= MOST_FILES:
+            _files.pop(next(iter(_files)))
+        _files[key] = tracks
+    return _files[key]
+
+
+def check_places(tracks: Tracks, crowd) -> None:
+    """Raise CrowdError if the tracks lie too far from the world's origin."""
+    low, high = tracks.spread + tuple(crowd.center)
+    reach = float(max(abs(low).max(), abs(high).max()))
+    if reach > FARTHEST:
+        x, y = ((tracks.spread[0] + tracks.spread[1]) / 2)[:2].tolist()
+        raise CrowdError(
+            f"The file {printable(tracks_path(crowd))} lies up to {reach:.3g} m from the world's origin: set Center to about "
+            f"({-x:.0f}, {-y:.0f}), or choose another Unit, so that it stays within {FARTHEST:,.0f} m."
+        )
