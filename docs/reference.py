@@ -18,6 +18,7 @@ from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.crowd.renamed_settings import STORED
 from crowd_lod_extension.operators.ui import panels, presets, shot_panels
+from crowd_lod_extension.operators.ui.area_list import CrowdLodArea
 from crowd_lod_extension.operators.ui.crowd_settings import BehaviorSettings, CrowdSettings, SimulationSettings
 from crowd_lod_extension.operators.ui.exception_list import CrowdLodException
 from crowd_lod_extension.operators.ui.properties import CrowdLodGroup, CrowdLodSettings
@@ -97,6 +98,9 @@ def settings_page() -> str:
         section("What the steps made", "Read these; the buttons write them.", CrowdLodSettings.__annotations__, CrowdLodSettings),
         section("Each of groups", "What was measured of a character group.", CrowdLodGroup.__annotations__, CrowdLodGroup),
         f"## Each of crowds\n\nA further crowd has a `name`, and the settings above from `{own[0]}` to `{own[-1]}`.\n",
+        section(
+            "Each of areas", "A mesh or a collection that lays a label over the map.", CrowdLodArea.__annotations__, CrowdLodArea
+        ),
         section("Each of exceptions", "An exception from the shot plan.", CrowdLodException.__annotations__, CrowdLodException),
         operators(),
     ]

@@ -9,6 +9,8 @@ from .cli import commands
 from .crowd import (
     characters_from_selection,
     machine_buttons,
+    map_areas,
+    map_painting,
     record_points,
     sample_menu,
     scene_crowd,
@@ -21,6 +23,7 @@ from .lod_meshes import deviation, make_lods
 from .overlay import agent_picker, viewport_image, viewport_overlay
 from .ui import (
     agent_edits,
+    area_list,
     crowd_list,
     exception_list,
     machine_panels,
@@ -37,11 +40,13 @@ from .ui import (
 MODULES = (
     exception_list,
     agent_edits,
+    area_list,
     properties,
     machine_settings,
     sample_menu,
     state_machine_menu,
     machine_buttons,
+    map_painting,
     scene_crowd,
     simulate,
     record_points,
@@ -67,12 +72,12 @@ MODULES = (
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, frame_update.follow],
-    "depsgraph_update_post": [scenery.edited],
+    "depsgraph_update_post": [scenery.edited, map_areas.moved_or_edited],
     "load_pre": [scene_cache.forget, frame_update.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],
-    "undo_post": [collection_caches.renew],
-    "redo_post": [collection_caches.renew],
+    "undo_post": [collection_caches.renew, map_areas.undone],
+    "redo_post": [collection_caches.renew, map_areas.undone],
     "load_post": [settings_versions.upgrade, render_setup.upgrade],
     "save_pre": [settings_versions.note],
     "render_pre": [frame_update.rendering],
@@ -110,6 +115,7 @@ def unregister() -> None:
                 handlers.remove(function)
     scene_cache.forget()
     swatches.unregister()
+    map_areas.unregister()
     machine_settings.unregister()
     del bpy.types.Scene.crowd_lod
     for c in reversed(CLASSES):

@@ -1,4 +1,4 @@
-"""Three rigged, walking characters, made by script: the same every time."""
+"""Three rigged characters that walk and wait, made by script: the same every time."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from mathutils import Matrix
 
 from .body import Body, Build, make_body
-from .walk import Cycle, walk_cycle
+from .walk import Cycle, idle_cycle, walk_cycle
 
 FPS = 24
 
@@ -31,7 +31,7 @@ BUILDS = (
 
 
 def make_characters(
-    collection: bpy.types.Collection, speed: float = 1.25, builds: Sequence[Build] = BUILDS, finer: int = 0
+    collection: bpy.types.Collection, speed: float = 1.25, builds: Sequence[Build] = BUILDS, finer: int = 0, idle: bool = False
 ) -> list[bpy.types.Collection]:
     """Add rigged, walking characters to `collection`: a child collection for each.
 
@@ -42,6 +42,7 @@ def make_characters(
     space the standing foot moves along -x at `speed`, metres per second.
     Selection, modes and the current frame stay as they are.
     finer: additional steps of subdivision, each with four times the faces.
+    idle: whether each also gets an action in which it stands and waits, called "idle" and its name.
     """
     groups = []
     for build in builds:
@@ -55,7 +56,10 @@ def make_characters(
         for item in (armature, mesh):
             group.objects.link(item)
         cycle = walk_cycle(body.joints, build.period, speed * build.period / FPS)
-        make_action(build.name, armature, cycle)
+        if idle:
+            waits = make_action(f"idle {build.name}", armature, idle_cycle(body.joints, 4 * build.period))
+            waits.use_fake_user = True
+        make_action(f"walk {build.name}", armature, cycle)
         group["stride"] = cycle.stride
         groups.append(group)
     return groups
@@ -123,9 +127,9 @@ def make_material(name: str, color: tuple, roughness: float) -> bpy.types.Materi
     return material
 
 
-def make_action(name: str, armature: bpy.types.Object, cycle: Cycle) -> None:
-    """Key the cycle's poses, one per frame from frame 1, as an action that repeats."""
-    action = bpy.data.actions.new(f"walk {name}")
+def make_action(name: str, armature: bpy.types.Object, cycle: Cycle) -> bpy.types.Action:
+    """Give the armature an action `name` with a key per frame from frame 1 of the cycle's poses, which repeats."""
+    action = bpy.data.actions.new(name)
     armature.animation_data_create().action = action
     bones = armature.data.bones
     rest = {bone.name: np.array(bone.matrix_local.to_3x3()) for bone in bones}
@@ -137,6 +141,7 @@ def make_action(name: str, armature: bpy.types.Object, cycle: Cycle) -> None:
         key(action, armature, f"{path}.rotation_quaternion", quaternions(local))
         if not bone.parent:
             key(action, armature, f"{path}.location", cycle.shift @ rest[bone.name])
+    return action
 
 
 def quaternions(matrices: np.ndarray) -> np.ndarray:

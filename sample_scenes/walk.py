@@ -1,4 +1,4 @@
-"""The walk of the sample characters: a pose for every frame of one cycle.
+"""The walk and the wait of the sample characters: a pose for every frame of one cycle.
 
 The poses are solved so that the feet never slide. NumPy alone.
 Character space: metres, walking along +x on the spot, so that the ground and the foot on it move
@@ -68,6 +68,36 @@ def walk_cycle(joints: dict, period: int, stride: float) -> Cycle:
         turns["thigh" + tag], turns["shin" + tag] = bend_leg(joints, tag, hip, ankle)
         turns["foot" + tag], turns["toe" + tag] = pitch(foot), pitch(toe)
     return Cycle(turns, shift, stride)
+
+
+def idle_cycle(joints: dict, period: int) -> Cycle:
+    """Return a skeleton that stands and waits: it breathes, shifts its weight, looks about.
+
+    Both feet stay where they are at rest. joints, period: as for walk_cycle.
+    """
+    phase = np.arange(period + 1) % period / period
+    k = joints["head"][2][2] / 1.75
+    sway, breath, zero = np.sin(2 * np.pi * phase), np.sin(6 * np.pi * phase), np.zeros_like(phase)
+    hips = yaw(np.radians(3) * sway) @ roll(np.radians(1.5) * sway)
+    turns = {
+        "hips": hips,
+        "spine": roll(np.radians(-1) * sway) @ pitch(zero + np.radians(1)),
+        "chest": yaw(np.radians(4) * sway) @ pitch(np.radians(2) + np.radians(0.8) * breath),
+        "neck": yaw(np.radians(10) * np.sin(4 * np.pi * phase)),
+        "head": yaw(np.radians(24) * np.sin(4 * np.pi * phase)) @ pitch(np.radians(4) * np.cos(2 * np.pi * phase)),
+    }
+    for tag, side in ((".L", 1), (".R", -1)):
+        shoulder = turns["chest"] @ pitch(np.radians(2) * breath)
+        turns["upper_arm" + tag] = shoulder @ roll(zero + side * np.radians(-24))
+        turns["forearm" + tag] = shoulder @ pitch(zero - np.radians(22)) @ roll(zero + side * np.radians(-28))
+        turns["hand" + tag] = shoulder @ pitch(zero - np.radians(28)) @ roll(zero + side * np.radians(-30))
+    ankles = {tag: np.tile(joints["foot" + tag][1], (period + 1, 1)) for tag in (".L", ".R")}
+    shift = np.stack([0.006 * k * breath, 0.03 * k * sway, zero], 1)
+    shift[:, 2] -= max(overreach(joints, tag, hips, shift, ankle) for tag, ankle in ankles.items()) + 0.01 * k
+    for tag, ankle in ankles.items():
+        turns["thigh" + tag], turns["shin" + tag] = bend_leg(joints, tag, hip_joint(joints, tag, hips, shift), ankle)
+        turns["foot" + tag] = turns["toe" + tag] = pitch(zero)
+    return Cycle(turns, shift, 0.0)
 
 
 def foot_path(joints: dict, tag: str, phase: np.ndarray, stride: float):

@@ -117,12 +117,13 @@ vec3 oriented(Agent a, vec3 v)
 }
 
 #if defined(JOINTS) || defined(FRAMES)
-/* The vertex at `phase`: two frames mixed linearly, which comes to the same as mixing their joints. */
+/* The vertex at `phase` of the action whose frames begin at first_frame: two frames mixed linearly, which comes to the same as
+ * mixing their joints. */
 Posed posed_at(float phase)
 {
   float at = phase * float(frame_count - 1);
   int first = clamp(int(at), 0, max(frame_count - 2, 0));
-  Posed one = posed(first), two = posed(min(first + 1, frame_count - 1));
+  Posed one = posed(first_frame + first), two = posed(first_frame + min(first + 1, frame_count - 1));
   float part = at - float(first);
   return Posed(mix(one.at, two.at, part), mix(one.facing, two.facing, part));
 }

@@ -4,7 +4,7 @@ The chapter calls the first frame "Populating".
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 import numpy as np
@@ -30,11 +30,17 @@ class Action:
     name: as states name it.
     stride: metres walked in one cycle; 0 if it plays by time.
     period: seconds of one cycle.
+    feet: metres that its feet walk in a cycle; 0 if they stand, or if that was not measured.
+    way: metres that it travels in a cycle, which is taken out; 0 likewise.
+
+    The last two change nothing: by them it is told whether feet slide.
     """
 
     name: str
     stride: float
     period: float
+    feet: float = field(default=0.0, compare=False, repr=False)
+    way: float = field(default=0.0, compare=False, repr=False)
 
 
 @dataclass(frozen=True)

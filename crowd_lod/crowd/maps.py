@@ -332,6 +332,17 @@ def _nearest(codes: np.ndarray, colors: np.ndarray) -> tuple[np.ndarray, np.ndar
     return label, strange
 
 
+def laid_over(pixels: np.ndarray, over: np.ndarray) -> np.ndarray:
+    """Return painted pixels (rows, columns, 3) uint8 with those of a map of meshes over them.
+
+    over: (rows, columns, 4) uint8, of this or another size; only where its last channel is not 0 is
+        there a mesh.
+    """
+    rows, columns = (np.arange(size) * other // size for size, other in zip(pixels.shape[:2], over.shape[:2], strict=True))
+    over = over[rows[:, None], columns]
+    return np.where(over[..., 3:] > 0, over[..., :3], pixels)
+
+
 def edge_map(area: Area, names: tuple[str, ...], columns: int = 64) -> LabelMap:
     """Return the map of a scene without a map image: the chapter's plane.
 

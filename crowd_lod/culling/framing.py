@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 EYE = 1.7  # metres above the ground
-BODY = 1.0  # metres that people reach above it, at least
+BODY = 1.0  # metres above it, of the part of people that the picture holds
 CELL = 2.0  # metres, of the grid that finds where the crowd is densest
 WAYS = 32  # directions that are tried
 SEEN = 0.95  # part of the places that the picture holds at least
@@ -26,11 +26,11 @@ class View:
     far: float
 
 
-def framing(places: np.ndarray, across: float, up: float) -> View:
+def framing(places: np.ndarray, across: float, below: float, above: float) -> View:
     """Return the view over the densest of `places` that holds most of them from the least distance.
 
     places: (n, 3) float64, n > 0, world metres: the feet of all agents at several times.
-    across, up: slopes (tan of the half angles) of the picture's sides and of its top and bottom.
+    across, below, above: slopes of the picture's sides, of its bottom and of its top, all above 0.
     """
     middle = _densest(places)
     x, y, z = (places - middle).T
@@ -39,8 +39,8 @@ def framing(places: np.ndarray, across: float, up: float) -> View:
     distances = np.empty(WAYS)
     for k, (cos, sin) in enumerate(ways):
         ahead, aside = cos * x + sin * y, cos * y - sin * x
-        high = np.maximum(z - EYE, EYE - BODY - z)  # how far above or below the eye
-        distances[k] = np.quantile(np.maximum(np.abs(aside) / across, high / up) - ahead, SEEN, method="higher")
+        needed = np.maximum.reduce([np.abs(aside) / across, (z + BODY - EYE) / above, (EYE - BODY - z) / below])
+        distances[k] = np.quantile(needed - ahead, SEEN, method="higher")
     best = int(distances.argmin())
     way, away = ways[best], max(float(distances[best]), NEAREST)
     eye = middle + np.array([*(-away * way), EYE])

@@ -41,6 +41,13 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
     return frames
 
 
+def told_frames(frames: Sequence[int]) -> str:
+    """Return increasing `frames` as text: 1:3, 7."""
+    begins = [frame for k, frame in enumerate(frames) if k == 0 or frame != frames[k - 1] + 1]
+    ends = [frame for k, frame in enumerate(frames) if k + 1 == len(frames) or frame + 1 != frames[k + 1]]
+    return ", ".join(str(a) if a == b else f"{a}:{b}" for a, b in zip(begins, ends, strict=True))
+
+
 def _known(frame: int) -> int:
     """Return the frame; CrowdError if Blender has no frame of that number."""
     if abs(frame) > LAST_FRAME:

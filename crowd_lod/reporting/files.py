@@ -8,6 +8,8 @@ LOCK: locked by the run that owns the folder; it holds the name of the machine. 
 REPLACED: holds the old files while new ones take their places.
 PENDING: exists while files are put in place; it lists the names that had no file before. If the run
     is killed then, the next run undoes its moves by PENDING and REPLACED.
+KEY: which run it is. A later run with the same key takes the folder over, with its whole frames
+    (frame_parts.py).
 """
 
 import errno
@@ -27,21 +29,25 @@ from pathlib import Path
 from ..errors import CrowdError
 from ..format import printable
 from . import file_checks, interrupt
+from .frame_parts import RECORDS, whole_frames
 
 HIDDEN = ".crowd-lod-"
-LOCK, REPLACED, PENDING = OWN = ".lock", ".replaced", ".pending"
+LOCK, REPLACED, PENDING, KEY = ".lock", ".replaced", ".pending", ".key"
+OWN = LOCK, REPLACED, PENDING, KEY, RECORDS
 MOST_BYTES = 740  # of a folder's path: Blender cuts a file's, which is longer, at 1,023
 KINDS = {"folder": stat.S_ISDIR, "pipe": stat.S_ISFIFO, "socket": stat.S_ISSOCK, "device": stat.S_ISCHR}
 
 
 @contextmanager
-def staged(folder: Path, *names: str) -> Iterator[Path]:
+def staged(folder: Path, *names: str, key: str = "") -> Iterator[Path]:
     """Yield a hidden folder to write in, for files that go to `folder`.
 
     When the block ends well, all its files are put into `folder`. A file replaces the one of the
     same name in `folder`. After an error, Esc or Ctrl-C `folder` is as it was. A link to a folder
     is followed.
     names: the names of files to come, as far as they are known.
+    key: fixes the run's output. The folder of a killed run with the same key is yielded again, as
+        that run left it. "": a new one.
     CrowdError, before the block runs, if the folder or one of these files cannot be written; after
     it, if writing fails.
     """
@@ -56,7 +62,7 @@ def staged(folder: Path, *names: str) -> Iterator[Path]:
             place.mkdir(parents=True, exist_ok=True)
             for new in made:
                 file_checks.sync(new.parent)
-            hidden = _hidden_folder(place, stack)
+            hidden = _hidden_folder(place, stack, key)
             for name in names:
                 _refuse_all_but("file", place / name)
                 _try(hidden / name, place / name)
@@ -131,20 +137,33 @@ def _try(part: Path, path: Path) -> None:
         raise CrowdError(f"The file {printable(path)} cannot be written ({_reason(error)}): give it another name.") from None
 
 
-def _hidden_folder(place: Path, stack: ExitStack) -> Path:
-    """Make a hidden folder in `place`, which the stack removes.
+def _hidden_folder(place: Path, stack: ExitStack, key: str) -> Path:
+    """Make a hidden folder in `place`, or take over one with this key; the stack removes it.
 
-    Hidden folders of killed runs are removed first.
+    All other hidden folders of killed runs are removed.
     """
     with _turn(place):
-        _clean(place)
+        left = _clean(place, key=key)
         with interrupt.held():
-            hidden = Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
+            hidden = left or Path(tempfile.mkdtemp(prefix=HIDDEN, dir=place))
             stack.enter_context(interrupt.unfinished(partial(_remove, hidden)))
         lock = stack.enter_context((hidden / LOCK).open("a+b", buffering=0))
         _hold(lock)
+        lock.truncate(0)
         lock.write(_machine())
+        (hidden / KEY).write_text(key)
     return hidden
+
+
+def killed_runs(folder: Path, key: str) -> tuple[int, int]:
+    """Return the numbers of whole frames that killed runs left for `folder`: with this key, with others."""
+    place, own, others = Path(os.path.realpath(folder)), 0, 0
+    for hidden in _hidden_folders(place):
+        with suppress(OSError), (hidden / LOCK).open("r+b", buffering=0) as lock:
+            if _left(lock):
+                count = len(whole_frames(hidden))
+                own, others = (max(own, count), others) if _has_key(hidden, key) else (own, others + count)
+    return own, others
 
 
 def _put_in_place(hidden: Path, place: Path) -> None:
@@ -206,21 +225,42 @@ def _take_back(hidden: Path, place: Path) -> None:
     (hidden / PENDING).unlink()
 
 
-def _clean(place: Path, own: Path | None = None) -> None:
+def _clean(place: Path, own: Path | None = None, key: str = "") -> Path | None:
     """Remove hidden folders of killed runs on this machine; undo unfinished moves.
 
     own: the hidden folder of this run, which stays.
+    key: a folder with this key stays, and is returned, if there is one.
     """
-    for hidden in place.glob(f"{HIDDEN}*/"):
-        if hidden == own or hidden.is_symlink():
+    taken = None
+    for hidden in _hidden_folders(place):
+        if hidden == own:
             continue
         with suppress(OSError):  # another user's
             with (hidden / LOCK).open("a+b", buffering=0) as lock:
-                killed = _hold(lock) and lock.read() in (b"", _machine())
+                killed = _left(lock)
                 if killed and (hidden / PENDING).exists():
                     _take_back(hidden, place)
-            if killed:
+            if killed and taken is None and _has_key(hidden, key):
+                shutil.rmtree(hidden / REPLACED, ignore_errors=True)
+                taken = hidden
+            elif killed:
                 _remove(hidden)
+    return taken
+
+
+def _hidden_folders(place: Path) -> list[Path]:
+    return [hidden for hidden in sorted(place.glob(f"{HIDDEN}*/")) if not hidden.is_symlink()]
+
+
+def _left(lock: FileIO) -> bool:
+    """Lock the open file; return whether a process of this machine held it that is gone."""
+    return _hold(lock) and lock.read() in (b"", _machine())
+
+
+def _has_key(hidden: Path, key: str) -> bool:
+    with suppress(OSError):
+        return bool(key) and (hidden / KEY).read_text() == key
+    return False
 
 
 def _remove(hidden: Path) -> None:

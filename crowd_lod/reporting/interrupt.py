@@ -17,6 +17,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 STOPPED = 128 + signal.SIGINT  # the exit code
 PATIENCE = 0.7  # seconds that a command whose output is complete has to tell so itself
 
+left = "nothing on disk was changed"  # after Ctrl-C, as part of a sentence
 line = ""  # what ends the line that the terminal's cursor is on: "\n" after a progress bar
 # of the thread that puts files in place, or of the one that ends the process
 _turn = threading.RLock()
@@ -111,7 +112,7 @@ def _watch(reader: socket.socket, writer: socket.socket, screen: int) -> None:
             os.dup2(nowhere, 1)
             os.dup2(nowhere, 2)
         _clean()
-        said = f"stopped too late: {_late[0]}" if _late else "stopped; nothing on disk was changed"
+        said = f"stopped too late: {_late[0]}" if _late else f"stopped; {left}"
         with suppress(OSError):
             os.write(screen, f"{line}crowd-lod: {said}.\n".encode())
         _clean()  # Blender, still at work, may have made folders again

@@ -14,6 +14,7 @@ from ...crowd_lod.levels.assignment import shown
 from ...crowd_lod.validation import silhouette
 from ..blender import image_data, scene_data
 from ..blender.material_colors import Looks
+from ..blender.performance import Performance, performance_of
 from ..crowd.scene_crowd import characters_of, policy_of
 from ..lod_meshes.deviation import Posed, meshes_of
 from ..lod_meshes.shaded_pictures import alike, bodies_of
@@ -42,7 +43,8 @@ def tables(
         every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
         # the last may be repeated
         meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]
-        rows = [_row(group, k, each, camera, begins[g], metres) for k, each in enumerate(meshes)]
+        performance = performance_of(group.name, objects, [action.name for action in group.actions])
+        rows = [_row(group, k, each, camera, begins[g], metres) | _worst(group, k, performance) for k, each in enumerate(meshes)]
         rows[-1]["to_lod"] = len(every) - 1
         entry = {
             "group": group.name,
@@ -55,7 +57,7 @@ def tables(
         if g >= MOST_SHOWN:
             continue
         center = np.array(origin) + (0, 0, group.feet + group.center)
-        with Posed(objects, meshes) as posed:
+        with Posed(objects, meshes, performance) as posed:
             looks = Looks()
             for k in range(1, len(rows)):
                 distance = _distance(camera, begins[g][k - 1], group.radius)
@@ -65,6 +67,7 @@ def tables(
                     least, most = silhouette.error(*pair, center, distance, camera, rows[k]["predicted_px"] or 1.0)
                     rows[k] |= {"measured_px": _known((least + most) / 2), "measured_px_between": [_known(least), _known(most)]}
                     rows[k] |= _seen(posed, k, looks, center, distance, camera)
+                performance.rest()
                 yield start + span * (g + 0.7 * k / len(rows))
             character, levels = posed.at(group.worst[len(rows) - 1])
         if character is not None and None not in levels:
@@ -89,7 +92,6 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "deviation_bound_mm": 1000 * metres * group.bounds[k],
         "rms_mm": 1000 * metres * group.rms[k],
         "percent": 100 * deviation / group.diagonal,
-        "worst_frame": group.worst[k],
         "from_m": metres * float(begin) if np.isfinite(begin) else None,
         "begins": "never" if begin == np.inf else "anywhere" if begin == -np.inf else "at",
         "predicted_px": _known(shown(group.bounds[k], begin, camera, group.radius)) if k and begin < np.inf else None,
@@ -102,6 +104,12 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
         "why": " ".join(dict.fromkeys(map(str, told["why"]))) or None,
         "ms": _known(sum(told["ms"])) if told["ms"] and all(isinstance(each, float) for each in told["ms"]) else None,
     }
+
+
+def _worst(group: Group, k: int, performance: Performance) -> dict:
+    """Return the frame of the worst pose of LOD k; where states name actions, also the action's name, "" for the own."""
+    part, frame = performance.find(group.worst[k])
+    return {"worst_frame": frame} | ({"worst_action": part.name} if group.actions else {})
 
 
 def _seen(posed: Posed, k: int, looks: Looks, center: np.ndarray, distance: float, camera: Camera) -> dict:

@@ -1,6 +1,7 @@
 """Batch preview: two pictures and a table row per frame, plan, contact sheet."""
 
 import contextlib
+import tempfile
 import time as clock
 from collections.abc import Generator
 from dataclasses import dataclass
@@ -16,7 +17,8 @@ from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.planned import noted, told_unplanned
 from ...crowd_lod.progress import share, standing
-from ...crowd_lod.reporting import files, plan_file, tables
+from ...crowd_lod.reporting import plan_file, tables
+from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.html_report import page
 from ...crowd_lod.reporting.shot_report import preview_page
 from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
@@ -30,57 +32,59 @@ from ..overlay.playblast import Playblast, need_gpu
 from . import lod_table, top_view
 from .preview_plan import plan_json
 from .preview_stage import Preview, Rendered, Staged, leaves_out, shade, sized, staged
+from .shared_frames import ALONE, Sharing, made, state_of
 from .shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_levels
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
-# of the progress: LODs made or measured, the crowd built, all frames drawn
-LEVELS, PLANNED, PREPARED, DRAWN = 0.1, 0.1, 0.02, 0.9
+# of the progress: LODs made or measured, the shot planned, all frames drawn
+LEVELS, PLANNED, DRAWN = 0.1, 0.1, 0.9
 MOST_PLANNED = 30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
 
 
-def preview(scene: bpy.types.Scene, wanted: Preview, command: list[str]) -> Generator[float, None, dict[str, Any]]:
+def preview(
+    scene: bpy.types.Scene, wanted: Preview, command: list[str], sharing: Sharing = ALONE
+) -> Generator[float, None, dict[str, Any]]:
     """Write the preview of `scene`: yield the progress, return the plan's dict.
 
     All is made in a copy of the scene, which is removed afterwards. The folder gets its files at
     the end, all or none.
 
     command: the command line of the run, for plan.json.
+    sharing: which part of it is done here; of a part of the frames, only their rows are returned.
     """
-    with files.staged(wanted.folder) as folder, cleanup.scratch(), contextlib.ExitStack() as opened:
+    with sharing.opened(wanted.folder) as folder, cleanup.scratch(), contextlib.ExitStack() as opened:
         started = clock.perf_counter()
         # what is missing is named in the user's own scene
         cameras.active_camera(scene), characters_of(scene)
         drawn = wanted.engine == "OVERLAY"
         if drawn:
             need_gpu()
+        ready = 0.0
+        if sharing.jobs > 1:  # all processes take the LODs from the file
+            ready = yield from _with_levels(scene)
+            sharing.save(folder)
         on = staged(scene, wanted)
         stage = on.stage
-        ready = yield from _with_levels(stage)
-        planned = yield from share(_planned_shot(stage, wanted, folder), ready, ready + PLANNED)
+        ready += yield from share(_with_levels(stage), ready, ready + 1)
+        aside = folder if sharing.part is None else Path(opened.enter_context(tempfile.TemporaryDirectory()))
+        planned = yield from share(_planned_shot(stage, wanted, aside), ready, ready + PLANNED)
         ready += PLANNED * (planned is not None)
         stage.timeline_markers.clear()  # they would take the camera back in the picture from above
         # nothing that these depend on changes from here on, and each look reads the whole map
         trajectory = trajectory_of(stage)
         shots = opened.enter_context(Playblast(stage, trajectory, on.size)) if drawn else Rendered(stage, wanted)
-        yield from share(shots.prepare(), ready, ready + PREPARED)
-        ready += PREPARED
         at = opened.enter_context(frame_stepping.stepped(scene))
         run = _Run(on, folder, shots, at, top_view.drawing_in(stage))
-        unplanned: list[tuple[int, str]] = []
-        rows, first, each = [], None, (DRAWN - ready) / len(wanted.frames)
-        for done, number in enumerate(wanted.frames):
-            begun, way = ready + each * done, approach(trajectory, scene_data.remapped(scene.render, number))
-            yield from share(way, begun, begun + BEHAVIOUR * each)
-            row, frame = run.shoot(number)
-            rows.append(row)
-            unplanned.append(noted(number, frame.unplanned, wanted.strict))
-            first = first or frame
-            yield ready + each * (done + 1)
-        told = lod_table.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
-        told = yield from told
+        parts = FrameParts(folder, state_of(stage, wanted))
+        found = yield from share(made(parts, wanted.frames, sharing, shots.prepare, run.shoot), ready, DRAWN)
+        rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
+        if sharing.part is not None:
+            return {"frames": rows}
+        first = run.first or run.planned(wanted.frames[0])
+        told = yield from lod_table.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
         notes = (
             *shots.notes,
             *filter(None, [told_unplanned(unplanned), leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)]),
@@ -136,6 +140,7 @@ class _Run:
     at: steps the scene.
     drawing: shows the crowd from above.
     view: the camera above, once it is known.
+    first: the plan of the first frame, once it is known.
     """
 
     on: Staged
@@ -144,14 +149,23 @@ class _Run:
     at: frame_stepping.At
     drawing: bpy.types.Object
     view: bpy.types.Object | None = None
+    first: Frame | None = None
 
     def pictures(self, number: int) -> tuple[Path, Path]:
         """Return the files of the two pictures of a frame."""
         return self.folder / f"main_{number:04d}.png", self.folder / f"above_{number:04d}.png"
 
-    def shoot(self, number: int) -> tuple[dict[str, Any], Frame]:
-        """Write the two pictures of the timeline's frame `number`; return (its table row, its plan)."""
-        stage, frame, (main, above) = self.on.stage, self._planned(number), self.pictures(number)
+    def shoot(self, number: int) -> Generator[float, None, tuple[dict[str, Any], tuple[Path, Path]]]:
+        """Write the two pictures of the timeline's frame `number`.
+
+        Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
+        """
+        stage, (main, above) = self.on.stage, self.pictures(number)
+        way = approach(trajectory_of(stage), scene_data.remapped(self.on.scene.render, number))
+        yield from share(way, 0.0, BEHAVIOUR)
+        frame = self.planned(number)
+        if number == self.on.wanted.frames[0]:
+            self.first = frame
         ticks = [clock.perf_counter()]
         self.shots.place(frame)
         ticks.append(clock.perf_counter())
@@ -163,9 +177,10 @@ class _Run:
         self._shoot_above(frame, above, caption)
         ticks.append(clock.perf_counter())
         took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
-        return tables.row(number, frame, took), frame
+        told = {"row": tables.row(number, frame, took), "unplanned": noted(number, frame.unplanned, self.on.wanted.strict)}
+        return told, (main, above)
 
-    def _planned(self, number: int) -> Frame:
+    def planned(self, number: int) -> Frame:
         """Set the stage to the frame; return its plan."""
         scene, stage, depsgraph = self.on.scene, self.on.stage, self.on.stage.view_layers[0].depsgraph
         time = scene_data.remapped(scene.render, number)

@@ -56,7 +56,7 @@ def survey_of(
     CrowdError if the crowd or its choice of LODs changes on the way.
     """
     settings, trajectory = scene.crowd_lod, trajectory_of(scene)
-    policy, library = policy_of(settings), cast_of(characters_of(scene))
+    policy, library = policy_of(settings), cast_of(characters_of(scene), trajectory)
     times = [scene_data.remapped(scene.render, number) for number in frames]
     survey = empty(frames, times, trajectory.start.group, library.first(trajectory.gaits))
     if blurred:

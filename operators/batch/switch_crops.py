@@ -17,8 +17,8 @@ from ...crowd_lod.progress import share
 from ...crowd_lod.validation.shaded_pictures import Body, pictures
 from ..blender import scene_data
 from ..blender.material_colors import Looks
+from ..blender.performance import performance_of
 from ..blender.render_evaluation import as_rendered
-from ..blender.rig_dependencies import action_range
 from ..build.frame_update import Held, columns_of
 from ..crowd.scene_crowd import characters_of, home_of, trajectory_of
 from ..lod_meshes.selection import cast_of
@@ -55,14 +55,16 @@ def _posed(scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int
     g = int(crowd.group[agent])
     name, objects, _ = characters[g]
     homes = [home_of(settings.levels.children[max(k, 0)], g, name) for k in levels]
-    columns = columns_of(trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters))
+    columns = columns_of(trajectory, crowd, Held(crowd, time), np.array([agent]), cast_of(characters, trajectory))
     own = {key: values[0].tolist() for key, values in columns.items()}
     stance = Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
     turn = Matrix.Rotation(scene_data.rotation(settings.forward), 4, "Z")
-    first, last = action_range(objects)
-    frame, bodies = first + (last - first) * own["phase"], []
-    with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-        stage.frame_set(int(frame // 1), subframe=frame % 1)
+    gaits, bodies = trajectory.gaits, []
+    action = gaits.actions[gaits.action[crowd.pace[agent]]]
+    act = performance_of(name, objects, filter(None, [action])).only(action)
+    ((first, last),) = act.spans
+    with as_rendered(item for home in homes for item in home.objects) as (stage, actors), act:
+        act.go_to(stage, first + (last - first) * own["phase"])
         for k, home in zip(levels, homes, strict=True):
             body = bodies_of([actors[item] for item in home.objects], stage.view_layers[0].depsgraph, looks)
             placed = np.array(Matrix.Translation(own["position"]) @ stance @ turn @ Matrix.Translation(-home.instance_offset))

@@ -1,6 +1,6 @@
 """Proof by renders: the same frames with and without culling and LOD, compared."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,14 +9,16 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.culling.stereo import EYES
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
-from ...crowd_lod.planning.planned import noted, told_unplanned
+from ...crowd_lod.planning.planned import HIDDEN, noted, told_unplanned
 from ...crowd_lod.progress import share, standing
-from ...crowd_lod.reporting import file_checks, files, tables
+from ...crowd_lod.reporting import file_checks, tables
+from ...crowd_lod.reporting.frame_parts import FrameParts
 from ...crowd_lod.reporting.verify_report import verify_page
 from ...crowd_lod.sorting.buckets import sort
 from ...crowd_lod.validation import image_difference
@@ -26,6 +28,7 @@ from ..build.frame_update import Held, held_by, members
 from ..crowd import lights
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
+from .shared_frames import ALONE, Sharing, made, state_of
 from .verify_stage import LONGEST_SHUTTER, PAIRS, Verify, add_twins, dark_world, light_by, outline_of, put_cameras, set_up_cycles
 
 # The pictures of a frame. The third is the culled one without those whom the camera does not see
@@ -36,26 +39,31 @@ PICTURES = {
     "bare": "culled, without shadows and reflections from outside the picture",
     "c": "culled, with LODs",
 }
+COMPARED = "b", "bare", "c"  # with "a"
 AMPLIFIED, FAINTEST = 16, 60  # in the pictures of differences: times, and at least, of 255
 # of linear light: how far off Cycles' rounding may be that displaces a mesh where one of its
 # instances stands
 DISPLACED = 1e-3
+LODS_MADE = 0.05  # of the progress: LODs made
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
-def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Generator[float, None, dict[str, Any]]:
+def verify(
+    scene: bpy.types.Scene, wanted: Verify, command: list[str], sharing: Sharing = ALONE
+) -> Generator[float, None, dict[str, Any]]:
     """Write the proof for `scene`: yield the progress, return verify.json's dict.
 
     The scene itself is stepped and rendered, because a copy lacks some of what its frames show.
     Afterwards it is restored. The folder gets its files at the end, all or none.
 
     command: the command line of the run, for verify.json.
+    sharing: which part of it is done here; of a part of the frames, only their rows are returned.
     """
     if not hasattr(scene, "cycles"):
         raise CrowdError("The frames are rendered with Cycles: enable the add-on Cycles Render Engine in the preferences.")
     own, groups = scene.crowd_lod, groups_of(scene.crowd_lod)
     with ExitStack() as opened:
-        folder = opened.enter_context(files.staged(wanted.folder))
+        folder = opened.enter_context(sharing.opened(wanted.folder))
         opened.callback(store_groups, own, groups)
         opened.enter_context(cleanup.scratch())
         layer = scene.view_layers[0]
@@ -73,26 +81,15 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         # whatever is wrong with the scene is said before the work begins
         frame_of(scene, layer.depsgraph)
         if own.levels is None:
-            yield from share(make_levels(scene), 0.0, 0.05)
+            yield from share(make_levels(scene), 0.0, LODS_MADE)
+        sharing.save(folder)
         # also of LODs that are left out to save memory: they are what is proved
-        every = [range(2**31)] * policy_of(own).count
-        yield from share(render_setup.build(scene, every), 0.05, 0.1)
-        bake.mark(scene, wanted.frames)  # with motion blur its points move by themselves
-        render_setup.dress_all(scene)
-        top, own.build = own.build, None  # it holds what is written here, not what the frame asks
-        outline = outline_of(scene, top)
-        add_twins(scene, top)
-        rows, sheet, unplanned = [], [], []
-        at, each = opened.enter_context(frame_stepping.stepped(scene)), 0.85 / len(wanted.frames)
-        run = _Run(scene, wanted, folder, at, top, outline)
-        for number in wanted.frames:
-            begun = 0.1 + each * len(rows)
-            way = approach(trajectory, scene_data.remapped(scene.render, number))
-            yield from share(way, begun, begun + each / (2 * len(PICTURES)))
-            row, pictures = yield from _frame(run, number, len(rows))
-            unplanned.append(row.pop("unplanned"))
-            rows.append(row)
-            sheet.append(pictures)
+        run = _Run(scene, wanted, folder, opened.enter_context(frame_stepping.stepped(scene)))
+        parts = FrameParts(folder, state_of(scene, wanted))
+        found = yield from share(made(parts, wanted.frames, sharing, run.prepare, run.prove), LODS_MADE, 0.95)
+        rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
+        if sharing.part is not None:
+            return {"frames": rows, "ok": True}
         result = _result(
             rows,
             wanted,
@@ -104,19 +101,20 @@ def verify(scene: bpy.types.Scene, wanted: Verify, command: list[str]) -> Genera
         (folder / "verify.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         title = Path(bpy.data.filepath).stem or scene.name
         (folder / "report.html").write_text(verify_page(title, result), encoding="utf-8")
-        tiles = [picture for pictures in evenly(sheet, MOST_PROVED_IN_SHEET) for picture in pictures]
+        shown = [path for number in evenly(wanted.frames, MOST_PROVED_IN_SHEET) for path in run.pictures(number)]
+        tiles = [image_data.load_pixels(path) for path in shown]
         image_data.save_png(folder / "contact_sheet.png", tables.contact_sheet(tiles, columns=len(PICTURES) + 3))
         yield 1.0
         return result
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Run:
     """A proof while it is made.
 
     folder: where the files lie until all are made.
     at: steps the scene.
-    top: the build.
+    top: the build, once it is made.
     outline: see outline_of.
     """
 
@@ -124,69 +122,87 @@ class _Run:
     wanted: Verify
     folder: Path
     at: frame_stepping.At
-    top: bpy.types.Collection
-    outline: bpy.types.Scene
+    top: bpy.types.Collection | None = None
+    outline: bpy.types.Scene | None = None
+
+    def prepare(self) -> Generator[float, None, None]:
+        """Build the crowd of all LODs: yield the progress."""
+        scene, own = self.scene, self.scene.crowd_lod
+        # also of LODs that are left out to save memory: they are what is proved
+        yield from render_setup.build(scene, [range(2**31)] * policy_of(own).count)
+        bake.mark(scene, self.wanted.frames)  # with motion blur its points move by themselves
+        render_setup.dress_all(scene)
+        self.top, own.build = own.build, None  # it holds what is written here, not what the frame asks
+        self.outline = outline_of(scene, self.top)
+        add_twins(scene, self.top)
+
+    def pictures(self, number: int) -> list[Path]:
+        """Return the files of a frame's pictures, in the order of the contact sheet."""
+        endings = ("", "_bounces") if self.wanted.bounces else ("",)
+        names = [*PICTURES, *(f"a_{name}" for name in COMPARED)]
+        return [self.folder / f"frame_{number:04d}_{name}{ending}.png" for ending in endings for name in names]
+
+    def prove(self, number: int) -> Generator[float, None, tuple[dict[str, Any], list[Path]]]:
+        """Verify one frame: yield the progress, return (what is told of it, its pictures); see FrameParts.put."""
+        scene, wanted, folder, outline = self.scene, self.wanted, self.folder, self.outline
+        trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
+        yield from share(approach(trajectory, time), 0.0, 0.5 / len(PICTURES))
+        film, around, shutter = lights.read_moment(scene, time, self.at)
+        depsgraph = self.at((), time)
+        planned, full = (
+            frame_of(scene, depsgraph, time, film, trajectory, each, shutter)
+            for each in (around, replace(around, level=0, finest=()))
+        )
+        frames = _variants(planned, full)
+        put_cameras(outline, scene, depsgraph)
+        outline.frame_set(number)
+        total, so_far = 2 * len(frames) if wanted.bounces else len(frames), 0
+        held = held_by(scene, trajectory, number, planned.crowd)
+        worlds = scene.world, dark_world(scene.world)
+        row = {
+            "frame": number,
+            "agents": len(planned.crowd),
+            "visible": int(planned.visible.sum()),
+            "shadow": len(planned.shadow.order),
+            "mirrored": len(planned.mirrored.order),
+        }
+        masks = {}
+        for bounces in (0, wanted.bounces)[: 1 + (wanted.bounces > 0)]:
+            light_by(scene, bounces, worlds)
+            ending = "_bounces" if bounces else ""
+            shot = {}
+            for name, frame in frames.items():
+                _write(scene, self.top, trajectory, frame, number, held)
+                shot[name] = _render(scene, folder / f"frame_{number:04d}_{name}{ending}.png")
+                if not bounces and name in ("a", "c"):
+                    masks[name] = _render(outline, folder / f"outline_{number:04d}.png")[..., 3]
+                so_far += 1
+                yield so_far / total
+            for name in COMPARED:
+                found = image_difference.between(shot["a"], shot[name])
+                row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
+                picture = _amplified(shot["a"], shot[name])
+                image_data.save_png(folder / f"frame_{number:04d}_a_{name}{ending}.png", picture)
+        scene.world = worlds[0]
+        (folder / f"outline_{number:04d}.png").unlink()
+        shift, predicted = _shifts(scene, planned, film, masks)
+        row |= {"silhouette_shift": shift, "predicted_shift": predicted}
+        row["culling_ok"] = row["b_pixels"] == 0 or (row["b_largest"] <= DISPLACED and bool(_displaced(scene)))
+        row["lod_ok"] = predicted is None or shift <= predicted + 1
+        return {"row": row, "unplanned": noted(number, planned.unplanned, wanted.strict)}, self.pictures(number)
 
 
-def _frame(run: _Run, number: int, done: int) -> Generator[float, None, tuple[dict[str, Any], list[np.ndarray]]]:
-    """Verify one frame: yield the run's progress, return (its row, its pictures).
+def _shifts(
+    scene: bpy.types.Scene, planned: Frame, film: Sequence[Camera], masks: dict[str, np.ndarray]
+) -> tuple[float, float | None]:
+    """Return by how many pixels the silhouettes moved, and what was predicted; None if nothing was.
 
-    The pictures are those of the contact sheet.
-
-    done: how many frames are.
+    masks: the crowd's silhouettes at full detail, "a", and with LODs, "c".
     """
-    scene, wanted, folder, outline = run.scene, run.wanted, run.folder, run.outline
-    trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
-    film, around, shutter = lights.read_moment(scene, time, run.at)
-    depsgraph = run.at((), time)
-    planned, full = (
-        frame_of(scene, depsgraph, time, film, trajectory, each, shutter) for each in (around, replace(around, level=0, finest=()))
-    )
-    frames = _variants(planned, full)
-    put_cameras(outline, scene, depsgraph)
-    outline.frame_set(number)
-    total = len(wanted.frames) * (2 * len(frames) if wanted.bounces else len(frames))
-    so_far = done * total / len(wanted.frames)
-    held = held_by(scene, trajectory, number, planned.crowd)
-    worlds = scene.world, dark_world(scene.world)
-    row = {
-        "frame": number,
-        "unplanned": noted(number, planned.unplanned, wanted.strict),
-        "agents": len(planned.crowd),
-        "visible": int(planned.visible.sum()),
-        "shadow": len(planned.shadow.order),
-        "mirrored": len(planned.mirrored.order),
-    }
-    sheet, masks = [], {}
-    for bounces in (0, wanted.bounces)[: 1 + (wanted.bounces > 0)]:
-        light_by(scene, bounces, worlds)
-        ending = "_bounces" if bounces else ""
-        shot = {}
-        for name, frame in frames.items():
-            _write(scene, run.top, trajectory, frame, number, held)
-            shot[name] = _render(scene, folder / f"frame_{number:04d}_{name}{ending}.png")
-            if not bounces and name in ("a", "c"):
-                masks[name] = _render(outline, folder / "outline.png")[..., 3]
-            so_far += 1
-            yield 0.1 + 0.85 * so_far / total
-        for name in ("b", "bare", "c"):
-            found = image_difference.between(shot["a"], shot[name])
-            row |= {f"{name}{ending}_{key}": value for key, value in vars(found).items()}
-            picture = _amplified(shot["a"], shot[name])
-            image_data.save_png(folder / f"frame_{number:04d}_a_{name}{ending}.png", picture)
-        pictures = [image_data.load_pixels(folder / f"frame_{number:04d}_{name}{ending}.png") for name in frames]
-        pictures += [image_data.load_pixels(folder / f"frame_{number:04d}_a_{name}{ending}.png") for name in ("b", "bare", "c")]
-        sheet += pictures
-    scene.world = worlds[0]
-    (folder / "outline.png").unlink()
     eyes = len(_views(scene.render))
     shift = max(image_difference.shift(*pair) for pair in zip(*(np.split(masks[name], eyes, axis=1) for name in "ac"), strict=True))
     each = [image_difference.predicted(replace(planned, eyes=(camera,))) for camera in film]
-    predicted = None if None in each else max(each)
-    row |= {"silhouette_shift": shift, "predicted_shift": predicted}
-    row["culling_ok"] = row["b_pixels"] == 0 or (row["b_largest"] <= DISPLACED and bool(_displaced(scene)))
-    row["lod_ok"] = predicted is None or shift <= predicted + 1
-    return row, sheet
+    return shift, None if None in each else max(each)
 
 
 def _write(stage, home: bpy.types.Collection, trajectory, frame: Frame, number: int, held: Held) -> None:
@@ -211,6 +227,8 @@ def _variants(planned: Frame, full: Frame) -> dict[str, Frame]:
     finest = np.zeros(len(planned.crowd), np.uint8)
     nobody = sort(np.zeros(len(planned.crowd), bool), finest, count)
     everyone = np.isfinite(planned.crowd.places()).all(axis=0) & (planned.visible | planned.culled)
+    if planned.plan_row is not None:  # who is hidden by an exception is not there
+        everyone &= planned.plan_row & HIDDEN == 0
     culled = replace(full, buckets=sort(planned.visible, finest, count))
     return {
         "a": replace(full, buckets=sort(everyone, finest, count), shadow=nobody, mirrored=nobody),

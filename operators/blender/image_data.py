@@ -88,15 +88,23 @@ def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
 
 
 def write_image(name: str, pixels: np.ndarray) -> bpy.types.Image:
-    """Return a new packed image of pixels (rows, columns, 3) uint8, bottom row first."""
-    rows, columns = pixels.shape[:2]
-    image = bpy.data.images.new(name, columns, rows)
-    values = np.ones((rows, columns, 4), np.float32)
-    values[..., :3] = pixels / np.float32(255)
+    """Return a new packed image of pixels (rows, columns, 3 or 4) uint8, bottom row first."""
+    rows, columns, channels = pixels.shape
+    image = bpy.data.images.new(name, columns, rows, alpha=channels == 4)
+    fill_image(image, pixels)
+    return image
+
+
+def fill_image(image: bpy.types.Image, pixels: np.ndarray) -> None:
+    """Replace the pixels of an image of this size, and pack it.
+
+    pixels: (rows, columns, 3 or 4) uint8, bottom row first.
+    """
+    values = np.ones((*pixels.shape[:2], 4), np.float32)
+    values[..., : pixels.shape[2]] = pixels / np.float32(255)
     image.pixels.foreach_set(values.ravel())
     image.update()
     image.pack()
-    return image
 
 
 def save_png(path: Path, pixels: np.ndarray) -> None:

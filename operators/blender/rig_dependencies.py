@@ -99,14 +99,23 @@ def _animated(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData]:
 def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
     """Yield (first, last) frame of each action and each NLA strip of `items`."""
     for data in _animated(items):
-        if data.action is not None and data.action.use_frame_range:
-            yield tuple(data.action.frame_range)
-        else:
-            ends = [curve.range() for curve in curves_of(data) if len(curve.keyframe_points) or len(curve.sampled_points)]
-            if ends:
-                yield min(first for first, _ in ends), max(last for _, last in ends)
+        curves = curves_of(data)
+        if (data.action is not None and data.action.use_frame_range) or any(map(_keyed, curves)):
+            yield span_of(data.action, curves)
         for track in _tracks(data):
             yield from ((strip.frame_start, strip.frame_end) for strip in track.strips if not strip.mute)
+
+
+def span_of(action: bpy.types.Action | None, curves: list[bpy.types.FCurve]) -> tuple[float, float]:
+    """Return the first and the last frame of `action`: as it says, or as its `curves` have keys; (1, 1) without any."""
+    if action is not None and action.use_frame_range:
+        return tuple(action.frame_range)
+    ends = [curve.range() for curve in curves if _keyed(curve)]
+    return (min(first for first, _ in ends), max(last for _, last in ends)) if ends else (1.0, 1.0)
+
+
+def _keyed(curve: bpy.types.FCurve) -> bool:
+    return bool(len(curve.keyframe_points) or len(curve.sampled_points))
 
 
 def players_of(items: Iterable[bpy.types.Object]) -> list[bpy.types.AnimData | bpy.types.NlaStrip]:

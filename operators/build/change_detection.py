@@ -15,7 +15,7 @@ CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all t
 SAMPLED = 200  # vertices of a mesh, roughly
 
 
-def made_of(homes: Iterable[bpy.types.Collection], played: list[float]) -> str:
+def made_of(homes: Iterable[bpy.types.Collection], played: list) -> str:
     """Return a hash of the inputs of a build's characters, and of how rigs play.
 
     homes: the collections of the LODs. The mesh data is left out: LODs and build share it.

@@ -16,8 +16,8 @@ from ...crowd_lod.progress import share
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.ownership import OWNED
+from ..blender.performance import Performance, performance_of
 from ..blender.render_evaluation import as_rendered
-from ..blender.rig_dependencies import action_range
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
 from ..lod_meshes.deviation import SOLID
 from . import rigs
@@ -60,52 +60,73 @@ class _Actors:
     g, name: its number and name.
     homes: its LODs' collections.
     stage, actors: see as_rendered.
-    model: the group's, if rigs can show it.
+    performance: what it plays.
+    models: of each of the actions that agents play, if rigs can show the group.
     """
 
     g: int
     name: str
-    objects: list[bpy.types.Object]
     homes: list[bpy.types.Collection]
     stage: bpy.types.Scene
     actors: dict[bpy.types.Object, bpy.types.Object]
-    model: rigs.Model | None
+    performance: Performance
+    models: list[rigs.Model]
 
 
-# Of each group, see Library, and its model, if rigs can show it; sentences on what does not show as
+# Of each group, see Library, and the model of each action, if rigs can show it; sentences on what does not show as
 # it is; the new data-blocks and what they are to be called.
-LibraryRead = tuple[np.ndarray, list[rigs.Model | None], list[str], dict[bpy.types.ID, str]]
+LibraryRead = tuple[np.ndarray, list[list[rigs.Model]], list[str], dict[bpy.types.ID, str]]
 
 
 def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, LibraryRead]:
     """Find out which groups of `scene` rigs can show; yields the progress and returns what it found.
     Closed early, it leaves nothing behind."""
-    characters, levels = characters_of(scene), settings.levels.children
+    characters, levels, played = characters_of(scene), settings.levels.children, trajectory_of(scene).gaits.actions
     count, measured = policy_of(settings).count, groups_of(settings)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
     try:
         for g, (name, objects, _) in enumerate(characters):
-            first, last = action_range(objects)
-            homes = [home_of(level, g, name) for level in levels[:count]]
-            model, reason = None, ""
-            if first == last:
+            performance = performance_of(name, objects, filter(None, played))
+            homes, own, reason = [home_of(level, g, name) for level in levels[:count]], [], ""
+            if all(performance.only(action).still for action in played):
                 posed[g] = 1
             else:
-                with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-                    size = measured[g].diagonal or 2 * measured[g].radius
-                    making = rigs.modelled(name, homes, actors, stage, size, made)
-                    model, reason = yield from share(making, g / len(characters), (g + 1) / len(characters))
-            if reason and model is None:
-                posed[g], reason = POSES, f"{name} is shown as {POSES} still poses, so its limbs have no motion blur: {reason}."
+                with as_rendered(item for home in homes for item in home.objects) as staged:
+                    who = rigs.Acting(name, homes, *staged, measured[g].diagonal or 2 * measured[g].radius)
+                    making = _models(who, [performance.only(action) for action in played], made)
+                    own, reasons = yield from share(making, g / len(characters), (g + 1) / len(characters))
+                reason = " ".join(reasons)
+                if len(own) < len(played):
+                    posed[g], own = POSES, []
+                    reason = f"{name} is shown as {POSES} still poses, so its limbs have no motion blur: {reasons[-1]}."
             if reason:
                 notes.append(reason)
-            models.append(model)
+            models.append(own)
             yield (g + 1) / len(characters)
         done = True
     finally:
         if not done:
             bpy.data.batch_remove(list(made))
     return posed, models, notes, made
+
+
+def _models(who: rigs.Acting, acts: list[Performance], made: dict) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
+    """Make a model of each of `acts`, until rigs cannot show one; yields the progress.
+
+    Returns (models, sentences on how far they are off, or at the end why one cannot be shown).
+    """
+    models, told, before = [], [], set(made)
+    for k, act in enumerate(acts):
+        model, reason = yield from share(rigs.modelled(who, act, made), k / len(acts), (k + 1) / len(acts))
+        told += [reason] * bool(reason)
+        if model is None:
+            blocks = [block for block in made if block not in before]
+            for block in blocks:
+                del made[block]
+            bpy.data.batch_remove(blocks)
+            return [], told
+        models.append(model)
+    return models, told
 
 
 def make_cast(
@@ -130,7 +151,8 @@ def make_cast(
         for g, (name, objects, _) in enumerate(characters):
             homes = [home_of(level, g, name) for level in levels[:count]]
             with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-                group = _Actors(g, name, objects, homes, stage, actors, models[g])
+                performance = performance_of(name, objects, filter(None, trajectory.gaits.actions))
+                group = _Actors(g, name, homes, stage, actors, performance, models[g])
                 for number in range(first[g], first[g + 1]):
                     of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]
                     if wanted is None:  # without them the others would not be found by their number
@@ -138,8 +160,10 @@ def make_cast(
                             left_out.append((f"{number:05d} {name} left out", []))
                     if of_levels:
                         own = number - int(first[g])
-                        if models[g] is None:
-                            _pose(cast, group, number, own / posed[g], of_levels)
+                        if posed[g]:
+                            action, pose = divmod(own, int(posed[g]))
+                            act = performance.only(trajectory.gaits.actions[action])
+                            _pose(cast, group, number, (act, pose / posed[g]), of_levels)
                         else:
                             _rig(cast, group, number, own, of_levels, trajectory)
                     yield 0.5 + 0.5 * number / first[-1]
@@ -165,11 +189,12 @@ def _rig(cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int]
     number: its number among all characters.
     own: its number in the group.
     """
-    gaits, model = trajectory.gaits, group.model
-    pace, which = divmod(own, gaits.classes)
-    rate = float(gaits.distinct[group.g][pace]) * trajectory.seconds_per_frame
+    gaits = trajectory.gaits
+    which, phase_class = divmod(own, gaits.classes)
+    action, rate = gaits.plays[group.g][which]
+    model, (span,) = group.models[action], group.performance.only(gaits.actions[action]).spans
     title = f"{group.name} {number:05d}"
-    made = rigs.perform(model, title, rate, which / gaits.classes, action_range(group.objects))
+    made = rigs.perform(model, title, rate * trajectory.seconds_per_frame, phase_class / gaits.classes, span)
     cast.rigs.extend(made.values())
     cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
     copies, shown = [], None
@@ -182,20 +207,21 @@ def _rig(cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int]
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", copies))
 
 
-def _pose(cast: Cast, group: _Actors, number: int, phase: float, of_levels: list[int]) -> None:
-    """Put character `number`, the group's pose at `phase`, into the LODs of `cast`."""
-    first, last = action_range(group.objects)
-    frame = first + (last - first) * phase
-    group.stage.frame_set(int(frame // 1), subframe=frame % 1)
+def _pose(cast: Cast, group: _Actors, number: int, shown: tuple[Performance, float], of_levels: list[int]) -> None:
+    """Put character `number` into the LODs of `cast`: the group in an action at a phase, `shown`."""
+    act, phase = shown
+    ((first, last),) = act.spans
+    act.go_to(group.stage, first + (last - first) * phase)
     depsgraph = group.stage.view_layers[0].depsgraph
-    stills, shown = [], None
+    stills, home = [], None
     for k in of_levels:
-        if group.homes[k] != shown:
-            shown = group.homes[k]
+        if group.homes[k] != home:
+            home = group.homes[k]
             stills = [
-                _still(cast, item, shown, group.actors[item].evaluated_get(depsgraph), depsgraph, number) for item in shown.objects
+                _still(cast, item, home, group.actors[item].evaluated_get(depsgraph), depsgraph, number) for item in home.objects
             ]
         cast.collections[k].append((f"{number:05d} {group.name} LOD {k}", stills))
+    act.rest()
 
 
 def _still(cast: Cast, item: bpy.types.Object, home: bpy.types.Collection, evaluated, depsgraph, number: int) -> bpy.types.Object:

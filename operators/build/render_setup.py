@@ -20,6 +20,7 @@ from ..blender.collection_caches import note_change
 from ..blender.ownership import OWNED, remove_owned
 from ..crowd.scene_crowd import groups_of, home_of, policy_of, trajectory_of
 from ..lod_meshes.make_lods import TINTS
+from . import played_by
 from .change_detection import made_of, shown_by
 from .hidden_characters import unhide_characters
 from .nodes import baked, instances, trees
@@ -33,8 +34,9 @@ LEVEL, BUCKET, OLD_POSES, OLD_RATES = "crowd_lod_level", "crowd_lod_bucket", "cr
 LIBRARY = "crowd_lod_library"
 RIGS = "crowd_lod_rigs"  # of the collection of all rigs in that
 MADE_FROM = "crowd_lod_made_from"  # of the build's collection: the LOD meshes that it shows
-# of the build's collection: see Library, and _played
+# of the build's collection: see Library, and played_by.numbers
 POSED, PLAYED = "crowd_lod_posed", "crowd_lod_played"
+ACTIONS = "crowd_lod_actions"  # of the build's collection: see played_by.actions
 # of the build's collection: see _made_of; what it does not show
 MADE_OF, NOTES = "crowd_lod_made_of", "crowd_lod_notes"
 # of the build's collection: Rate and Opens (build/nodes/baked.py), the first and the last frame
@@ -81,18 +83,15 @@ def libraries_of(
     `trajectory` do.
     """
     names, gaits = list(names), trajectory.gaits
-    if PLAYED in top and np.ravel(top[PLAYED]).tolist() != _played(trajectory):
-        raise CrowdError("The agents' speeds or the frame rate have changed since the build was made: press Build again.")
+    if PLAYED in top and (
+        np.ravel(top[PLAYED]).tolist() != played_by.numbers(trajectory) or top.get(ACTIONS, "") != played_by.actions(trajectory)
+    ):
+        raise CrowdError(
+            "The agents' speeds, their actions or the frame rate have changed since the build was made: press Build again."
+        )
     if POSED in top:
         return [(library_of(top, points[names[0]], gaits), names)] if names else []
     return [(library_of(top, points[name], gaits), [name]) for name in names]
-
-
-def _played(trajectory: Trajectory) -> list[float]:
-    """Return the numbers on which rigs depend that play as agents of `trajectory` do."""
-    gaits = trajectory.gaits
-    own = trajectory.seconds_per_frame, gaits.classes, *np.concatenate(gaits.distinct)
-    return [float(each) for each in own]
 
 
 @dataclass(frozen=True)
@@ -172,7 +171,8 @@ def _made_of(scene: bpy.types.Scene, top: bpy.types.Collection) -> str:
     """Return hashes that change when the build's characters must be made anew."""
     levels = scene.crowd_lod.levels.children
     homes = [home for level in levels[: policy_of(scene.crowd_lod).count] for home in level.children]
-    return f"{made_of(homes, _played(trajectory_of(scene)))} {policy_of(scene.crowd_lod).finest} {scene.crowd_lod.scale_textures} {shown_by(top)}"
+    played = played_by.inputs(homes, trajectory_of(scene))
+    return f"{made_of(homes, played)} {policy_of(scene.crowd_lod).finest} {scene.crowd_lod.scale_textures} {shown_by(top)}"
 
 
 def _as_it_is(scene: bpy.types.Scene) -> Cast | None:
@@ -203,7 +203,8 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
         top = settings.build = bpy.data.collections.new("Crowd LOD Build")
         top[OWNED] = True
         scene.collection.children.link(top)
-    top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), _played(trajectory_of(scene))
+    top[MADE_FROM], top[POSED], top[PLAYED] = made_from(scene), cast.posed.tolist(), played_by.numbers(trajectory_of(scene))
+    top[ACTIONS] = played_by.actions(trajectory_of(scene))
     for key in (BAKED, CAMERAS, MADE_OF):
         top.pop(key, None)
     if cast.collections:

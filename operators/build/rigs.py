@@ -15,7 +15,8 @@ import numpy as np
 from mathutils import Matrix
 
 from ..blender import mesh_data
-from ..blender.rig_dependencies import action_range, armatures_of
+from ..blender.performance import Performance
+from ..blender.rig_dependencies import armatures_of
 
 FARTHEST = 1_048_574  # frames: Blender's last
 FINEST, MOST_KEYS = 16, 4096  # keys a frame of the action, and in all, at most
@@ -79,8 +80,10 @@ def refusal(objects: Sequence[bpy.types.Object]) -> str:
     return ""
 
 
-def record(actors: dict, times: np.ndarray) -> Generator[float, None, tuple[dict[str, Bones], dict[bpy.types.Object, np.ndarray]]]:
-    """Record the motion of objects and armatures at `times`, frames of the action.
+def record(
+    actors: dict, times: np.ndarray, performance: Performance
+) -> Generator[float, None, tuple[dict[str, Bones], dict[bpy.types.Object, np.ndarray]]]:
+    """Record the motion of objects and armatures at `times`, moments of the `performance`.
 
     actors: object -> the object that stands for it.
 
@@ -95,15 +98,17 @@ def record(actors: dict, times: np.ndarray) -> Generator[float, None, tuple[dict
         bones, places = {rig.name: Bones() for rig in armatures}, {item: [] for item in actors}
         wanted = {rig: _deforming(rig, list(actors)) for rig in armatures}
         for number, time in enumerate(times):
-            stage.frame_set(int(time // 1), subframe=float(time % 1))
+            performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
             for item, own in bare.items():
                 places[item].append(np.array(own.evaluated_get(depsgraph).matrix_world, np.float64))
             for rig in armatures:
                 _note(bones[rig.name], rig.evaluated_get(depsgraph), wanted[rig])
+            performance.rest()
             yield (number + 1) / len(times)
         return bones, {item: np.array(found) for item, found in places.items()}
     finally:
+        performance.rest()
         bpy.data.batch_remove([stage, *bare.values()])
 
 
@@ -300,16 +305,14 @@ def dress(item: bpy.types.Object, model: Model, rigs: dict[str, bpy.types.Object
     return copy
 
 
-def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.ndarray, frame: float) -> float:
+def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.ndarray) -> float:
     """Return the largest distance of a vertex in `copies` from the original, metres.
 
     copies: object -> its copy about the world's origin.
-    actors: object -> the object that shows it in `stage`.
-    frame: a frame of `stage` in which both are at the same phase.
+    actors: object -> the object that shows it in `stage`, where both are at the same phase now.
 
     Infinite if the numbers of vertices differ.
     """
-    stage.frame_set(int(frame // 1), subframe=float(frame % 1))
     depsgraph, worst = stage.view_layers[0].depsgraph, 0.0
     for item, copy in copies.items():
         mine, own = (mesh_data.world_points(each.evaluated_get(depsgraph)) for each in (copy, actors[item]))
@@ -319,29 +322,47 @@ def shown_off(copies: dict, actors: dict, stage: bpy.types.Scene, origin: np.nda
     return worst
 
 
-def modelled(
-    name: str, homes: Sequence[bpy.types.Collection], actors: dict, stage: bpy.types.Scene, diagonal: float, made: dict
-) -> Generator[float, None, tuple[Model | None, str]]:
-    """Make the model of the character `name`, with as many keys as it needs.
+@dataclass(frozen=True)
+class Acting:
+    """A character that plays.
 
-    The rigs should show it within NEAR of its `diagonal`, metres; more keys are tried as long as
-    they help. homes: the collections of its LODs.
+    name: of its group.
+    homes: the collections of its LODs.
+    stage, actors: see as_rendered.
+    diagonal: metres.
+    """
+
+    name: str
+    homes: Sequence[bpy.types.Collection]
+    stage: bpy.types.Scene
+    actors: dict
+    diagonal: float
+
+
+def modelled(who: Acting, performance: Performance, made: dict) -> Generator[float, None, tuple[Model | None, str]]:
+    """Make the model of one action of a character, with as many keys as it needs.
+
+    The rigs should show it within NEAR of its diagonal; more keys are tried as long as they help.
+
+    performance: that of this action alone.
+    made: gets the new data-blocks with their final names.
 
     Yields the progress. Returns (Model, a sentence on how far off it is if that is more than NEAR),
     or (None, the reason why no rigs can show it).
     """
-    objects = list(actors)
-    span, origin = action_range(objects), np.array(homes[0].instance_offset, np.float64)
-    reason = refusal(objects)
+    actors, origin, diagonal = who.actors, np.array(who.homes[0].instance_offset, np.float64), who.diagonal
+    (span,), (played,) = performance.spans, performance.names
+    name = f"{who.name} {played}".rstrip()
+    reason = refusal(list(actors))
     if reason:
         return None, reason
     frames, keys, best, nearest = max(span[1] - span[0], 1.0), 1, None, np.inf
     most = int(np.clip(MOST_KEYS / frames, 1, FINEST))
     while True:
         times = np.linspace(*span, int(np.ceil(frames * keys)) + 1)
-        bones, places = yield from record(actors, times)
+        bones, places = yield from record(actors, times, performance)
         model = model_of(name, bones, places, origin, span, made)
-        off = _off(model, actors, stage, origin, span, times) / diagonal
+        off = _off(model, who, performance, times) / diagonal
         gained = off < nearest / 2
         if off < nearest:
             best, model, nearest = model, best, off
@@ -366,18 +387,25 @@ def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:
     bpy.data.batch_remove(blocks)
 
 
-def _off(model: Model, actors: dict, stage: bpy.types.Scene, origin: np.ndarray, span: tuple[float, float], times) -> float:
+def _off(model: Model, who: Acting, performance: Performance, times: np.ndarray) -> float:
     """Return how far off a rig of `model` shows the character, at most, metres.
 
     Tested at up to five times halfway between keys, and at one recorded time.
     """
-    rigs = perform(model, "Crowd LOD trial", 1 / (span[1] - span[0]), -span[0] / (span[1] - span[0]), span)
-    copies = {item: dress(item, model, rigs, actor) for item, actor in actors.items()}
+    (span,), origin = performance.spans, np.array(who.homes[0].instance_offset, np.float64)
+    length = max(span[1] - span[0], 1.0)
+    rigs = perform(model, "Crowd LOD trial", 1 / length, -span[0] / length, span)
+    copies = {item: dress(item, model, rigs, actor) for item, actor in who.actors.items()}
     try:
         for block in (*rigs.values(), *copies.values()):
-            stage.collection.objects.link(block)
+            who.stage.collection.objects.link(block)
         middle = (times[:-1] + times[1:]) / 2
         chosen = np.unique(np.linspace(0, len(middle) - 1, 5).round().astype(int))
-        return max(shown_off(copies, actors, stage, origin, frame) for frame in (*middle[chosen], times[len(times) // 2]))
+        worst = 0.0
+        for time in (*middle[chosen], times[len(times) // 2]):
+            performance.go_to(who.stage, time)
+            worst = max(worst, shown_off(copies, who.actors, who.stage, origin))
+        return worst
     finally:
+        performance.rest()
         bpy.data.batch_remove([*rigs.values(), *copies.values()])

@@ -24,7 +24,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_preview, _build, _verify, _plan, _explain, _compare, _sample, _simulate):
+    for add in (_preview, _build, _verify, _assemble, _plan, _explain, _compare, _sample, _new_scene, _simulate):
         add(commands, program)
     about = "tables of error, run time and extreme cases"
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
@@ -98,6 +98,18 @@ def _verify(commands, program: str) -> None:
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")
 
 
+def _assemble(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "assemble",
+        "put the parts of a preview or verify together, which were made with --part",
+        "assemble plaza_preview",
+    )
+    command.add_argument("folder", type=_path, metavar="DIR", help="the folder given as --out to the parts")
+    command.add_argument("--scene", metavar="SCENE", help="the scene, where it lies elsewhere on this machine")
+
+
 def _plan(commands, program: str) -> None:
     command = _command(
         commands,
@@ -154,6 +166,25 @@ def _sample(commands, program: str) -> None:
     command = _command(commands, program, "sample", "write a sample scene as a .blend file", "sample plaza --out plaza.blend")
     command.add_argument("name", metavar="NAME", choices=sample_scenes.NAMES, help=" or ".join(sample_scenes.NAMES))
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: NAME.blend)")
+
+
+def _new_scene(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "scene",
+        "make a scene of trajectories, or of an object's points, with the characters of a file",
+        "scene bottleneck.txt --unit cm --fps 25 --characters people.blend --out bottleneck.blend",
+    )
+    command.add_argument("tracks", type=_path, metavar="TRACKS", nargs="?", help="a file of trajectories")
+    command.add_argument(
+        "--characters", type=_path, required=True, metavar="FILE", help="a .blend file; those that its scene has set are taken"
+    )
+    command.add_argument("--source", metavar="OBJECT", help="in place of TRACKS: the points of this object in FILE are the agents")
+    command.add_argument("--ground", type=_path, metavar="FILE", help="a .blend file whose scene is the ground")
+    command.add_argument("--fps", type=float, metavar="N", help="frames a second in TRACKS (default: as it tells)")
+    command.add_argument("--unit", choices=("m", "cm", "mm", "ft"), help="unit of length in TRACKS (default: as it tells, or m)")
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: TRACKS.blend, or OBJECT.blend)")
 
 
 def _simulate(commands, program: str) -> None:
@@ -242,3 +273,10 @@ def _shot(command: argparse.ArgumentParser, program: str) -> None:
     _scene(command, program)
     command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
     command.add_argument("--step", type=int, metavar="N", help="every N-th frame of a range (default: the scene's)")
+    command.add_argument("--jobs", type=int, default=1, metavar="N", help="make the frames in N processes (default: 1)")
+    command.add_argument(
+        "--part", metavar="A:B|LIST", help="make only these of the frames, into DIR/parts; the command assemble does the rest"
+    )
+    # of the processes of --jobs
+    command.add_argument("--into", type=_path, help=argparse.SUPPRESS)
+    command.add_argument("--threads", type=int, help=argparse.SUPPRESS)

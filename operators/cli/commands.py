@@ -30,7 +30,7 @@ from ..build.buttons import prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
-from . import simulate
+from . import new_scene, shared_runs, simulate
 from .arguments import parser
 from .explain import explain
 from .scene_files import blend_path, finish, open_scene, save, stem_of
@@ -116,8 +116,11 @@ def _preview(args, command: list[str]) -> dict:
         color=color,
         strict=args.strict,
     )
-    plan = finish(preview(scene, wanted, command), f"preview of {stem}", args.quiet)
+    sharing = shared_runs.sharing_of(args, command, scene, folder, wanted.frames)
+    plan = finish(preview(scene, wanted, command, sharing), f"preview of {stem}", args.quiet)
     rows = plan["frames"]
+    if sharing.part is not None:
+        return shared_runs.told_of_part(sharing, rows)
     told = "".join(f"{each}\n" for each in (plan["trouble_says"], *plan["preview"]["notes"]) if each)
     least, most = (pick(rows, key=lambda row: row["visible"]) for pick in (min, max))
     return {
@@ -212,9 +215,19 @@ def _verify(args, command: list[str]) -> dict:
         bounces=_within("number of bounces", args.bounces, 0, 64),
         strict=args.strict,
     )
-    result = finish(verify(scene, wanted, command), f"verify {stem}", args.quiet)
+    sharing = shared_runs.sharing_of(args, command, scene, wanted.folder, wanted.frames)
+    result = finish(verify(scene, wanted, command, sharing), f"verify {stem}", args.quiet)
+    if sharing.part is not None:
+        return shared_runs.told_of_part(sharing, result["frames"])
     out = printable(wanted.folder)
     return {**result, "out": out, "summary": f"{to_text(result)}\n{out}"}
+
+
+def _assemble(args, command: list[str]) -> dict:
+    again, words = shared_runs.assembled(args, parser)
+    result = COMMANDS[again.does](again, words)
+    shared_runs.remove_parts(args.folder)
+    return result
 
 
 def _within(what: str, value: int, least: int, most: int) -> int:
@@ -318,10 +331,12 @@ COMMANDS = {
     "preview": _preview,
     "build": _build,
     "verify": _verify,
+    "assemble": _assemble,
     "plan": _plan,
     "explain": _explain,
     "compare": _compare,
     "sample": _sample,
+    "scene": new_scene.made,
     "simulate": simulate.simulated,
     "error": _report_error,
     "extremes": _report_extremes,

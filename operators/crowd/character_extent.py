@@ -9,6 +9,7 @@ import numpy as np
 from ...crowd_lod.crowd.agents import bounding_sphere
 from ...crowd_lod.errors import CrowdError
 from ..blender import cleanup, mesh_data
+from ..blender.performance import Performance, own
 from ..blender.references import reached
 from ..blender.render_evaluation import as_rendered
 from ..blender.rig_dependencies import armatures_of
@@ -18,6 +19,7 @@ from ..blender.rig_dependencies import armatures_of
 MOST_POSES = 120
 TICK = 0.25  # seconds of measuring at a time
 OFF_GROUND = 0.02  # of a character's height: nearer to the ground it stands on it
+FEET = 0.01  # of a character's height above its lowest point: what is lower stands on the ground
 THIN = 0.01  # metres: the radius of hair that has none of its own
 
 
@@ -29,20 +31,24 @@ def frames_of(first: float, last: float) -> np.ndarray:
     return np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_POSES))
 
 
-def posing(objects: list[bpy.types.Object], frames: np.ndarray) -> Generator[float, None, list[np.ndarray]]:
+def posing(
+    objects: list[bpy.types.Object], frames: np.ndarray, performance: Performance | None = None
+) -> Generator[float, None, list[np.ndarray]]:
     """Measure the extent of `objects` at each of `frames`: yield the progress.
+
+    performance: what the character plays, of which `frames` are moments; its own action if None.
 
     Returns a list of (n, 4), one for each frame; see `extent`. Whenever it yields, the file holds
     none of its temporary data.
     """
-    poses = []
+    performance, poses = performance or own(objects), []
     while len(poses) < len(frames):
-        with cleanup.scratch(), as_rendered(objects) as (stage, actors):
+        with cleanup.scratch(), as_rendered(objects) as (stage, actors), performance:
             for item in armatures_of(objects):
                 stage.collection.objects.link(item)
             until = clock.monotonic() + TICK
             for frame in frames[len(poses) :]:
-                stage.frame_set(int(frame // 1), subframe=float(frame % 1))
+                performance.go_to(stage, frame)
                 depsgraph = stage.view_layers[0].depsgraph
                 poses.append(np.concatenate([extent(actor, depsgraph) for actor in actors.values()]))
                 if clock.monotonic() >= until:
@@ -67,8 +73,27 @@ def lowest(poses: list[np.ndarray], origin: float) -> float:
     return lowest - origin if abs(lowest - origin) > OFF_GROUND * (heights.max() - lowest) else 0.0
 
 
-def bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
-    """Return (center, radius) of the sphere that holds the character in all `poses`.
+def walked(poses: list[np.ndarray]) -> float:
+    """Return the metres that the feet walk in a cycle of the action whose `poses` are given.
+
+    Points near the lowest are taken to stand on the ground; their way backward, in the middle of
+    those of a pose, is the walk's. 0 if nothing stands in any pose.
+
+    poses: each (n, 4), evenly over the action; see `extent`.
+    """
+    low = min(float(pose[:, 2].min(initial=np.inf)) for pose in poses)
+    high = low + FEET * (max(float(pose[:, 2].max(initial=-np.inf)) for pose in poses) - low)
+    steps = []
+    for a, b in zip(poses, poses[1:], strict=False):
+        if a.shape == b.shape:
+            stand = (a[:, 2] <= high) & (b[:, 2] <= high)
+            if stand.any():
+                steps.append(np.median((b - a)[stand, :2], axis=0))
+    return float(np.linalg.norm(np.mean(steps, axis=0))) * (len(poses) - 1) if steps else 0.0
+
+
+def bounds(name: str, origin, *acts: list[np.ndarray]) -> tuple[float, float]:
+    """Return (center, radius) of the sphere that holds the character in all poses.
 
     Its center stands on the vertical axis through `origin`, at the height `center` above it,
     metres. CrowdError if there are no points, or some at NaN or infinity.
@@ -78,15 +103,15 @@ def bounds(name: str, origin, poses: list[np.ndarray]) -> tuple[float, float]:
 
     name: of the character, for errors.
     origin: (3,) metres.
-    poses: each (n, 4); see `extent`.
+    acts: the poses of each action, evenly over it, each (n, 4); see `extent`.
     """
-    points, reach = np.split(np.concatenate(poses), [3], axis=1)
+    points, reach = np.split(np.concatenate([pose for poses in acts for pose in poses]), [3], axis=1)
     if not len(points):
         raise CrowdError(f"The character {name} has no vertices, modifiers applied: give it a mesh, or take it out.")
     if not np.isfinite(points).all():
         raise CrowdError(f"The character {name} has vertices at NaN or infinity in its action: mend the mesh or the rig.")
     center, radius = bounding_sphere(points - origin, reach[:, 0])
-    threes = zip(poses, poses[1:], poses[2:], strict=False)
+    threes = [three for poses in acts for three in zip(poses, poses[1:], poses[2:], strict=False)]
     bends = (np.linalg.norm((a - 2 * b + c)[:, :3], axis=1).max() for a, b, c in threes if a.shape == b.shape == c.shape)
     return center, radius + float(max(bends, default=0.0)) / 4
 

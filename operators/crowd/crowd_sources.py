@@ -118,7 +118,7 @@ def outdated(scene: bpy.types.Scene) -> list[str]:
 
 
 def _images(crowd) -> tuple:
-    return crowd.map_image, crowd.height_image
+    return crowd.map_image, crowd.height_image, crowd.areas_image if len(crowd.areas) else None
 
 
 def _asked(crowd) -> tuple:
@@ -169,7 +169,7 @@ def _member(
 ) -> Trajectory:
     """Return the trajectory of one crowd, cached while its inputs stay the same."""
     # read at each call; all else where something has changed
-    pointers = "points", "map_image", "height_image", "machine", "start_places", "terrain_mesh"
+    pointers = "points", "map_image", "height_image", "areas_image", "machine", "start_places", "terrain_mesh"
     stored_values.check(crowd, ("source", *pointers))
     seconds = scene.render.fps_base / scene.render.fps
     latest = _latest.setdefault(scene.session_uid, {})

@@ -44,7 +44,10 @@ def selected(scene: bpy.types.Scene, kind: str) -> str:
     kind: "states", "labels", or "rules": the label, or "*", whose rule is selected.
     """
     found, editor = draft_of(scene), scene.crowd_lod_editor
-    names = {"states": found.states, "labels": found.labels}.get(kind) or found.rows(selected(scene, "states"))
+    if kind == "rules":
+        names = found.rows(selected(scene, "states"))
+    else:
+        names = found.states if kind == "states" else found.labels
     index = getattr(editor, f"{kind[:-1]}_index")
     return names[min(index, len(names) - 1)] if names else ""
 

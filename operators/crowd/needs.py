@@ -57,4 +57,4 @@ def place(scene: bpy.types.Scene) -> str:
     if not 0 <= settings.exception_index < len(settings.exceptions):
         return "Select an exception in the list"
     by = settings.exceptions[settings.exception_index].chosen_by
-    return "" if by in ("REGION", "MAP") else "Agents are found by a region or a painted map: set Agents By"
+    return "" if by != "NUMBERS" else "Agents are found by a region, a volume or a painted map: set Agents By"

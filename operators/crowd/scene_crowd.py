@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.agents import MOST_GROUPS, Group
+from ...crowd_lod.crowd.agents import MOST_GROUPS, Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
@@ -22,14 +22,16 @@ from ..blender.cameras import read_cameras, read_shutter
 from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
-from ..blender.rig_dependencies import action_range
-from . import crowd_sources, kept_meshes, needs, terrain_source
-from .character_extent import bounds, frames_of, lowest, posing, unknown
-from .scene_world import bias_of, check_maps
+from ..blender.performance import Part, performance_of
+from . import crowd_sources, kept_meshes, map_areas, needs, terrain_source
+from .action_troubles import told_of_actions
+from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
+from .scene_world import actions_named, bias_of, check_maps
 from .settings_versions import VERSION
 from .shot_reference import use_of
 from .stuck_agents import find
 
+STANDS = 0.01  # of a character's size: feet that walk less in a cycle stand, and the action plays by time
 MARGIN = 1.5  # of the largest sphere's radius, where a sphere is not known to hold all
 # custom property of a LOD's collection of one character group: the group's name
 GROUP = "crowd_lod_group"
@@ -106,19 +108,30 @@ def measuring_groups(
         known = {group.name: group for group in groups_of(settings)}
     measured, characters = [], characters_of(scene)
     for g, (name, objects, origin) in enumerate(characters):
-        first, last = action_range(objects)
-        on_ground = stands(settings, name)
-        if name in reaches:
+        acts, performance, on_ground = [], performance_of(name, objects, actions_named(scene)), stands(settings, name)
+        begun, each = g / len(characters), 1 / (len(characters) * len(performance.parts))
+        if name in reaches and len(performance.parts) == 1:
             low, center, radius = reaches[name]
         else:
-            poses = yield from share(posing(objects, frames_of(first, last)), g / len(characters), (g + 1) / len(characters))
-            low = lowest(poses, origin[2])
-            center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), poses)
+            for k, span in enumerate(performance.spans):
+                making = posing(objects, frames_of(*span), performance)
+                acts.append((yield from share(making, begun + k * each, begun + (k + 1) * each)))
+            low = lowest([pose for poses in acts for pose in poses], origin[2])
+            center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *acts)
         stride = _custom(settings.characters, name, "stride")
-        found = Group(name, center, radius, stride, (last - first) / fps, lowest=low, on_ground=on_ground)
+        first, *others = performance.parts
+        found = Group(name, center, radius, stride, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
+        actions = [_action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)]
         lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
-        measured.append(replace(found, **lods))
+        measured.append(replace(found, actions=tuple(actions), **lods))
     return tuple(measured)
+
+
+def _action(part: Part, poses: list[np.ndarray], fps: float, size: float) -> Action:
+    """Return the Action that a group plays as `part`; poses: see `walked`; size: of the group, metres."""
+    feet = walked(poses)
+    stride, feet = (each if each > STANDS * size else 0.0 for each in (part.stride or feet, feet))
+    return Action(part.name, stride, (part.last - part.first) / fps, feet, part.way)
 
 
 def stands(settings, name: str) -> bool:
@@ -143,6 +156,10 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
             setattr(entry, name, (*values, *[0] * (MOST_LEVELS - len(values))))
+        entry.actions.clear()
+        for action in group.actions:
+            own_action = entry.actions.add()
+            own_action.name, own_action.stride, own_action.period = action.name, action.stride, action.period
         entry.shaded = (*group.shaded, *[-1] * (MOST_LEVELS - len(group.shaded)))
         if group.name in own:
             entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest = own[group.name]
@@ -210,8 +227,10 @@ def _group(entry, count: int) -> Group:
         shaded=tuple(shaded) if all(each >= 0 for each in shaded) else (),
         lowest=entry.lowest,
         on_ground=entry.on_ground,
+        actions=tuple(Action(action.name, action.stride, action.period) for action in entry.actions),
     )
     sizes = (
+        *(value for action in group.actions for value in (action.stride, action.period)),
         group.radius,
         group.stride,
         group.period,
@@ -352,15 +371,22 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     Returns a sentence on the result, and those that warn. CrowdError, before anything changes, if a setting is bad.
     """
     settings = scene.crowd_lod
-    check_maps(settings)
     crowds = crowd_sources.crowds_of(settings)
+    for crowd in crowds:
+        map_areas.make(crowd, depsgraph)
+    check_maps(settings)
     with kept_meshes.taken_back(crowds):
         yield from crowd_sources.reading(crowds, settings.forward, depsgraph)
         groups = yield from measuring_groups(scene)
         trajectory = crowd_sources.populated(scene, groups, depsgraph)
         troubles = yield from aside(lambda: find(trajectory), lambda: 1.0)
         warnings = [troubles.sentence] if troubles.found else []
-        warnings += [*_off_ground(scene, groups), *_unmeasured(scene, groups), *crowd_sources.notes(crowds, trajectory)]
+        warnings += [
+            *_off_ground(scene, groups),
+            *_unmeasured(scene, groups),
+            *crowd_sources.notes(crowds, trajectory),
+            *told_of_actions(scene, groups),
+        ]
     store_groups(settings, groups)
     _place_levels(scene)
     settings.trouble = troubles.sentence

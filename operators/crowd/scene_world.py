@@ -1,12 +1,17 @@
 """The scene's settings -> the method's world: state machine, label map, height map, detail map."""
 
+from functools import lru_cache
+
+import bpy
 import numpy as np
 
 from ...crowd_lod.crowd import state_machine as machines
-from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colors
+from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_map, labels_from_colors, laid_over
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
 from ..blender import image_data, stored_values
+
+MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
 
 
 def machine_of(settings) -> machines.StateMachine:
@@ -14,6 +19,21 @@ def machine_of(settings) -> machines.StateMachine:
     if settings.machine is None:
         return machines.load_preset("chapter")
     return machines.parse(settings.machine.as_string(), settings.machine.name)
+
+
+def actions_named(scene: bpy.types.Scene) -> tuple[str, ...]:
+    """Return the names of the actions that states of the scene's crowds name, in order.
+
+    CrowdError if a state machine is bad.
+    """
+    crowds = (scene.crowd_lod, *scene.crowd_lod.crowds)
+    texts = [crowd.machine for crowd in crowds if crowd.machine and crowd.source == "MACHINE"]
+    return tuple(sorted({name for text in texts for name in _actions(text.as_string(), text.name)} - {""}))
+
+
+@lru_cache(maxsize=16)
+def _actions(text: str, name: str) -> tuple[str, ...]:
+    return machines.parse(text, name).actions
 
 
 def area_of(settings) -> Area:
@@ -30,15 +50,33 @@ def area_of(settings) -> Area:
 def world_of(settings, machine: machines.StateMachine) -> LabelMap:
     """Return the label map of the settings.
 
-    Without an image it is edge_map's. CrowdError if it lies too far from the world's origin, or if
+    Without an image it is edge_map's. The labels of meshes lie over it. CrowdError if it lies too far from the world's origin, or if
     too many of the image's colors are not those of the labels.
     """
-    area = area_of(settings)
-    if settings.map_image is None:
+    area, over = area_of(settings), settings.areas_image if len(settings.areas) else None
+    if settings.map_image is None and over is None:
         return edge_map(area, machine.labels)
-    pixels = image_data.read_pixels(settings.map_image)[..., :3]
-    labels, strays = labels_from_colors(pixels, machine.label_colors, machine.labels, settings.map_image.name)
+    if over is not None and over.get(MADE_FOR) != areas_depend_on(settings, machine):
+        raise CrowdError(
+            "The walls and areas were laid over another ground, map or state machine: press Refresh Walls and Areas, or Populate."
+        )
+    image, meshes = settings.map_image or over, over and image_data.read_pixels(over)
+    if settings.map_image is not None:
+        pixels = image_data.read_pixels(settings.map_image)[..., :3]
+    else:
+        open_ground = edge_map(area, machine.labels, meshes.shape[1]).labels
+        pixels = machine.label_colors[open_ground.repeat(len(meshes), axis=0)]
+    if meshes is not None:
+        pixels = laid_over(pixels, meshes)
+    labels, strays = labels_from_colors(pixels, machine.label_colors, machine.labels, image.name)
     return LabelMap(labels, area, strays)
+
+
+def areas_depend_on(settings, machine: machines.StateMachine) -> str:
+    """Return what a map of walls and areas depends on beside its meshes, as text."""
+    size = settings.map_image and tuple(settings.map_image.size)
+    labels = [f"{name} {bytes(color).hex()}" for name, color in zip(machine.labels, machine.label_colors, strict=True)]
+    return f"{area_of(settings)} {size} {labels}"
 
 
 def heights_of(settings, area: Area) -> HeightMap | None:

@@ -21,6 +21,7 @@ from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, image_data, scene_cache, scene_data, stored_values
 from . import hand_edits
 from .object_boxes import box_of, in_box
+from .object_volumes import in_volume, shape_of
 from .scene_world import area_of
 
 REGIONS = "MESH", "EMPTY"  # types of objects that may mark a region
@@ -117,8 +118,10 @@ def _span(entry) -> tuple[int | None, int | None]:
 def _marks(entry, painted: Callable[[bpy.types.Image], str]) -> tuple:
     span = () if entry.all_frames else (entry.first_frame, entry.last_frame)
     chosen: tuple = (entry.agents.strip(),)
-    if entry.chosen_by == "REGION":
+    if entry.chosen_by in ("REGION", "VOLUME"):
         chosen = () if entry.region is None else _region_marks(entry.region)
+    if entry.chosen_by == "VOLUME" and chosen and entry.region.type == "MESH":
+        chosen += (shape_of(entry.region.data),)
     elif entry.chosen_by == "MAP":
         chosen = () if entry.map_image is None else (painted(entry.map_image),)
     if entry.kind in hand_edits.EDITS:
@@ -159,6 +162,10 @@ def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At],
         if entry.region is None or entry.region.type not in REGIONS:
             raise CrowdError(f"The exception {entry.name} has no region: choose a mesh or an empty about the agents it means.")
         return partial(_inside, entry.region, entry.name, trajectory)
+    if entry.chosen_by == "VOLUME":
+        if entry.region is None or entry.region.type != "MESH":
+            raise CrowdError(f"The exception {entry.name} has no volume: choose a closed mesh about the agents it means.")
+        return partial(_in_volume, entry.region, entry.name, trajectory)
     if entry.map_image is None:
         raise CrowdError(f"The exception {entry.name} has no map: choose an image that is white where the agents stand it means.")
     light = LabelMap(_light(entry.map_image), area_of(entry.id_data.crowd_lod))
@@ -189,6 +196,13 @@ def _inside(region: bpy.types.Object, name: str, trajectory: Trajectory, time: f
     return _present(in_box(region.evaluated_get(at([region], time)), places, told), crowd)
 
 
+def _in_volume(region: bpy.types.Object, name: str, trajectory: Trajectory, time: float, at: frame_stepping.At) -> np.ndarray:
+    """Return the agents whose middle lies inside the closed mesh of `region`."""
+    crowd, told = trajectory.at(time), f"The region {region.name} of the exception {name}"
+    places = np.stack(crowd.places(trajectory.spheres.center), axis=1)
+    return _present(in_volume(region.evaluated_get(at([region], time)), places, told), crowd)
+
+
 def _begins(entry, frames: Sequence[int]) -> int | None:
     """Return the first of the plan's frames for which the exception holds, or None."""
     if entry.all_frames:
@@ -197,7 +211,7 @@ def _begins(entry, frames: Sequence[int]) -> int | None:
 
 
 def _place(entry) -> str:
-    return f"region {entry.region.name}" if entry.chosen_by == "REGION" else f"map {entry.map_image.name}"
+    return f"map {entry.map_image.name}" if entry.chosen_by == "MAP" else f"region {entry.region.name}"
 
 
 def _told(entry) -> str:

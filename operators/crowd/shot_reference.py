@@ -135,7 +135,7 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
     groups, parts = trajectory.groups, trajectory.digests()
-    bodies = [(g.name, g.center, g.radius, g.stride, g.period) for g in groups]
+    bodies = [(g.name, g.center, g.radius, g.stride, g.period, *g.actions) for g in groups]
     clock = repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame))
     return {
         **{name: _digest(clock if name == "the crowd" else "", data) for name, data in parts.items()},

@@ -17,8 +17,10 @@ from ...crowd_lod.progress import share, standing
 from ..blender import mesh_data, stored_values
 from ..blender.material_colors import Looks
 from ..blender.ownership import OWNED
+from ..blender.performance import digest as digest_of
 from ..blender.rig_dependencies import armatures_of, stance
 from ..crowd.character_extent import displaced
+from ..crowd.scene_world import actions_named
 from . import attribute_transfer, methods
 from . import source_mesh as sources
 from .deviation import Measure, compare, poses
@@ -93,6 +95,7 @@ class Ladder:
     """
 
     def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], settings, place: Sequence[float]):
+        actions = actions_named(settings.id_data)
         self.name, self.objects, self.ratios, self.method = name, objects, ratios, settings.way
         self.looks = Looks() if settings.choice == "BY_TOLERANCE" and settings.shading_counts else None
         self.kinds = dict(COLUMNS) | ({"shaded": float} if self.looks else {})
@@ -103,7 +106,7 @@ class Ladder:
         self.found: dict[int, bpy.types.Collection] = {}
         self.made: dict[int, bpy.types.Collection] = {}
         self.sizes: dict[int, tuple[int, int]] = {}
-        self.by, self.diagonal = Measure(name, objects), 0.0
+        self.by, self.diagonal = Measure(name, objects, actions), 0.0
 
     def read(self) -> Iterator[float]:
         digests = []
@@ -114,7 +117,8 @@ class Ladder:
             yield (number + 1) / len(self.objects)
         if not any(source.mesh for source in self.sources):
             raise CrowdError(f"The character group {self.name} has no faces, modifiers applied: give it a mesh, or take it out.")
-        self.digest = sources.text_digest(digests, self.ratios, self.method, VERSION, *["shading"] * bool(self.looks))
+        named = digest_of(self.by.performance.parts)
+        self.digest = sources.text_digest(digests, self.ratios, self.method, VERSION, *["shading"] * bool(self.looks), *named)
         shown = [source for source in self.sources if source.mesh]
         triangles = [len(source.mesh.loops) - 2 * len(source.mesh.polygons) for source in shown]
         for source, own in zip(shown, triangles, strict=True):
@@ -167,8 +171,8 @@ class Ladder:
         found = yield from share(self.by.level(list(self.found[k].objects), k), 0.7, 1.0)
         self.rows[k], self.diagonal = (*self.sizes[k], *found), self.by.diagonal
         if self.looks:
-            worst = found[-1]
-            self.rows[k] += (compare(self.objects, list(self.found[k].objects), worst, self.diagonal, self.looks) if k else 0.0,)
+            at = self.by.performance, found[-1]
+            self.rows[k] += (compare(self.objects, list(self.found[k].objects), at, self.diagonal, self.looks) if k else 0.0,)
 
     def columns(self, some: Sequence[int]) -> dict:
         """Return the values of a Group for the candidates `some`, by name of the field."""

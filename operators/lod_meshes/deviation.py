@@ -13,10 +13,12 @@ from ...crowd_lod.simplification.hausdorff import Moving, interval
 from ..blender import cleanup, mesh_data
 from ..blender.material_colors import Looks
 from ..blender.operator import Stepwise
+from ..blender.performance import Performance, own, performance_of
 from ..blender.render_evaluation import as_rendered
-from ..blender.rig_dependencies import action_range, armatures_of
+from ..blender.rig_dependencies import armatures_of
 from ..crowd import needs
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, store_groups
+from ..crowd.scene_world import actions_named
 from .shaded_pictures import bodies_of, within
 from .surface import Surface, has_area, moving, same_faces, spread
 
@@ -36,16 +38,23 @@ Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles
 class Posed:
     """A character and its LODs in a scene of their own, as they are rendered.
 
-    A context: the scene is gone afterwards. character: its objects; levels: the objects of each LOD.
+    A context: the scene is gone afterwards. character: its objects; levels: the objects of each LOD; performance: what it plays, its
+    own action if None. Let the performance rest before anything yields.
     """
 
-    def __init__(self, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]):
+    def __init__(
+        self,
+        objects: Sequence[bpy.types.Object],
+        levels: Sequence[Sequence[bpy.types.Object]],
+        performance: Performance | None = None,
+    ):
+        self.performance = performance or own(list(objects))
         self._staged = as_rendered([item for each in (objects, *levels) for item in each])
         self.stage, actors = self._staged.__enter__()
         self.character, *self.levels = [[actors[item] for item in each] for each in (objects, *levels)]
 
     def at(self, frame: float) -> tuple[Surface | None, list[Surface | None]]:
-        """The surfaces of the character and of each LOD at `frame`, world space.
+        """The surfaces of the character and of each LOD at `frame`, a moment of the performance, world space.
 
         None where there is no face.
         """
@@ -54,7 +63,7 @@ class Posed:
 
     def shapes(self, frame: float) -> list[Shape]:
         """Return the Shape of the character, then of each LOD, at `frame`, world space."""
-        self.stage.frame_set(int(frame // 1), subframe=float(frame % 1))
+        self.performance.go_to(self.stage, frame)
         depsgraph = self.stage.view_layers[0].depsgraph
         return [_shape(each, depsgraph) for each in (self.character, *self.levels)]
 
@@ -62,6 +71,7 @@ class Posed:
         return self
 
     def __exit__(self, *error):
+        self.performance.rest()
         self._staged.__exit__(*error)
 
 
@@ -86,21 +96,31 @@ def _surface(points: np.ndarray, triangles: np.ndarray) -> Surface | None:
     return Surface(points[used], triangles.reshape(-1, 3)) if len(triangles) else None
 
 
-def poses(objects: Sequence[bpy.types.Object]) -> list[float]:
-    """The frames at which LODs of a character are measured.
+def poses(objects: Sequence[bpy.types.Object], performance: Performance | None = None) -> list[float]:
+    """The moments of the performance at which LODs of a character are measured.
 
-    Some lie evenly over its action; at the others its joints are farthest from where they are at any before.
+    performance: what it plays; its own action if None.
+
+    Some lie evenly over each action, half as many over those that states name; at the others its joints are farthest from where they
+    are at any before.
     """
-    first, last = action_range(objects)
-    times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, LOOKED_AT))
-    if len(times) <= POSES:
-        return times.tolist()
-    chosen = np.linspace(0, len(times) - 1, EVENLY).round().astype(int).tolist()
-    joints = _joints(objects, times)
-    near = np.min([_apart(joints, joints[k]) for k in chosen], axis=0)
-    while len(chosen) < POSES and near.max() > 0:
-        chosen.append(int(near.argmax()))
-        near = np.minimum(near, _apart(joints, joints[chosen[-1]]))
+    performance = performance or own(list(objects))
+    parts = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, LOOKED_AT)) for span in performance.spans]
+    times, begins = np.concatenate(parts), np.cumsum([0, *map(len, parts)]).tolist()
+    joints: np.ndarray | None = None
+    chosen: list[int] = []
+    for k, (begin, end) in enumerate(zip(begins, begins[1:], strict=False)):
+        even, most = (EVENLY // 2, POSES // 2) if k else (EVENLY, POSES)
+        if end - begin <= most:
+            chosen += range(begin, end)
+            continue
+        joints = _joints(objects, times, performance) if joints is None else joints
+        mine = (begin + np.linspace(0, end - begin - 1, even).round().astype(int)).tolist()
+        near = np.min([_apart(joints[begin:end], joints[j]) for j in (*chosen, *mine)], axis=0)
+        while len(mine) < most and near.max() > 0:
+            mine.append(begin + int(near.argmax()))
+            near = np.minimum(near, _apart(joints[begin:end], joints[mine[-1]]))
+        chosen += mine
     return times[sorted(chosen)].tolist()
 
 
@@ -112,14 +132,14 @@ def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
     return np.linalg.norm(joints - one, axis=2).max(axis=1, initial=0)
 
 
-def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarray:
-    """Where a character's bones and objects are at `times`, (times, n, 3) metres.
+def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> np.ndarray:
+    """Where a character's bones and objects are at `times`, moments of the performance, (times, n, 3) metres.
 
     Its way as a whole is left out. There are three points of each bone, four of each object, and how far each shape key moves what
     it moves most.
     """
     found = []
-    with cleanup.scratch():
+    with cleanup.scratch(), performance:
         stage = bpy.data.scenes.new("Crowd LOD poses")
         rigs, items = armatures_of(objects), [item.copy() for item in objects]
         for item in (*rigs, *items):
@@ -129,7 +149,7 @@ def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray) -> np.ndarra
             item.hide_viewport = False
             item.modifiers.clear()  # from here on only where it is matters
         for time in times.tolist():
-            stage.frame_set(int(time // 1), subframe=float(time % 1))
+            performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
             places = [_placed(item, depsgraph) @ AXES for item in items]
             for rig in rigs:
@@ -173,11 +193,13 @@ def _placed(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> np.ndarra
 class Measure:
     """What LODs of a character are measured by: the character in all poses.
 
-    It is read when first needed. name: of the group; objects: the character's. Its steps yield, of a whole of 1, the part done.
+    It is read when first needed. name: of the group; objects: the character's; actions: that states name, besides its own. Its steps
+    yield, of a whole of 1, the part done.
     """
 
-    def __init__(self, name: str, objects: Sequence[bpy.types.Object]):
+    def __init__(self, name: str, objects: Sequence[bpy.types.Object], actions: Sequence[str] = ()):
         self.name, self.objects, self.character = name, objects, None
+        self.performance = performance_of(name, list(objects), actions)
 
     def read(self) -> Iterator[float]:
         """Read the character, unless that is done.
@@ -186,8 +208,8 @@ class Measure:
         """
         if self.character is not None:
             return
-        self.frames = poses(self.objects)
-        shapes = yield from _shapes(self.objects, self.frames)
+        self.frames = poses(self.objects, self.performance)
+        shapes = yield from _shapes(self.objects, self.frames, self.performance)
         shown = [each.points for each in (_surface(*shape) for shape in shapes) if each]
         if not shown:
             raise CrowdError(f"The character {self.name} shows no face in any pose of its action: check its modifiers.")
@@ -197,10 +219,10 @@ class Measure:
     def level(self, objects: Sequence[bpy.types.Object], k: int) -> Generator[float, None, tuple[float, float, float, float]]:
         """Measure LOD k: all `objects` together against all of the character's.
 
-        Returns (deviation, bound, root mean square, frame of the worst pose), metres. CrowdError if either has no face in any pose.
+        Returns (deviation, bound, root mean square, moment of the worst pose), metres. CrowdError if either has no face in any pose.
         """
         yield from share(self.read(), 0.0, 0.2)
-        shapes = yield from share(_shapes(objects, self.frames), 0.2, 0.4)
+        shapes = yield from share(_shapes(objects, self.frames, self.performance), 0.2, 0.4)
         found = _measured(self.character, _Acting(shapes), self.frames)
         if found is None:
             raise CrowdError(f"LOD {k} of {self.name} has no face: raise its ratio and press Make LOD Meshes.")
@@ -208,24 +230,27 @@ class Measure:
         return found
 
 
-def _shapes(objects: Sequence[bpy.types.Object], frames: Sequence[float]) -> Generator[float, None, list[Shape]]:
-    """Return the Shape of `objects` at each of `frames`; yield the progress."""
+def _shapes(
+    objects: Sequence[bpy.types.Object], frames: Sequence[float], performance: Performance
+) -> Generator[float, None, list[Shape]]:
+    """Return the Shape of `objects` at each of `frames`, moments of the performance; yield the progress."""
     found = []
-    with Posed(objects, ()) as posed:
+    with Posed(objects, (), performance) as posed:
         for frame in frames:
             found += posed.shapes(frame)
+            performance.rest()
             yield len(found) / len(frames)
     return found
 
 
 def measure(
-    group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]]
+    group: Group, objects: Sequence[bpy.types.Object], levels: Sequence[Sequence[bpy.types.Object]], actions: Sequence[str] = ()
 ) -> Generator[float, None, Group]:
     """Measure the LODs of `group`; yields the progress, 0 to 1.
 
-    objects: the character's; levels: those of each LOD. Returns the group with deviations and bounds, see Measure.
+    objects: the character's; levels: those of each LOD; actions: see Measure. Returns the group with deviations and bounds.
     """
-    by, found = Measure(group.name, objects), []
+    by, found = Measure(group.name, objects, actions), []
     for k, level in enumerate(levels):
         found.append((yield from share(by.level(level, k), k / len(levels), (k + 1) / len(levels))))
     deviations, bounds, rms, worst = zip(*found, strict=True)
@@ -291,14 +316,19 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
 
 
 def compare(
-    objects: Sequence[bpy.types.Object], level: Sequence[bpy.types.Object], frame: float, diagonal: float, looks: Looks
+    objects: Sequence[bpy.types.Object],
+    level: Sequence[bpy.types.Object],
+    at: tuple[Performance, float],
+    diagonal: float,
+    looks: Looks,
 ) -> float:
     """What the shaded pictures of a LOD and its character say, see Group.shaded.
 
-    objects: the character's; level: the LOD's; diagonal: metres, of the character's bounding box; looks: of all objects.
+    objects: the character's; level: the LOD's; at: what it plays, and a moment of that; diagonal: metres, of the character's bounding
+    box; looks: of all objects.
     """
-    with Posed(objects, [level]) as posed:
-        posed.shapes(frame)
+    with Posed(objects, [level], at[0]) as posed:
+        posed.shapes(at[1])
         depsgraph = posed.stage.view_layers[0].depsgraph
         bodies = [bodies_of(each, depsgraph, looks) for each in (posed.character, *posed.levels)]
         return np.inf if None in bodies else within(*bodies, looks.images(), diagonal)
@@ -318,7 +348,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
     Yields the progress, 0 to 1.
     """
     settings = scene.crowd_lod
-    characters = characters_of(scene)
+    characters, actions = characters_of(scene), actions_named(scene)
     if settings.levels is None:
         raise CrowdError(f"The scene {scene.name} has no LOD meshes to measure: press Make LOD Meshes.")
     known = {group.name: group for group in groups_of(settings)}
@@ -329,11 +359,13 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
             )
         meshes = meshes_of(settings.levels, g, name)
-        own = yield from share(measure(known[name], objects, meshes), g / len(characters), (g + 1) / len(characters))
+        found = yield from share(measure(known[name], objects, meshes, actions), g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
-            looks, others = Looks(), zip(meshes[1:], own.worst[1:], strict=True)
-            own = replace(own, shaded=(0.0, *(compare(objects, *other, own.diagonal, looks) for other in others)))
-        measured.append(own)
+            looks, others = Looks(), zip(meshes[1:], found.worst[1:], strict=True)
+            performance = performance_of(name, objects, actions)
+            shaded = (compare(objects, mesh, (performance, worst), found.diagonal, looks) for mesh, worst in others)
+            found = replace(found, shaded=(0.0, *shaded))
+        measured.append(found)
     store_groups(settings, tuple(measured))
 
 

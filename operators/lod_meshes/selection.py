@@ -16,7 +16,7 @@ from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
-from ..blender.rig_dependencies import action_range
+from ..blender.performance import own
 from ..crowd.scene_crowd import characters_of
 from ..crowd.scene_world import bias_of
 
@@ -49,7 +49,7 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
     chosen = evenly(frames, MOST_FRAMES)
     bias, cameras = bias_of(settings), cameras_at(scene, chosen)
     center, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("center", "radius"))
-    library, gaits = cast_of(characters_of(scene)), trajectory.gaits
+    library, gaits = cast_of(characters_of(scene), trajectory), trajectory.gaits
     first, found = library.first(gaits), [[] for _ in trajectory.groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
@@ -69,14 +69,14 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
     ]
 
 
-def cast_of(characters: Sequence[tuple[str, list[bpy.types.Object], tuple]]) -> Library:
-    """Return the Library that a build makes of `characters` (see characters_of).
+def cast_of(characters: Sequence[tuple[str, list[bpy.types.Object], tuple]], trajectory: Trajectory) -> Library:
+    """Return the Library that a build makes of `characters` (see characters_of) of a `trajectory`.
 
-    A group whose action lasts one frame has one pose. For every other group, rigs are assumed to be
-    able to show its motion.
+    A group that plays nothing but an action of one frame has one pose. For every other group, rigs
+    are assumed to be able to show its motion.
     """
-    ranges = [action_range(objects) for _, objects, _ in characters]
-    return Library(np.array([first == last for first, last in ranges], np.intp))
+    still = [own(objects).still and not any(trajectory.gaits.actions) for _, objects, _ in characters]
+    return Library(np.array(still, np.intp))
 
 
 @dataclass(frozen=True)

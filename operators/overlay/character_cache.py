@@ -14,11 +14,13 @@ from functools import partial
 import bpy
 import numpy as np
 
-from ..blender import scene_cache
+from ...crowd_lod.errors import CrowdError
+from ..blender import performance, scene_cache
 from ..blender.image_data import LOOK_AGAIN
 from ..blender.material_colors import Looks
 from ..blender.rig_dependencies import KEYS, armatures_of, curves_of, players_of, read_columns
 from ..crowd.scene_crowd import GROUP
+from ..crowd.scene_world import actions_named
 from . import redraw
 from .skinned_characters import Character, baking
 
@@ -61,7 +63,7 @@ def casting_of(scene: bpy.types.Scene) -> Casting | None:
         return None
     known, now = _castings.get(scene.session_uid), clock.monotonic()
     if known is None or now > known.looked + LOOK_AGAIN:
-        key, looks = _key(levels)
+        key, looks = _key(scene)
         # to read pixels takes milliseconds
         seen = known is None or scene.crowd_lod.overlay_color == "MATERIAL"
         painted = _painted(looks.found) if seen else known.painted
@@ -78,8 +80,7 @@ def read(scene: bpy.types.Scene) -> Iterator[float]:
 
     Call it outside drawing.
     """
-    levels = scene.crowd_lod.levels
-    key, looks = _key(levels)
+    key, looks = _key(scene)
     casting = _castings[scene.session_uid] = Casting(key, _painted(looks.found), clock.monotonic())
     while not casting.ready:
         _bake_on(scene, casting)
@@ -117,7 +118,8 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     home = levels.children[0].children[number]
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
-        casting.baking = casting.baking or baking(name, partial(_homes, scene.session_uid, number))
+        find = partial(_homes, scene.session_uid, number)
+        casting.baking = casting.baking or baking(name, find, actions_named(scene))
         casting.progress = (number + next(casting.baking)) / of
     except StopIteration as end:
         casting.characters += (end.value,)
@@ -139,14 +141,15 @@ def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
     return [level.children[number] for level in levels.children]
 
 
-def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
+def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     """Return (digest of the characters' sources, looks of their materials).
 
     The pixels of the looks' images are left out. Weights are slow to read: they count as changed
     when an object enters or leaves a painting or edit mode.
     """
     digest, looks, told = hashlib.sha256(), Looks(), set()
-    for home in (home for level in levels.children for home in level.children):
+    names = actions_named(scene)
+    for home in (home for level in scene.crowd_lod.levels.children for home in level.children):
         items = [item for item in home.all_objects if item.type == "MESH"]
         digest.update(repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode())
         for item in items:
@@ -164,7 +167,17 @@ def _key(levels: bpy.types.Collection) -> tuple[bytes, Looks]:
                 digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
                 for curve in curves_of(player):
                     digest.update(b"".join(read_columns(curve.keyframe_points, KEYS)))
+        if names:
+            digest.update(repr(_named(home, items, names)).encode())
     return digest.digest(), looks
+
+
+def _named(home: bpy.types.Collection, items: list[bpy.types.Object], names: tuple[str, ...]) -> list | str:
+    """Return what the actions `names` of a group are; or why it has none such, which baking will tell."""
+    try:
+        return performance.digest(performance.performance_of(home.get(GROUP, home.name), items, names).parts)
+    except CrowdError as error:
+        return str(error)
 
 
 def _painted(images: list[bpy.types.Image]) -> int:

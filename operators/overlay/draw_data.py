@@ -49,6 +49,7 @@ class Drawing:
         look, pitch, roll (radians). look is 4 * color index + 2 + share. share selects the part of
         a dither pattern that is drawn: above 0 the pattern below it, below 0 the rest, at 0 all.
     draws: (LOD, group, first instance, count) each, the finest LOD first.
+    plays: the name of the action that each draw shows; () if all show their groups' own.
     palette: (p, 4) float32, linear.
     turn, materials: see Style.
     fading: whether LODs cross-fade, so that a share may differ from 0.
@@ -74,6 +75,7 @@ class Drawing:
     diameter: float
     lines: np.ndarray
     line_colors: np.ndarray
+    plays: tuple[str, ...] = ()
 
     @property
     def nbytes(self) -> int:
@@ -102,7 +104,7 @@ def drawing(
     culled = culled[frame.culled[culled]] if len(culled) else culled
     order = np.concatenate([frame.buckets.order[:seen], culled])
     group = crowd.group[order]
-    agents, draws = (np.empty((0, 8), np.float32), ()) if points else _instances(frame, colors, fades)
+    agents, draws, plays = (np.empty((0, 8), np.float32), (), ()) if points else _instances(frame, colors, fades)
 
     positions = np.stack(crowd.places(center, order, origin), axis=1, dtype=np.float32, casting="same_kind")
     tints = np.empty((len(order), 4), np.float32)
@@ -130,11 +132,12 @@ def drawing(
         diameter=WIDTH * largest,
         lines=(lines - origin).astype(np.float32),
         line_colors=line_colors,
+        plays=plays,
     )
 
 
-def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, tuple]:
-    """Return (agents, draws) of a Drawing; cross-fading agents are in both LODs."""
+def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray] | None) -> tuple[np.ndarray, tuple, tuple]:
+    """Return (agents, draws, plays) of a Drawing; cross-fading agents are in both LODs."""
     crowd, order = frame.crowd, frame.buckets.order
     levels, shares = frame.buckets.levels, np.zeros(len(order), np.float32)
     if fades is not None:
@@ -145,7 +148,10 @@ def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray
         levels = np.concatenate([finer, finer[both] + np.uint8(1)])
         shares = np.concatenate([-share, share[both]])
         order = np.concatenate([order, order[both]])
-    draw = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order]
+    draw, gaits = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order], frame.trajectory.gaits
+    actions = len(gaits.actions)
+    if actions > 1:
+        draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[crowd.pace[order]].astype(np.uint32)
     by_draw = np.argsort(draw, kind="stable")
     order, shares = order[by_draw], shares[by_draw]
     kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)
@@ -158,8 +164,10 @@ def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray
     leaning = frame.trajectory.tilt(crowd, order)
     if leaning is not None:
         agents[:, 6], agents[:, 7] = leaning
+    kinds, action = np.divmod(kinds, actions)
     draws = zip(kinds // 256, kinds % 256, first, count, strict=True)
-    return agents, tuple(tuple(int(value) for value in each) for each in draws)
+    plays = tuple(gaits.actions[k] for k in action) if any(gaits.actions) else ()
+    return agents, tuple(tuple(int(value) for value in each) for each in draws), plays
 
 
 def frustum_lines(camera: Camera, begins: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

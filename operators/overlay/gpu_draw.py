@@ -61,16 +61,19 @@ class Cast:
             return "RIGID"
         return "JOINTS" if self.skinned[group][level] is None else "FRAMES"
 
-    def bind(self, shader, level: int, group: int) -> None:
+    def bind(self, shader, level: int, group: int, action: str = "") -> None:
         """Bind the joint texture or skinned frames that pose the group's LOD to `shader`.
 
         shader: a program with shader_programs.mesh_interface of the same kind().
+        action: the name of the action that is shown; "" for the group's own.
         """
         if self.kind(level, group) == "JOINTS":
             shader.uniform_sampler("joint_frames", self.joints[group])
         else:
             shader.uniform_sampler("skinned_frames", self.skinned[group][level])
-        shader.uniform_int("frame_count", len(self.characters[group].frames))
+        first, count = self.characters[group].rows_of(action)
+        shader.uniform_int("first_frame", first)
+        shader.uniform_int("frame_count", count)
 
 
 class Batches:
@@ -89,6 +92,7 @@ class Batches:
 
         self.origin, self.diameter, self.cast = what.origin, what.diameter, cast
         self.draws, self.materials = what.draws if cast is not None else (), what.materials
+        self.plays = what.plays or ("",) * len(what.draws)
         self.fading, self.nbytes = what.fading, what.nbytes
         self._made: dict[str, tuple] = {}
         if self.draws:
@@ -169,7 +173,7 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
     cast, bound = batches.cast, None
     batches.view.update(view_buffer(matrix, view))
     materials = batches.materials and bool(cast.characters)
-    for level, group, first, count in batches.draws:
+    for (level, group, first, count), action in zip(batches.draws, batches.plays, strict=False):
         batch = cast.meshes[group][level] if cast.characters else cast.boxes[group]
         if batch is None:
             continue
@@ -182,7 +186,7 @@ def _paint_meshes(batches: Batches, matrix: np.ndarray, view: np.ndarray) -> Non
             if not materials:
                 shader.uniform_sampler("palette", batches.palette)
         if cast.characters:
-            cast.bind(shader, level, group)
+            cast.bind(shader, level, group, action)
         else:
             shader.uniform_int("count", count)
         if materials:

@@ -42,6 +42,7 @@ def mesh_interface(kind: str, materials: bool = False) -> "GPUShaderCreateInfo":
         info.define("BOX_CORNERS", str(BOX_CORNERS))
         info.push_constant("INT", "count")
     else:
+        info.push_constant("INT", "first_frame")
         info.push_constant("INT", "frame_count")
     if materials:
         info.define("MATERIALS", "1")

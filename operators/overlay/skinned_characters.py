@@ -5,7 +5,7 @@ The arrays are joint frames, skinning weights and looks.
 
 import time as clock
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import bpy
 import numpy as np
@@ -15,7 +15,8 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import finished
 from ..blender import cleanup, mesh_data
 from ..blender.material_colors import Looks
-from ..blender.rig_dependencies import action_range, armatures_of
+from ..blender.performance import Performance, performance_of
+from ..blender.rig_dependencies import armatures_of
 
 # in a row of a texture, which every GPU takes 16384 wide, three texels each
 MOST_JOINTS = 16384 // 3
@@ -29,7 +30,8 @@ TOLERANCE = 1e-3  # of the character's diagonal, beyond which the difference is 
 class Character:
     """A character group as the shaders draw it.
 
-    frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning.
+    frames: (F, J, 3, 4) float32, see crowd_lod.animation.skinning; those of its actions one after
+        the other.
     meshes: one per LOD, finest first.
     images: (n, size, size, 4) uint8, sRGB, bottom row first: the images of the meshes' materials.
     color: (3,) linear, the mean base color of the vertices of all LODs.
@@ -37,6 +39,8 @@ class Character:
         be compared.
     told: a sentence about `off` for the user if it is more than TOLERANCE of the diagonal, else
         None.
+    rows: (first, count) of the frames of each action, by its name, "" for the own; {} if it has
+        none but its own.
     """
 
     name: str
@@ -46,6 +50,11 @@ class Character:
     color: np.ndarray
     off: float
     told: str | None
+    rows: dict[str, tuple[int, int]] = field(default_factory=dict)
+
+    def rows_of(self, action: str) -> tuple[int, int]:
+        """Return the first of the frames of `action` and their number; those of its own if it has none such."""
+        return self.rows.get(action) or self.rows.get("") or (0, len(self.frames))
 
 
 @dataclass(frozen=True)
@@ -71,8 +80,10 @@ def bake(name: str, homes: Sequence[bpy.types.Collection]) -> Character:
     return finished(baking(name, lambda: homes))
 
 
-def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Generator[float, None, Character]:
-    """Bake a character group over its whole action; yield the progress, 0 to 1.
+def baking(
+    name: str, find: Callable[[], Sequence[bpy.types.Collection]], actions: Sequence[str] = ()
+) -> Generator[float, None, Character]:
+    """Bake a character group over all of its actions; yield the progress, 0 to 1.
 
     Returns the Character. CrowdError if it has more than MOST_JOINTS joints.
     Nothing of the user's is changed. At each yield nothing temporary is left in the file, so that
@@ -81,28 +92,30 @@ def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Gen
     name: of the character group.
     find: called after each yield; find()[k] is the collection of LOD k, and its instance_offset is
         the origin.
+    actions: that states name, besides its own.
     """
     looks, read, done, recorder = Looks(), [], 0, None
     while True:
         homes = find()
         objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
         flat = [item for level in objects for item in level]
-        first, last = action_range(flat)
-        times = np.linspace(first, last, min(int(np.ceil(last - first)) + 1, MOST_FRAMES))
+        performance = performance_of(name, flat, actions)
+        each = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, MOST_FRAMES)) for span in performance.spans]
+        times = np.concatenate(each)
         recorder = recorder or _Recorder(np.array(homes[0].instance_offset, np.float64))
-        with cleanup.scratch():
+        with cleanup.scratch(), performance:
             stage = bpy.data.scenes.new("Crowd LOD joints")
             for rig in armatures_of(flat):
                 stage.collection.objects.link(rig)
             parts = [_part(number, item, stage) for number, item in enumerate(flat)]
             if not done:
-                _go_to(stage, times[0])
+                performance.go_to(stage, times[0])
                 read = [_read(part, stage.view_layers[0].depsgraph, looks) for part in parts]
             for part in parts:
                 part.rest.modifiers.clear()  # from here on only where it is matters
             until = clock.monotonic() + TICK
             while True:
-                _go_to(stage, times[done])
+                performance.go_to(stage, times[done])
                 recorder.record(parts, stage.view_layers[0].depsgraph)
                 done += 1
                 if done == len(times) or clock.monotonic() >= until:
@@ -110,15 +123,18 @@ def baking(name: str, find: Callable[[], Sequence[bpy.types.Collection]]) -> Gen
             if done == len(times):
                 levels = np.split(np.arange(len(flat)), np.cumsum([len(level) for level in objects])[:-1])
                 pieces = [[(parts[i], read[i]) for i in level] for level in levels]
-                return _character(name, stage, pieces, times, recorder, looks)
+                made = _character(name, (stage, performance, times), pieces, recorder, looks)
+                begins = np.cumsum([0, *map(len, each)]).tolist()
+                named = dict(zip(performance.names, zip(begins, map(len, each), strict=False), strict=True))
+                return replace(made, rows=named if len(named) > 1 else {})
         yield done / len(times)
 
 
-def _go_to(stage: bpy.types.Scene, time: float) -> None:
-    stage.frame_set(int(time // 1), subframe=float(time % 1))
+# A stage, what the character plays on it, and the moments at which that was recorded.
+Played = tuple[bpy.types.Scene, Performance, np.ndarray]
 
 
-def _character(name: str, stage, levels: list[list[tuple]], times, recorder, looks: Looks) -> Character:
+def _character(name: str, played: Played, levels: list[list[tuple]], recorder, looks: Looks) -> Character:
     """Return the Character of the recorded matrices.
 
     levels: of each LOD, (part, what was read of it at rest).
@@ -132,7 +148,7 @@ def _character(name: str, stage, levels: list[list[tuple]], times, recorder, loo
     frames = joints.frames()
     if frames.shape[1] > MOST_JOINTS:
         raise CrowdError(f"it has {frames.shape[1]:,} joints, counting the bones of all its objects; use at most {MOST_JOINTS:,}")
-    off = _compare(stage, [part for part, _ in levels[0]], sources[0], frames, times, recorder.origin)
+    off = _compare(played, [part for part, _ in levels[0]], sources[0], frames, recorder.origin)
     points = skin(meshes[0], frames[:1])[0]
     diagonal = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
     color = np.concatenate([mesh.colors for mesh in meshes]).mean(axis=0)
@@ -291,17 +307,18 @@ def _piece(part: _Part, joints: _Joints, read: tuple) -> tuple[SkinnedMesh, Skin
     return source, corners
 
 
-def _compare(stage, parts: list[_Part], sources: list[SkinnedMesh], frames, times: np.ndarray, origin) -> float:
+def _compare(played: Played, parts: list[_Part], sources: list[SkinnedMesh], frames, origin) -> float:
     """Return the greatest distance of the skinned `sources` from Blender's vertices.
 
-    In metres, over POSES of the `times`; inf if vertex counts differ.
+    In metres, over POSES of the moments; inf if vertex counts differ.
     """
+    stage, performance, times = played
     for part in parts:
         if part.item.name not in stage.collection.objects:
             stage.collection.objects.link(part.item)
     worst = 0.0
     for index in np.unique(np.linspace(0, len(times) - 1, POSES).round().astype(int)):
-        _go_to(stage, times[index])
+        performance.go_to(stage, times[index])
         depsgraph = stage.view_layers[0].depsgraph
         for part, source in zip(parts, sources, strict=True):
             if part.item.hide_viewport:

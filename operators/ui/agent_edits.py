@@ -12,6 +12,7 @@ from ..blender.labelled_properties import EnumProperty, FloatProperty
 from ..blender.operator import Reporting
 from ..crowd import needs
 from ..crowd.hand_edits import unedited
+from ..crowd.object_volumes import closed
 from ..crowd.scene_crowd import trajectory_of
 from ..crowd.shot_exceptions import REGIONS, find_agents
 from ..overlay import viewport_overlay
@@ -92,7 +93,7 @@ def _found(context, entry) -> str:
     trajectory = unedited(trajectory_of(context.scene))
     agents = find_agents(context.scene, entry, trajectory, context.evaluated_depsgraph_get())
     if not len(agents):
-        where = entry.region if entry.chosen_by == "REGION" else entry.map_image
+        where = entry.map_image if entry.chosen_by == "MAP" else entry.region
         raise CrowdError(
             f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this frame, or the share is 0."
         )
@@ -113,7 +114,7 @@ class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):
 
 
 class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
-    """Hide the agents, or a part of them, who stand in the box about the active object at this frame"""
+    """Hide the agents who are in the active object's volume, or in the box about it if it is open, at this frame"""
 
     bl_idname = "crowd_lod.erase"
     bl_label = "Erase in Active Object"
@@ -128,8 +129,9 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
             raise CrowdError("No mesh or empty is active: select one about the agents to erase.")
         entry = settings.exceptions.add()
         try:
-            entry.name, entry.kind, entry.chosen_by, entry.region = f"Erase {region.name}", "HIDE", "REGION", region
-            entry.share = self.share
+            shape = region.evaluated_get(context.evaluated_depsgraph_get()).data if region.type == "MESH" else None
+            entry.chosen_by = "VOLUME" if shape is not None and closed(shape) else "REGION"
+            entry.name, entry.kind, entry.region, entry.share = f"Erase {region.name}", "HIDE", region, self.share
             said = _found(context, entry)
         except CrowdError:
             settings.exceptions.remove(len(settings.exceptions) - 1)
@@ -140,9 +142,12 @@ class CROWDLOD_OT_erase(Reporting, bpy.types.Operator):
 
 def draw_edits(layout) -> None:
     """Draw the buttons that edit the picked agent."""
-    row = layout.row(align=True)
-    for kind, (_, icon) in BUTTONS.items():
-        row.operator("crowd_lod.edit_agent", text="", icon=icon).kind = kind
+    column = layout.column(align=True)
+    for kinds in (("NUDGE", "TURN", "HIDE"), ("GROUP", "ALWAYS")):
+        row = column.row(align=True)
+        for kind in kinds:
+            text, icon = BUTTONS[kind]
+            row.operator("crowd_lod.edit_agent", text=text, icon=icon, translate=False).kind = kind
 
 
 CLASSES = (CROWDLOD_OT_edit_agent, CROWDLOD_OT_find_agents, CROWDLOD_OT_erase)

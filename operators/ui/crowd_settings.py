@@ -6,6 +6,7 @@ from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender.labelled_properties import (
     BoolProperty,
+    CollectionProperty,
     EnumProperty,
     FloatProperty,
     FloatVectorProperty,
@@ -15,6 +16,7 @@ from ..blender.labelled_properties import (
 )
 from ..crowd.outdated_estimate import outdate
 from ..crowd.renamed_settings import OLD, renamed
+from .area_list import CrowdLodArea
 
 
 class CharacterSettings:
@@ -167,6 +169,12 @@ class BehaviorSettings:
         type=bpy.types.Image,
         name="Map",
         description="Label map over the ground: each pixel in the color of a label. None is open ground between two edges",
+    )
+    areas: CollectionProperty(
+        type=CrowdLodArea, name="Walls and Areas", description="Meshes that lay labels over the map; of two, the lower one counts"
+    )
+    areas_image: PointerProperty(
+        type=bpy.types.Image, name="Walls and Areas Map", description="The labels of meshes, as they were last laid over the map"
     )
     height_image: PointerProperty(
         type=bpy.types.Image,

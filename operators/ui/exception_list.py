@@ -37,6 +37,8 @@ class CrowdLodException(bpy.types.PropertyGroup):
     move: FloatVectorProperty(
         name="Nudge",
         size=3,
+        min=-100_000,
+        max=100_000,
         subtype="TRANSLATION",
         unit="LENGTH",
         description="By which way they stand beside their own, along the world's axes",
@@ -60,6 +62,7 @@ class CrowdLodException(bpy.types.PropertyGroup):
         items=[
             ("NUMBERS", "Numbers", "Agents with these numbers; the eyedropper tells an agent's"),
             ("REGION", "Region", "Agents whose feet stand in the box about an object, when the exception begins"),
+            ("VOLUME", "Volume", "Agents whose middle is inside a closed mesh, when the exception begins"),
             ("MAP", "Painted Map", "Agents that stand on pixels lighter than a half, when the exception begins"),
         ],
     )
@@ -71,7 +74,7 @@ class CrowdLodException(bpy.types.PropertyGroup):
         type=bpy.types.Object,
         name="Region",
         poll=lambda _, candidate: candidate.type in REGIONS,
-        description="A mesh or an empty. Its box in its own space chooses agents; a flat one at every height",
+        description="A mesh or an empty. Its box in its own space chooses agents, a flat one at every height; or its volume",
     )
     map_image: PointerProperty(
         type=bpy.types.Image, name="Map", description="Painted over the ground: white chooses, black does not"

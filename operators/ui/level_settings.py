@@ -5,6 +5,7 @@ import bpy
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ..blender.labelled_properties import (
     BoolProperty,
+    CollectionProperty,
     EnumProperty,
     FloatProperty,
     FloatVectorProperty,
@@ -27,6 +28,13 @@ SIZES = (200, 80, 40, 20, 10, 5, 2)
 THRESHOLDS = (0.15, 0.4, 0.6, 0.7, 0.8, 0.9, 1.0)
 
 
+class CrowdLodAction(bpy.types.PropertyGroup):
+    """Measurements of the action that states name `name`, as one character group plays it."""
+
+    stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
+    period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+
+
 class CrowdLodGroup(bpy.types.PropertyGroup):
     """Measurements of the character group `name`, and its own LOD thresholds."""
 
@@ -35,6 +43,7 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
     stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+    actions: CollectionProperty(type=CrowdLodAction, name="Actions", description="Those besides its own that states name")
     lowest: FloatProperty(
         name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"
     )

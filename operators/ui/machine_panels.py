@@ -5,8 +5,10 @@ import numpy as np
 
 from ..blender import scene_cache
 from ..blender.labelled_properties import CONTEXT
+from ..crowd import map_areas
 from ..crowd.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
 from ..overlay import viewport_overlay
+from .area_list import draw_areas
 from .drawing import greyed, label, letters_of, paragraph
 from .machine_settings import MOST_TARGETS, color_of, rows_of
 from .step_panel import Step
@@ -74,6 +76,7 @@ class CROWDLOD_UL_labels(_List, bpy.types.UIList):
     def item(self, context, row, name: str, index: int) -> None:
         entry = draft_of(context.scene).label(name)
         row.alert = faulty(context.scene, "labels", name)
+        row.operator("crowd_lod.paint_label", text="", icon="BRUSH_DATA", emboss=False).label = name
         row.label(text=name, icon_value=swatch(color_of(entry.get("color", "#808080"))), translate=False)
 
 
@@ -207,7 +210,7 @@ class CROWDLOD_MT_then(_Adding, bpy.types.Menu):
 
 
 class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
-    bl_label = "Labels"
+    bl_label = "Labels and Map"
 
     def editor(self, context, layout, editor, found) -> None:
         _list(context, layout, "labels", found.labels, 5)
@@ -216,6 +219,20 @@ class CROWDLOD_PT_labels(_Editor, bpy.types.Panel):
         column.alert = found.faulty("labels", name)
         for field in ("label_name", "label_color", "spawn"):
             column.prop(editor, field)
+        row = layout.row()
+        row.operator("crowd_lod.new_map", icon="ADD")
+        greyed(layout, context.scene.crowd_lod.map_image is not None).prop(editor, "show_map")
+
+
+class CROWDLOD_PT_areas(Step, bpy.types.Panel):
+    bl_label = "Walls and Areas"
+    bl_parent_id = "CROWDLOD_PT_behaviour"
+
+    def body(self, context, layout, settings) -> None:
+        rows_of(context, "labels", draft_of(context.scene).labels)
+        draw_areas(layout, context, settings)
+        if trouble := map_areas.trouble_of(context.scene):
+            paragraph(layout, trouble, "ERROR", letters_of(context))
 
 
 CLASSES = (
@@ -227,4 +244,5 @@ CLASSES = (
     CROWDLOD_PT_states,
     CROWDLOD_PT_rules,
     CROWDLOD_PT_labels,
+    CROWDLOD_PT_areas,
 )

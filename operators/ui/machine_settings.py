@@ -18,6 +18,7 @@ from ..blender.labelled_properties import (
     IntProperty,
     StringProperty,
 )
+from ..crowd import map_painting
 from ..crowd.machine_editor import cell_of, change_or_tell, draft_of, selected
 
 Accessors = dict[str, Callable]  # get and set of a property
@@ -84,7 +85,12 @@ def _number_field(kind: str, name: str) -> Accessors:
 
 def _name_field(kind: str) -> Accessors:
     def put(self, value: str) -> None:
-        change_or_tell(self.id_data, edits.rename(kind, selected(self.id_data, kind), value))
+        scene = self.id_data
+        before = selected(scene, kind)
+        change_or_tell(scene, edits.rename(kind, before, value))
+        if kind == "labels" and before not in draft_of(scene).labels:
+            for entry in scene.crowd_lod.areas:
+                entry.label = value if entry.label == before else entry.label
 
     return {"get": lambda self: selected(self.id_data, kind), "set": put}
 
@@ -166,6 +172,13 @@ def _set_heading(self, value: float) -> None:
     change_or_tell(self.id_data, edits.set_speed(*cell_of(self.id_data), _speed_at(self)[0], degrees))
 
 
+def _show_map(self, value: bool) -> None:
+    if not value:
+        map_painting.hide(self.id_data)
+    elif self.id_data.crowd_lod.map_image is not None:
+        map_painting.show(self.id_data)
+
+
 def _edge(self) -> int:
     edge = draft_of(self.id_data).root.get("edge", "clamp")
     return EDGES.index(edge) if edge in EDGES else 0
@@ -177,6 +190,13 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     state_index: IntProperty(name="State", min=0, description="The state that is selected in the list")
     rule_index: IntProperty(name="Rule", min=0, description="The label whose rule is selected in the list")
     label_index: IntProperty(name="Label", min=0, description="The label that is selected in the list")
+    area_index: IntProperty(name="Area", min=0, description="The wall or area that is selected in the list")
+    show_map: BoolProperty(
+        name="Show on Ground",
+        description="Show the label map on a plane over the crowd's ground, which renders leave out",
+        get=lambda self: map_painting.shown(self.id_data),
+        set=_show_map,
+    )
     edge: EnumProperty(
         name="At Edge",
         description="What agents do at the map's edge",

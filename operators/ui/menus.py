@@ -4,6 +4,7 @@ import bpy
 
 from ... import sample_scenes
 from ..blender.labelled_properties import CONTEXT
+from .agent_edits import BUTTONS
 
 WEBSITE = "https://github.com/crowd-lod/crowd-lod"
 PAGES = f"{WEBSITE}/blob/main/docs/"
@@ -25,6 +26,8 @@ WORK = (
     "go_to_switch",
     "remove_plan",
     "except_agent",
+    "erase",
+    "find_agents",
     "preview",
     "estimate",
     "build",
@@ -44,6 +47,8 @@ class CROWDLOD_MT_work(bpy.types.Menu):
     def draw(self, context) -> None:
         for name in WORK:
             self.layout.operator(f"crowd_lod.{name}")
+        for kind, (text, icon) in BUTTONS.items():
+            self.layout.operator("crowd_lod.edit_agent", text=f"{text} Picked Agent", icon=icon, translate=False).kind = kind
 
 
 class CROWDLOD_MT_samples(bpy.types.Menu):

@@ -4,7 +4,7 @@ import bpy
 
 from ..blender.labelled_properties import CollectionProperty, FloatProperty, IntProperty, PointerProperty, StringProperty
 from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdLodCrowd, CrowdSettings, SimulationSettings
-from .level_settings import CrowdLodGroup, LevelSettings
+from .level_settings import CrowdLodAction, CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
 from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifySettings
 
@@ -46,4 +46,4 @@ class CrowdLodSettings(
     build: PointerProperty(type=bpy.types.Collection, name="Build", description="Made by Build or Bake")
 
 
-CLASSES = (CrowdLodCrowd, CrowdLodGroup, CrowdLodSettings)
+CLASSES = (CrowdLodCrowd, CrowdLodAction, CrowdLodGroup, CrowdLodSettings)

@@ -91,8 +91,8 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
         else:
             greyed(column, entry.kind != "HIDE").prop(entry, "level")
         column.prop(entry, "chosen_by")
-        column.prop(entry, {"MAP": "map_image", "REGION": "region"}.get(entry.chosen_by, "agents"))
-        by_place = greyed(column, entry.chosen_by in ("MAP", "REGION"))
+        column.prop(entry, {"MAP": "map_image", "REGION": "region", "VOLUME": "region"}.get(entry.chosen_by, "agents"))
+        by_place = greyed(column, entry.chosen_by != "NUMBERS")
         by_place.prop(entry, "share")
         by_place.prop(entry, "share_seed")
         by_place.operator("crowd_lod.find_agents", icon="VIEWZOOM")

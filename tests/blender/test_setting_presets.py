@@ -117,7 +117,7 @@ def test_a_preset_restores_what_it_was_added_of(tmp_path):
 
 
 OPERATORS = [kind for kind in registration.CLASSES if issubclass(kind, bpy.types.Operator) and not issubclass(kind, AddPresetBase)]
-ALWAYS = {"add_exception", "machine_import", "machine_preset", "open_report", "reset", "sample"}
+ALWAYS = {"add_area", "add_exception", "machine_import", "machine_preset", "new_map", "open_report", "reset", "sample"}
 
 
 @pytest.mark.parametrize("name", [kind.bl_idname.partition(".")[2] for kind in OPERATORS])

@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.cli import commands
+from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.crowd.scene_world import machine_of, world_of
 from crowd_lod_extension.operators.crowd.simulate import simulating_crowd
+
+from ..support.crowds import walker
 
 FLOOR, EXIT, WALL = "#909090", "#40c040", "#303030"  # of the preset evacuation
 CENTER = np.array((100.0, -50.0))
@@ -72,6 +75,12 @@ def test_button_writes_beside_the_file_and_the_crowd_follows_it(hall, tmp_path):
     settings = hall.crowd_lod
     assert settings.source == "FILE" and settings.tracks_file == "//hall_Scene.sqlite"
     rows, _ = rows_of(tmp_path / "hall_Scene.sqlite")
+    trajectory = trajectory_of(hall, (walker(),))
+    for frame in (0, 40, 150):
+        crowd, own = trajectory.at(1 + frame), rows[rows[:, 0] == frame]
+        assert crowd.there == len(own)
+        there = own[:, 1].astype(int)
+        np.testing.assert_allclose(np.stack([crowd.x, crowd.y, crowd.z], axis=1)[there], np.c_[own[:, 2:], np.full(len(own), 2)])
     again = tmp_path / "again.sqlite"
     finished(simulating_crowd(hall, 0, again))
     assert (rows_of(again)[0] == rows).all()

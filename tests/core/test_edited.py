@@ -10,6 +10,7 @@ from crowd_lod_extension.crowd_lod.crowd.agents import populate
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, FLAT, IN_ORDER, NOTHING, STATIC
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap, LabelMap
 from crowd_lod_extension.crowd_lod.culling import blocks as culling_blocks
+from crowd_lod_extension.crowd_lod.planning.exceptions import named, parse_agents
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.planning.reasons import ABSENT, reasons
 from crowd_lod_extension.crowd_lod.planning.shadows import Surroundings, surround
@@ -24,6 +25,7 @@ from ..support.cameras import straight
 from ..support.crowds import walker
 from ..support.shots import AREA, IDLER, POLICY, ground, machine, raw, shot, walking
 from ..support.strategies import generators, trajectories
+from ..support.tracks import recorded
 
 GROUPS = (walker(), IDLER, walker(stride=0.7))
 COLUMNS = "x", "y", "z", "heading", "group", "state", "phase_class", "key", "pace"
@@ -133,6 +135,29 @@ def test_blocks_hold_for_agents_moved_far_away(edge, monkeypatch):
             frame = plan(edited, camera, POLICY, time)
             assert raw(frame) == raw(plan(edited.leaving(NOTHING, 1), camera, POLICY, time))
             assert (BLOCKS in frame.left_out) == (edge != "wrap")
+
+
+def test_agents_of_a_file_are_edited_by_their_ids_while_they_are_there(monkeypatch):
+    monkeypatch.setattr(morton_order, "FEWEST", 1)
+    own, random = recorded(), np.random.default_rng(8)
+    agents = np.sort(random.choice(300, 90, replace=False))
+    edits = [
+        Edit(parse_agents(named(agents[:30], own.ids), 300, "a", own.ids), move=(12.0, -7.0, 0.0), group=1),
+        Edit(agents[30:60], turn=1.0, hide=True),
+        Edit(agents[60:], group=2),
+    ]
+    edited = Edited(own, edits)
+    group = own.group.copy()
+    group[agents[:30]], group[agents[60:]] = 1, 2
+    other = replace(own, group=group)
+    for time in (1, 40.5, 120):
+        crowd, before, camera = edited.at(time), own.at(time), straight(offset=(random.uniform(-40, 60), 20, 1.7))
+        assert np.allclose(crowd.x - before.x, np.isin(np.arange(300), agents[:30]) * 12.0)
+        assert np.array_equal(edited.phase(crowd, time), other.phase(other.at(time), time))
+        there = np.ones(300, bool) if before.present is None else before.present
+        assert np.array_equal(crowd.present, there & ~np.isin(np.arange(300), agents[30:60]))
+        frame = plan(edited, camera, POLICY, time)
+        assert BLOCKS in frame.left_out and raw(frame) == raw(plan(edited.leaving(NOTHING, 1), camera, POLICY, time))
 
 
 @st.composite

@@ -6,13 +6,15 @@ from crowd_lod_extension.crowd_lod.culling.camera import Camera, Window
 from crowd_lod_extension.crowd_lod.culling.framing import framing
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
 
-ACROSS, UP = 0.6, 0.6 * 9 / 16
+ACROSS, BELOW, ABOVE = 0.6, 0.45, 0.2
 
 
 def seen_of(places):
-    view = framing(places, ACROSS, UP)
+    view = framing(places, ACROSS, BELOW, ABOVE)
     X, Z = np.array([view.ahead[1], -view.ahead[0], 0]), np.array([*view.ahead, 0])
-    camera = Camera("PERSP", view.eye, X, np.array([0.0, 0, 1]), Z, Window(-ACROSS, ACROSS, -UP, UP), 0.1, view.far, (1920, 1080))
+    camera = Camera(
+        "PERSP", view.eye, X, np.array([0.0, 0, 1]), Z, Window(-ACROSS, ACROSS, -BELOW, ABOVE), 0.1, view.far, (1920, 1080)
+    )
     return view, seen(camera, places + [0, 0, 1.0], np.full(len(places), 0.3))[0]
 
 

@@ -13,33 +13,14 @@ from pathlib import Path
 
 import pytest
 
+from .conftest import LAUNCHER
+
 pytestmark = [
     pytest.mark.faults,
     pytest.mark.skipif(os.name == "nt", reason="Windows sends no signals to a process"),
 ]
-ROOT = Path(__file__).parents[2]
 TRIALS = 2 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 SOON = 3.0  # seconds, on a machine with much else to do; else it is a quarter of one
-LAUNCHER = (ROOT / "crowd-lod", "--python", "{}.{}".format(*sys.version_info))
-SMALL = f"""
-import sys, bpy, crowd_lod_extension
-crowd_lod_extension.register()
-sys.path.append({str(ROOT / "tests")!r})
-import rough
-rough.use("crowd_lod_extension")
-from crowd_lod_extension import sample_scenes
-from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
-from crowd_lod_extension.operators.crowd.scene_crowd import measure_groups, store_groups
-bpy.ops.wm.read_homefile(use_empty=True)
-scene = bpy.context.scene
-sample_scenes.make("chapter", scene)
-for name in "child", "heavy":
-    scene.crowd_lod.characters.children.unlink(bpy.data.collections[name])
-scene.crowd_lod.count, scene.crowd_lod.way = 300, "PRECISE"
-store_groups(scene.crowd_lod, measure_groups(scene))
-list(make_levels(scene))
-bpy.ops.wm.save_as_mainfile(filepath=sys.argv[1])
-"""
 COMMANDS = {
     "sample": "sample chapter --out out/x.blend",
     "preview": "preview {small} --frames 1,9 --width 160 --out out",
@@ -66,14 +47,6 @@ with interrupt.work(), staged(Path(sys.argv[1])) as stage:
 print("done", flush=True)
 time.sleep(float(sys.argv[2]))
 """
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    """A small crowd of one rough character with LODs."""
-    path = tmp_path_factory.mktemp("small") / "small.blend"
-    subprocess.run([sys.executable, "-c", SMALL, path], check=True, stdout=subprocess.DEVNULL)
-    return path
 
 
 def heeding() -> None:

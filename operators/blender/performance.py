@@ -1,0 +1,297 @@
+"""The actions that a character plays, one after the other: its own, and those that states name.
+
+A named action is put on the character's armature for as long as it is evaluated, then the armature
+gets back what it played. So whatever follows it (parents, constraints, drivers) follows the action.
+"""
+
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import bpy
+import numpy as np
+from mathutils import Vector
+
+from ...crowd_lod.errors import CrowdError
+from .rig_dependencies import action_range, armatures_of, curves_of, players_of, read_columns, span_of
+
+# of a rig's size: an action that ends farther from where it began moves the character
+TRAVELS = 0.01
+BONE = re.compile(r'pose\.bones\["(.*)"\]')
+# how an action is played, and how a bone stands
+AS_IT_IS = {"use_nla": False, "action_blend_type": "REPLACE", "action_influence": 1.0, "action_extrapolation": "HOLD"}
+AT_REST = {
+    "location": (0, 0, 0), "rotation_quaternion": (1, 0, 0, 0), "rotation_euler": (0, 0, 0),
+    "rotation_axis_angle": (0, 0, 1, 0), "scale": (1, 1, 1),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Part:
+    """An action of a performance.
+
+    name: as states name it; "" for the character's own, whatever that is.
+    first, last: its frames.
+    action, handle, player: the action, its slot's handle, and the object that plays it; None for the own.
+    travels: by the curves' (path, index), how far the action moves the character as a whole; taken
+        out when it is played.
+    way: metres that it travels in the plane.
+    stride: metres walked in a cycle as its custom property says, or as far as it travels; 0 if
+        neither says.
+    """
+
+    name: str
+    first: float
+    last: float
+    action: bpy.types.Action | None = None
+    handle: int = 0
+    player: bpy.types.Object | None = None
+    travels: tuple[tuple[str, int, float], ...] = ()
+    way: float = 0.0
+    stride: float = 0.0
+
+
+class Performance:
+    """What a character plays. Its moments count frames through all its parts, one after the other.
+
+    The moments of the first part are its own frames; each other part begins a frame after the one
+    before ends.
+
+    `go_to` may leave the character in another action than its own: `rest` gives it back. Call it
+    before anything yields, and at the end. As a context it rests at the end.
+    """
+
+    def __init__(self, parts: Sequence[Part]):
+        self.parts = tuple(parts)
+        self.begins = [self.parts[0].first]
+        for part in self.parts[:-1]:
+            self.begins.append(self.begins[-1] + part.last - part.first + 1)
+        self._playing: Part | None = None
+        self._before: list[tuple] = []
+        self._made: list[bpy.types.Action] = []
+
+    def __enter__(self) -> "Performance":
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.rest()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the actions."""
+        return tuple(part.name for part in self.parts)
+
+    @property
+    def spans(self) -> list[tuple[float, float]]:
+        """The first and the last moment of each part."""
+        return [(begin, begin + part.last - part.first) for begin, part in zip(self.begins, self.parts, strict=True)]
+
+    @property
+    def still(self) -> bool:
+        """Whether every part lasts one frame."""
+        return all(part.first == part.last for part in self.parts)
+
+    def only(self, name: str) -> "Performance":
+        """Return the performance of one action alone."""
+        return Performance([self.parts[self.names.index(name)]])
+
+    def find(self, moment: float) -> tuple[Part, float]:
+        """Return the part that plays at `moment`, and its frame."""
+        k = max(int(np.searchsorted(self.begins, moment, side="right")) - 1, 0)
+        return self.parts[k], moment - self.begins[k] + self.parts[k].first
+
+    def go_to(self, stage: bpy.types.Scene, moment: float) -> None:
+        """Evaluate the scene `stage` at `moment`, the character in its action."""
+        part, frame = self.find(moment)
+        if part is not self._playing:
+            self.rest()
+            if part.action is not None:
+                self._play(part)
+        stage.frame_set(int(frame // 1), subframe=float(frame % 1))
+
+    def _play(self, part: Part) -> None:
+        player = part.player
+        new = player.animation_data is None
+        data = player.animation_data_create()
+        before = {name: getattr(data, name) for name in AS_IT_IS}
+        self._playing, self._before = part, [(player, new, data.action, data.action_slot_handle, before), *_bones(player, part)]
+        action = part.action
+        if part.travels:
+            action = action.copy()
+            self._made.append(action)
+        for name, value in AS_IT_IS.items():
+            setattr(data, name, value)
+        _assign(data, action, part.handle)
+        for path, index, way in part.travels:
+            _stay(next(c for c in curves_of(data) if (c.data_path, c.array_index) == (path, index)), way, part)
+        for bone, _ in self._before[1:]:
+            for name, value in AT_REST.items():
+                setattr(bone, name, value)
+
+    def rest(self) -> None:
+        """Give the character back what it played."""
+        if self._playing is None:
+            return
+        (player, new, action, handle, before), *bones = self._before
+        data = player.animation_data
+        _assign(data, action, handle)
+        for name, value in before.items():
+            setattr(data, name, value)
+        if new:
+            player.animation_data_clear()
+        for bone, values in bones:
+            for name, value in values.items():
+                setattr(bone, name, value)
+        bpy.data.batch_remove(self._made)
+        self._playing, self._before, self._made = None, [], []
+
+
+def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, handle: int) -> None:
+    data.action = action
+    if action is not None:
+        data.action_slot = next((slot for slot in action.slots if slot.handle == handle), None)
+
+
+def _stay(curve: bpy.types.FCurve, way: float, part: Part) -> None:
+    """Take a steady motion by `way` over the action out of the curve."""
+    points, slope = curve.keyframe_points, way / (part.last - part.first)
+    for name in ("co", "handle_left", "handle_right"):
+        values = np.empty(2 * len(points), np.float32)
+        points.foreach_get(name, values)
+        values[1::2] -= slope * (values[::2] - part.first)
+        points.foreach_set(name, values)
+    curve.update()
+
+
+def _bones(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseBone, dict]]:
+    """Return the bones that the own animation of `player` moves and the action does not, and how they stand now."""
+    if player.pose is None or player.animation_data is None:
+        return []
+    played = [curve for each in players_of([player]) for curve in curves_of(each)]
+    mine, own = (
+        {match[1] for curve in curves for match in [BONE.match(curve.data_path)] if match}
+        for curves in (_curves(part.action, part.handle), played)
+    )
+    bones = [bone for bone in player.pose.bones if bpy.utils.escape_identifier(bone.name) in own - mine]
+    return [(bone, {name: tuple(getattr(bone, name)) for name in AT_REST}) for bone in bones]
+
+
+def _curves(action: bpy.types.Action, handle: int) -> list[bpy.types.FCurve]:
+    return curves_of(SimpleNamespace(action=action, action_slot_handle=handle))
+
+
+def own(objects: list[bpy.types.Object]) -> Performance:
+    """Return the performance of the character's own action alone."""
+    return Performance([Part("", *action_range(objects))])
+
+
+def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[str] = ()) -> Performance:
+    """Return the performance of the character group's own action and of those that states name.
+
+    group: its name.
+    objects: the character's.
+    names: of the actions, as states name them.
+
+    CrowdError if there is no such action, or if the character cannot play it.
+    """
+    return Performance([*own(objects).parts, *(_part(group, objects, name) for name in names)])
+
+
+def called(group: str, name: str) -> list[str]:
+    """Return the names that an action may have in the file for the group to play it as `name`, the first best."""
+    return [f"{group} {name}", f"{name} {group}", name]
+
+
+def _part(group: str, objects: list[bpy.types.Object], name: str) -> Part:
+    action = next((bpy.data.actions[each] for each in called(group, name) if each in bpy.data.actions), None)
+    if action is None:
+        raise CrowdError(
+            f"The state machine names the action {name}, and the file has none for the character group {group}: call one "
+            f"{' or '.join(called(group, name))}."
+        )
+    found = _player(objects, action)
+    if found is None:
+        raise CrowdError(
+            f"The action {action.name} is of another rig: most of its curves move nothing of the character group {group}. "
+            f"Name its own action {called(group, name)[0]}."
+        )
+    player, handle = found
+    first, last = span_of(action, _curves(action, handle))
+    if first == last:
+        raise CrowdError(
+            f"The action {action.name} has one frame: key it at two frames or more, for {group} to play it in a cycle."
+        )
+    travels = _travels(player, action, handle, (first, last))
+    way = _way(player, travels)
+    return Part(name, first, last, action, handle, player, travels, way, _stride(action) or way)
+
+
+def _player(objects: list[bpy.types.Object], action: bpy.types.Action) -> tuple[bpy.types.Object, int] | None:
+    """Return the first object of the character that most curves of a slot of `action` move, and the slot's handle."""
+    for player in (*armatures_of(objects), *objects):
+        for slot in sorted(action.slots, key=lambda slot: slot.identifier != f"OB{player.name}"):
+            curves = _curves(action, slot.handle) if slot.target_id_type in ("OBJECT", "UNSPECIFIED") else []
+            if 2 * sum(_moves(player, curve) for curve in curves) > len(curves):
+                return player, slot.handle
+    return None
+
+
+def _moves(player: bpy.types.Object, curve: bpy.types.FCurve) -> bool:
+    with suppress(ValueError):
+        player.path_resolve(curve.data_path)
+        return True
+    return False
+
+
+def _travels(player, action: bpy.types.Action, handle: int, span: tuple[float, float]) -> tuple[tuple[str, int, float], ...]:
+    """Return (path, index, way) of the curves by which the action moves the character as a whole."""
+    roots = {
+        f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"].location'
+        for bone in (player.data.bones if player.pose else ())
+        if not bone.parent
+    }
+    size = max(np.ptp([bone.head_local for bone in player.data.bones], axis=0)) if player.pose else max(player.dimensions)
+    ends = {
+        (curve.data_path, curve.array_index): curve.evaluate(span[1]) - curve.evaluate(span[0])
+        for curve in _curves(action, handle)
+        if curve.data_path in {*roots, "location"} and len(curve.keyframe_points)
+    }
+    return tuple((*key, way) for key, way in ends.items() if abs(way) > TRAVELS * size)
+
+
+def _stride(action: bpy.types.Action) -> float:
+    """Return the custom property `stride` of the action, metres; 0 without one."""
+    value = action.get("stride", 0)
+    if not isinstance(value, int | float) or not 0 <= value < np.inf:
+        raise CrowdError(f"The property stride of the action {action.name} is {value!r}: set a number of metres, or remove it.")
+    return float(value)
+
+
+def _way(player: bpy.types.Object, travels: Sequence[tuple[str, int, float]]) -> float:
+    """Return how far the action moves `player` in the plane, metres; travels: see Part."""
+    way, world = Vector((0, 0, 0)), player.matrix_world.to_3x3()
+    for path, index, length in travels:
+        step, bone = Vector([length if axis == index else 0.0 for axis in range(3)]), BONE.match(path)
+        if bone:
+            way += world @ player.data.bones[bpy.utils.unescape_identifier(bone[1])].matrix_local.to_3x3() @ step
+        else:
+            way += player.parent.matrix_world.to_3x3() @ step if player.parent else step
+    return way.xy.length
+
+
+def digest(parts: Iterable[Part]) -> list:
+    """Return what the named actions of `parts` are, to compare as text."""
+    columns = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4"))
+    return [
+        (
+            (part.name, part.action.name_full, part.first, part.last, part.stride, part.player.name_full),
+            [
+                (c.data_path, c.array_index, c.mute, read_columns(c.keyframe_points, columns))
+                for c in _curves(part.action, part.handle)
+            ],
+        )
+        for part in parts
+        if part.action is not None
+    ]

@@ -1,0 +1,227 @@
+"""The command scene: a scene made of trajectories, with the characters of a file."""
+
+import os
+from collections.abc import Generator
+from contextlib import suppress
+from math import floor, radians
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.culling.framing import framing
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ...crowd_lod.planning.frame_range import evenly
+from ...crowd_lod.progress import share
+from ...crowd_lod.reporting import files
+from ...crowd_lod.tracks.recorded import Recorded
+from ..blender import cameras, console, scene_data
+from ..build.render_setup import remove_build
+from ..crowd.scene_crowd import characters_of, populating, trajectory_of
+from .scene_files import blend_path, finish, first_line, open_scene, save
+
+# What the new scene keeps of the settings: the characters and their LOD meshes.
+KEPT = {
+    *("version", "characters", "keep_characters", "forward", "groups", "levels", "choice", "tolerance", "memory", "shading_counts"),
+    *(
+        "level_count",
+        "scale_textures",
+        "ratios",
+        "way",
+        "thresholds",
+        "metric",
+        "sizes",
+        "memory_tolerance",
+        "memory_made",
+        "dropped",
+    ),
+}
+LENS = 28.0  # millimetres
+DOWN = 0.2  # part of the picture's height by which the horizon is above the middle
+BORDER = 0.95  # part of the picture that the crowd is framed in
+MOST_RATE = 10_000  # frames a second, as the setting Frame Rate has it
+LOOKS, MOST_PLACES = 40, 400_000  # frames, and places of agents in them, that the camera is placed by
+
+
+def made(args, command: list[str]) -> dict:
+    """Write a scene of the trajectories, or of the points of an object, and return what the command tells."""
+    if (args.tracks is None) == (args.source is None):
+        raise CrowdError("Give either a file of trajectories, TRACKS, or --source with the name of an object.")
+    if args.fps is not None and not 0 < args.fps <= MOST_RATE:
+        raise CrowdError(f"The frame rate is {args.fps:g}; give a number above 0, at most {MOST_RATE:,}.")
+    path = blend_path(args.out or Path(f"{args.source or args.tracks.stem}.blend"))
+    tracks, characters, ground = (_existing(each) for each in (args.tracks, args.characters, args.ground))
+    with files.staged_file(path) as part:
+        scene = open_scene(str(characters))
+        characters_of(scene)  # says what is wrong with them
+        _check_units(scene, characters)
+        source = _object(args.source, characters)
+        own = ground is not None and ground.samefile(characters)
+        left = _empty(scene, source, own)
+        settings = scene.crowd_lod
+        if ground is not None:
+            settings.terrain = left if own else _add_ground(scene, ground)
+        if source is None:
+            settings.source, settings.tracks_file, settings.tracks_unit = "FILE", str(tracks), (args.unit or "auto").upper()
+            settings.tracks_rate = args.fps or 0
+        else:
+            settings.source, settings.points = "POINTS", source
+        said = finish(_filled(scene), f"scene of {path.stem}", args.quiet)
+        if source is None:
+            with suppress(ValueError):  # on another drive
+                settings.tracks_file = "//" + os.path.relpath(tracks, path.parent)
+        save(part, path)
+    count = scene.frame_end - scene.frame_start + 1
+    return {
+        "out": printable(path),
+        "frames": [scene.frame_start, scene.frame_end],
+        "camera": [round(each, 3) for each in scene.camera.matrix_world.translation],
+        "summary": f"{said}\n{count:,} frames at {scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
+    }
+
+
+def _existing(path: Path | None) -> Path | None:
+    """Return the path from the root; CrowdError if there is no such file."""
+    if path is None:
+        return None
+    if not path.is_file():
+        raise CrowdError(f"There is no file {printable(path)}: give another path.")
+    return files.absolute(path)
+
+
+def _object(name: str | None, path: Path) -> bpy.types.Object | None:
+    """Return the object of that name in the open file; CrowdError if there is none."""
+    if name is not None and name not in bpy.data.objects:
+        raise CrowdError(f"There is no object {name} in {printable(path)}: give the name of one whose points are the agents.")
+    return None if name is None else bpy.data.objects[name]
+
+
+def _check_units(scene: bpy.types.Scene, path: Path) -> None:
+    if abs(scene_data.metres(scene) - 1) > 1e-6:
+        raise CrowdError(
+            f"A unit of the scene {scene.name} in {printable(path.name)} is {scene_data.metres(scene):g} m, and trajectories are in "
+            "metres: set its Unit Scale to 1, and scale the characters."
+        )
+
+
+def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool) -> bpy.types.Collection | None:
+    """Remove all from the open file but the object `source` and `scene`, its characters, LOD meshes, world and how it renders.
+
+    keeps: what else the scene shows stays, in a collection that is returned.
+    """
+    settings = scene.crowd_lod
+    if settings.build is not None:
+        remove_build(scene)
+    for prop in settings.bl_rna.properties:
+        if prop.identifier not in KEPT and not prop.is_readonly:
+            settings.property_unset(prop.identifier)
+    for name in ("crowds", "exceptions"):
+        getattr(settings, name).clear()
+    scene.animation_data_clear()
+    scene.timeline_markers.clear()
+    scene.sequence_editor_clear()
+    scene.camera = scene.background_set = None
+    for other in [other for other in bpy.data.scenes if other != scene]:
+        bpy.data.scenes.remove(other)
+    top, home = scene.collection, bpy.data.collections.new("Ground")
+    own = {settings.characters, *([settings.levels] if settings.levels in top.children_recursive else [])}
+    for parent in (top, *bpy.data.collections):
+        for child in own & set(parent.children):
+            parent.children.unlink(child)
+    for child in list(top.children):
+        home.children.link(child)
+        top.children.unlink(child)
+    for item in list(top.objects):
+        if item != source:
+            home.objects.link(item)
+        top.objects.unlink(item)
+    for child in (*own, *([home] if keeps else [])):
+        top.children.link(child)
+    settings.characters.hide_render = True
+    if source is not None:
+        top.objects.link(source)
+    if not keeps:
+        bpy.data.collections.remove(home)
+    bpy.data.orphans_purge(do_recursive=True)
+    scene.unit_settings.system = "METRIC"
+    return home if keeps else None
+
+
+def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
+    """Append all that the first scene with meshes in the file at `path` shows, and its world if `scene` has none.
+
+    Returns its collection.
+    """
+    try:
+        with console.quiet(), bpy.data.libraries.load(str(path), link=False) as (there, wanted):
+            wanted.scenes = there.scenes
+    except (OSError, RuntimeError) as error:
+        raise CrowdError(f"Blender cannot read {printable(path)}: {first_line(error)}") from None
+    home = bpy.data.collections.new("Ground")
+    scene.collection.children.link(home)
+    found = next((each for each in wanted.scenes if any(item.type == "MESH" for item in each.objects)), None)
+    if found is None:
+        raise CrowdError(f"No scene of {printable(path)} shows a mesh: give a file with the ground, or leave out --ground.")
+    for child in found.collection.children:
+        home.children.link(child)
+    for item in found.collection.objects:
+        home.objects.link(item)
+    scene.world = scene.world or found.world
+    for each in wanted.scenes:
+        bpy.data.scenes.remove(each)
+    bpy.data.orphans_purge(do_recursive=True)
+    return home
+
+
+def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
+    """Populate the scene, and add what it takes to render it: yield the progress, return a sentence."""
+    said, _ = yield from share(populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5)
+    if scene.crowd_lod.source == "FILE":
+        trajectory = trajectory_of(scene)
+        scene.frame_start, scene.frame_end = trajectory.first_frame, _last(trajectory)
+    _film(scene, (yield from share(_places(scene), 0.5, 1.0)))
+    if not any(item.type == "LIGHT" for item in scene.objects):
+        _add(scene, "Sun", bpy.data.lights.new("Sun", "SUN")).rotation_euler = (radians(50), 0, radians(30))
+    if scene.world is None:
+        scene.world = bpy.data.worlds.new("World")
+    scene.frame_set(scene.frame_start)
+    return said
+
+
+def _last(trajectory: Recorded) -> int:
+    """Return the last whole frame of the scene in which the file has anyone."""
+    return floor(trajectory.scene_frame(trajectory.tracks.last) + 1e-6)
+
+
+def _places(scene: bpy.types.Scene) -> Generator[float, None, np.ndarray]:
+    """Find where agents are at frames all over the shot: yield the progress, return (n, 3) float64."""
+    frames = evenly(range(scene.frame_start, scene.frame_end + 1), LOOKS)
+    found = []
+    for k, frame in enumerate(frames):
+        scene.frame_set(frame)
+        trajectory = trajectory_of(scene)
+        yield from share(trajectory.approach(frame), k / len(frames), (k + 1) / len(frames))
+        crowd = trajectory.at(frame)
+        there = np.stack([crowd.x, crowd.y, crowd.z], axis=1)[slice(None) if crowd.present is None else crowd.present]
+        found.append(there[:: max(1, len(there) * len(frames) // MOST_PLACES)])
+    return np.concatenate(found)
+
+
+def _film(scene: bpy.types.Scene, places: np.ndarray) -> None:
+    """Add a camera that frames the `places` (n, 3)."""
+    camera = _add(scene, "Camera", bpy.data.cameras.new("Camera"))
+    width, height = cameras.image_size(scene.render)
+    camera.data.lens, camera.data.shift_y = LENS, -DOWN * height / max(width, height)
+    scene.camera = camera
+    window = cameras.camera_from(camera, scene.render, bpy.context.evaluated_depsgraph_get()).window
+    view = framing(places, BORDER * window.right, -BORDER * window.bottom, BORDER * window.top)
+    x, y = view.ahead
+    scene_data.look_at(camera, view.eye, (y, -x, 0), (0, 0, 1), (x, y, 0))
+    camera.data.clip_start, camera.data.clip_end = 0.1, view.far
+
+
+def _add(scene: bpy.types.Scene, name: str, data: bpy.types.ID) -> bpy.types.Object:
+    item = bpy.data.objects.new(name, data)
+    scene.collection.objects.link(item)
+    return item

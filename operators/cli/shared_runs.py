@@ -1,0 +1,192 @@
+"""Runs that several processes or machines share: --jobs, --part, and the command assemble.
+
+See docs/notes/runs_in_parts.md.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import shutil
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ... import sample_scenes
+from ...crowd_lod import __version__
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ...crowd_lod.planning.frame_range import parse_frames, told_frames
+from ...crowd_lod.reporting import files, plan_file
+from ..batch.shared_frames import Sharing, allowed
+
+PARTS, RUN = "parts", "run.json"  # of a folder: its parts, and which run they are of
+# options with the number of their values: of a process that makes a part; that do not change what is made
+OF_PART = {"--part": 1, "--into": 1, "--threads": 1}
+ASIDE = {**OF_PART, "--out": 1, "--jobs": 1, "--quiet": 0, "--json": 0}
+MOST_JOBS = 256
+
+
+def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Path, frames: Sequence[int]) -> Sharing:
+    """Return which part of the run this process does.
+
+    CrowdError if the options do not fit each other, or `folder` has parts of another run.
+
+    command: program and arguments.
+    folder: of the output.
+    frames: of the whole run.
+    """
+    if not 1 <= args.jobs <= MOST_JOBS:
+        raise CrowdError(f"The number of jobs is {args.jobs}; give a whole number from 1 to {MOST_JOBS}.")
+    if args.threads is not None:
+        scene.render.threads_mode, scene.render.threads = "FIXED", args.threads
+    if args.into is not None and args.part is None:
+        return Sharing(into=args.into)
+    key = key_of(args, command)
+    if args.part is not None:
+        if args.jobs > 1:
+            raise CrowdError("A part is made by one process: leave out --jobs, or --part.")
+        part = parse_frames(args.part)
+        strange = sorted(set(part) - set(frames))
+        if strange:
+            raise CrowdError(
+                f"Frames {told_frames(strange)} of --part are not among the run's: name frames of {told_frames(frames)}."
+            )
+        into = args.into or _parts(folder, args, command, key)
+        return Sharing(part=tuple(part), into=into, parent=os.getppid() if args.into else 0)
+    jobs = allowed(args.jobs)
+    if jobs < args.jobs:
+        _say(args, f"Memory is free for {jobs} process{'es' * (jobs > 1)}, not for {args.jobs}.")
+    own, others = files.killed_runs(folder, key)
+    if own:
+        _say(args, f"Going on with {own} of {len(frames)} frames from a run that was ended.")
+    if others:
+        _say(args, f"{others} frames of another run into this folder, which was ended, are not used: it had other arguments.")
+    return Sharing(key=key, jobs=jobs, worker=worker_of(args, command, jobs))
+
+
+def key_of(args, command: Sequence[str]) -> str:
+    """Return what fixes a run's output: the command, and the files that it reads, by content.
+
+    "" for a file that is open: it may have been changed since.
+    """
+    if args.scene is None:
+        return ""
+    found = hashlib.sha256(repr((without(command, ASIDE), __version__, bpy.app.version_string)).encode())
+    plan = [args.plan, args.plan / plan_file.NAME] if args.plan is not None else []
+    linked = [*bpy.data.libraries, *(image for image in bpy.data.images if image.filepath and not image.packed_file)]
+    for path in (Path(args.scene), *plan, *(Path(bpy.path.abspath(each.filepath)) for each in linked)):
+        if path.is_file():
+            found.update(path.read_bytes())
+    return found.hexdigest()
+
+
+def without(command: Sequence[str], options: Mapping[str, int]) -> list[str]:
+    """Return the words of a command without these options and their values.
+
+    options: the number of values of each.
+    """
+    kept, skip = [], 0
+    for word in command:
+        name, given, _ = word.partition("=")
+        if skip:
+            skip -= 1
+        elif name in options:
+            skip = 0 if given else options[name]
+        else:
+            kept.append(word)
+    return kept
+
+
+def worker_of(args, command: Sequence[str], jobs: int) -> Callable[[Path, Sequence[int]], list[str]]:
+    """Return the function that gives the command of a process of --jobs; see Sharing.worker."""
+    words = without(command, ASIDE)[1:]
+    words = [word for k, word in enumerate(words) if k != _place(words, args)]
+    threads = max(1, (os.cpu_count() or 1) // jobs)
+
+    def worker(file: Path, frames: Sequence[int]) -> list[str]:
+        into = file.parent.parent
+        own = [words[0], str(file), *words[1:], "--part", ",".join(map(str, frames)), "--into", str(into)]
+        if args.plan is None and (into / plan_file.NAME).exists():
+            own += "--plan", str(into)
+        return [*launcher(), *own, "--threads", str(threads), "--quiet"]
+
+    return worker
+
+
+def _place(words: Sequence[str], args) -> int:
+    """Return where the scene stands among the words after the program; -1 if it does not."""
+    return next((k for k, word in enumerate(words) if k and word == args.scene), -1)
+
+
+def launcher() -> list[str]:
+    """Return the words that start Crowd LOD's commands as this process was started."""
+    if bpy.app.binary_path:
+        return [bpy.app.binary_path, "--background", "--command", "crowd_lod"]
+    package = __package__.partition(".")[0]
+    return [sys.executable, "-c", f"import sys; from {package}.operators.cli.start import start; sys.exit(start())"]
+
+
+def _parts(folder: Path, args, command: Sequence[str], key: str) -> Path:
+    """Return the folder of the run's parts, marked with the run."""
+    if not key:
+        raise CrowdError("Parts are made of a file by its path, not of the one that is open: give SCENE.")
+    run = {"key": key, "command": without(command, OF_PART), "scene": printable(Path(args.scene).absolute())}
+    path = folder / PARTS / RUN
+    if path.exists():
+        if read_run(folder)["key"] != key:
+            raise CrowdError(
+                f"The folder {printable(folder)} holds parts of another run, or of another state of the scene: choose another "
+                f"with --out, or remove {printable(folder / PARTS)}."
+            )
+        return path.parent
+    with files.staged_file(path) as part:
+        part.write_text(json.dumps(run, indent=2), encoding="utf-8")
+    return path.parent
+
+
+def read_run(folder: Path) -> dict[str, Any]:
+    """Return what run.json says of the parts in `folder`; CrowdError if it cannot be read."""
+    path = folder / PARTS / RUN
+    try:
+        run = json.loads(path.read_text(encoding="utf-8"))
+        if all(isinstance(run[name], str) for name in ("key", "scene")) and all(isinstance(word, str) for word in run["command"]):
+            return run
+    except FileNotFoundError:
+        raise CrowdError(f"There are no parts in {printable(folder)}: make them with preview or verify and --part.") from None
+    except (OSError, ValueError, LookupError, TypeError):
+        pass
+    raise CrowdError(f"The file {printable(path)} is damaged: remove {printable(folder / PARTS)} and make the parts again.")
+
+
+def assembled(args, parser: Callable[[str], argparse.ArgumentParser]) -> tuple[argparse.Namespace, list[str]]:
+    """Return (arguments, words) of the command whose parts `args` names, to finish it with these.
+
+    CrowdError if there are none, or the scene is another one now.
+    """
+    run = read_run(args.folder)
+    program, *words = run["command"]
+    again = parser(program).parse_args(words)
+    again.out, again.into = args.folder, args.folder / PARTS
+    again.scene = args.scene or (again.scene if again.scene in sample_scenes.NAMES else run["scene"])
+    again.quiet, again.json = args.quiet, args.json
+    return again, run["command"]
+
+
+def remove_parts(folder: Path) -> None:
+    """Remove the parts in `folder`, which are part of its files now."""
+    shutil.rmtree(folder / PARTS)
+
+
+def told_of_part(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
+    """Return a command's result that made a part of a run."""
+    out, frames = printable(sharing.into), [row["frame"] for row in rows]
+    return {"out": out, "frames": rows, "summary": f"Frames {told_frames(frames)} are in {out}."}
+
+
+def _say(args, sentence: str) -> None:
+    if not args.quiet:
+        print(f"crowd-lod: {sentence}", file=sys.stderr)

@@ -1,0 +1,63 @@
+"""What is to be said of the actions that states name: root motion, and feet that slide."""
+
+from collections.abc import Iterator, Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Action, Group
+from ...crowd_lod.crowd.state_machine import StateMachine
+from ...crowd_lod.format import number
+from ..blender import scene_data
+from ..blender.performance import called
+from .scene_world import machine_of
+
+SLIDES = 0.01  # metres in a cycle: feet that slide less do not count
+
+
+def told_of_actions(scene: bpy.types.Scene, groups: Sequence[Group]) -> Iterator[str]:
+    """Yield sentences on the actions that states of the scene's crowds name.
+
+    groups: as just measured.
+    """
+    machines = [machine_of(crowd) for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.source == "MACHINE"]
+    for group in groups:
+        for action in group.actions:
+            yield from _root_motion(scene, group, action)
+            yield from _slides(scene, group, action, machines)
+
+
+def _root_motion(scene: bpy.types.Scene, group: Group, action: Action) -> Iterator[str]:
+    if action.way:
+        way = number(action.way * scene_data.metres(scene))
+        yield (
+            f"The action {_title(group, action)} moves {group.name} by {way} m in a cycle: that is taken out, because states move "
+            "the agents."
+        )
+
+
+def _slides(scene: bpy.types.Scene, group: Group, action: Action, machines: Sequence[StateMachine]) -> Iterator[str]:
+    speeds = {
+        (machine.states[s], float(speed))
+        for machine in machines
+        for s, name in enumerate(machine.actions)
+        if name == action.name
+        for speed in np.hypot(*machine.velocity[s].T).round(9)
+    }
+    walks = sorted((speed, state) for state, speed in speeds if speed)
+    if not walks or not action.period:
+        return
+    speed, state = walks[-1]
+    slide = abs((action.stride or speed * action.period) - action.feet)
+    metres = scene_data.metres(scene)
+    if slide * metres > SLIDES:
+        fits = f"the speed that fits is {number(action.feet / action.period)} m/s"
+        says = f", its property stride says {number(action.stride)} m" if action.stride else ""
+        yield (
+            f"In the state {state} at {number(speed)} m/s the feet of {group.name} slide by {number(slide * metres)} m in a cycle of "
+            f"{_title(group, action)}: they walk {number(action.feet * metres)} m in it{says}; {fits}."
+        )
+
+
+def _title(group: Group, action: Action) -> str:
+    return next((name for name in called(group.name, action.name) if name in bpy.data.actions), action.name)

@@ -1,0 +1,275 @@
+"""Actions that states name: what agents show, against the character with that action as Blender evaluates it."""
+
+import json
+
+import bpy
+import mathutils
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import mesh_data, scene_data
+from crowd_lod_extension.operators.blender.performance import performance_of
+from crowd_lod_extension.operators.build import bake, render_setup
+from crowd_lod_extension.operators.crowd.action_troubles import told_of_actions
+from crowd_lod_extension.operators.crowd.scene_crowd import (
+    characters_of,
+    frame_of,
+    groups_of,
+    measure_groups,
+    store_groups,
+    trajectory_of,
+)
+from crowd_lod_extension.operators.lod_meshes import deviation
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
+from crowd_lod_extension.operators.overlay import skinned_characters
+from crowd_lod_extension.sample_scenes.characters import make_characters
+
+from .test_rigs import instances
+
+STATES = {
+    "walk": {"start": 1, "after": [1, 3], "then": "wait", "on": {"*": {"move": [1.25, 0]}}},
+    "wait": {"start": 1, "action": "idle", "after": [1, 3], "then": "walk", "on": {"*": {}}},
+}
+
+
+def name_actions(scene, states=STATES):
+    text = bpy.data.texts.new("states.json")
+    text.from_string(json.dumps({"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": states}))
+    scene.crowd_lod.machine = text
+
+
+@pytest.fixture
+def waiting(scene):
+    """Two of the sample characters, who walk and wait."""
+    people = scene.crowd_lod.characters
+    groups = [bpy.data.collections[name] for name in ("adult", "heavy", "child")]
+    bpy.data.batch_remove([*(item for group in groups for item in group.objects), *groups, *bpy.data.actions])
+    make_characters(people, idle=True)
+    people.children.unlink(people.children["heavy"])
+    name_actions(scene)
+    scene.crowd_lod.count = 60
+    return scene
+
+
+def levelled(scene):
+    store_groups(scene.crowd_lod, measure_groups(scene))
+    list(make_levels(scene))
+    return scene
+
+
+def itself(scene, group, action, phase):
+    """The points (v, 3) of the character `group` that plays `action` at `phase`, evaluated alone, about its origin."""
+    _, objects, origin = characters_of(scene)[group]
+    stage, (rig,) = bpy.data.scenes.new("itself"), {item.parent for item in objects}
+    for item in (rig, *objects):
+        stage.collection.objects.link(item)
+    before, rig.animation_data.action = rig.animation_data.action, action
+    first, last = action.frame_range
+    frame = first + phase * (last - first)
+    stage.frame_set(int(frame // 1), subframe=frame % 1)
+    depsgraph = stage.view_layers[0].depsgraph
+    points = [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects if item.type == "MESH"]
+    rig.animation_data.action = before
+    bpy.data.scenes.remove(stage)
+    return np.concatenate(points) - origin
+
+
+def agents_of(scene, number):
+    """(agent, its own action, its phase) of the first agents that the camera sees of each state and group."""
+    trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd, found = plan.crowd, {}
+    for agent in plan.buckets.order:
+        found.setdefault((int(crowd.state[agent]), int(crowd.group[agent])), agent)
+    for (state, group), agent in found.items():
+        name = characters_of(scene)[group][0]
+        action = bpy.data.actions[f"{'idle' if state else 'walk'} {name}"]
+        first, last = action.frame_range
+        cycles = 24 / (last - first) if state else 1.25 / groups_of(scene.crowd_lod)[group].stride
+        yield agent, action, (crowd.phase_class[agent] / trajectory.gaits.classes + cycles * number / 24) % 1.0
+
+
+def worst(scene, number):
+    """Metres by which what the build shows of some agents is off the characters themselves, and how many actions they play."""
+    crowd, shown = trajectory_of(scene).at(number), [points for level, points in instances(scene) if level == 0]
+    off, actions = 0.0, set()
+    for agent, action, phase in agents_of(scene, number):
+        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
+        c, s = np.cos(angle), np.sin(angle)
+        points = itself(scene, crowd.group[agent], action, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
+        off = max(off, min(abs(other - points).max() for other in shown if other.shape == points.shape))
+        actions.add(action)
+    return off, len(actions)
+
+
+def test_live_build_and_bake_show_the_action_of_each_state(waiting):
+    scene = levelled(waiting)
+    scene.crowd_lod.thresholds[:2] = (0.98, 0.99)  # all at LOD 0
+    list(render_setup.build(scene))
+    for number in (3, 50, 97):
+        scene.frame_set(number)
+        off, actions = worst(scene, number)
+        assert actions == 4 and off < 1e-4 * 1.2
+    assert [action.name for action in {o.animation_data.action for o in scene.crowd_lod.characters.all_objects if o.animation_data}]
+    finished(bake.bake(scene, [3, 50]))
+    scene.frame_set(50)
+    off, actions = worst(scene, 50)
+    assert actions == 4 and off < 1e-4 * 1.2
+
+
+def test_the_overlay_has_the_frames_of_each_action(waiting):
+    scene = levelled(waiting)
+    for group, (name, _, _) in enumerate(characters_of(scene)):
+        homes = [level.children[group] for level in scene.crowd_lod.levels.children]
+        character = finished(skinned_characters.baking(name, lambda homes=homes: homes, ("idle",)))
+        for title in ("walk", "idle"):
+            action = bpy.data.actions[f"{title} {name}"]
+            first, count = character.rows_of("idle" if title == "idle" else "")
+            frames = character.frames[first : first + count]
+            assert count == action.frame_range[1]
+            for phase in np.array([0, 7, count // 2]) / (count - 1):  # between frames it mixes matrices
+                mine = skin(character.meshes[0], pose(frames, np.array([phase], np.float32)))[0]
+                own = itself(scene, group, action, phase)
+                nearest = np.linalg.norm(mine[:, None] - own[None, ::7], axis=2).min(axis=0)
+                assert nearest.max() < 1e-4
+
+
+def group_of(scene, **states):
+    """The adult, measured, whose crowd has these states."""
+    name_actions(scene, states)
+    return next(group for group in measure_groups(scene) if group.name == "adult")
+
+
+def going(action, speed=1.25):
+    return {"action": action, "on": {"*": {"move": [speed, 0]}}}
+
+
+def test_a_stride_is_measured_by_the_feet_and_an_idle_plays_by_time(waiting):
+    group = group_of(waiting, walk=going("walk"), wait=going("idle", 0))
+    walk, idle = group.action("walk"), group.action("idle")
+    solved = waiting.crowd_lod.characters.children["adult"]["stride"]  # by which the feet of the walk were placed
+    assert walk.stride == pytest.approx(solved, rel=1e-3) and walk.period == pytest.approx(26 / 24)
+    assert idle.stride == 0 and idle.period == pytest.approx(104 / 24)
+    assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
+
+
+def travelling(scene, way=1.3541666):
+    """An action "stroll adult": the walk, moved forward by its stride in a cycle."""
+    action = bpy.data.actions["walk adult"].copy()
+    action.name = "stroll adult"
+    rig = bpy.data.objects["adult rig"]
+    before, rig.animation_data.action = rig.animation_data.action, action
+    bone = rig.data.bones["hips"].matrix_local.to_3x3()
+    for index in range(3):
+        curve = action.fcurve_ensure_for_datablock(rig, 'pose.bones["hips"].location', index=index)
+        for key in curve.keyframe_points:
+            key.co.y += (bone.transposed() @ mathutils.Vector((way * (key.co.x - 1) / 26, 0, 0)))[index]
+        curve.update()
+    rig.animation_data.action = before
+    return action
+
+
+def test_root_motion_is_taken_out_and_is_the_stride(waiting):
+    travelling(waiting)
+    waiting.crowd_lod.characters.children.unlink(waiting.crowd_lod.characters.children["child"])
+    group = group_of(waiting, go=going("stroll"))
+    assert group.action("stroll").stride == pytest.approx(1.3541666, rel=1e-4)
+    told = list(told_of_actions(waiting, [group]))
+    assert len(told) == 1 and "stroll adult moves adult by 1.35 m in a cycle: that is taken out" in told[0]
+    (_, objects, _), actions = characters_of(waiting)[0], len(bpy.data.actions)
+    stage = bpy.data.scenes.new("stage")
+    for item in (*objects, objects[0].parent):
+        stage.collection.objects.link(item)
+    act = performance_of("adult", objects, ["stroll"]).only("stroll")
+    for frame in (1, 9.5, 27):
+        act.go_to(stage, frame)
+        depsgraph = stage.view_layers[0].depsgraph
+        mine = mesh_data.world_points(objects[0].evaluated_get(depsgraph))
+        act.rest()
+        assert np.abs(mine - itself(waiting, 0, bpy.data.actions["walk adult"], (frame - 1) / 26)).max() < 1e-5
+    assert len(bpy.data.actions) == actions and bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
+
+
+def test_feet_that_slide_are_told_with_the_speed_that_fits(waiting):
+    bpy.data.actions["walk adult"]["stride"] = 1.5
+    (told,) = told_of_actions(waiting, [group_of(waiting, walk=going("walk"))])
+    assert "slide by 0.146 m in a cycle of walk adult" in told and "the speed that fits is 1.25 m/s" in told
+    (told,) = told_of_actions(waiting, [group_of(waiting, wait=going("idle", 0.5))])
+    assert "feet of adult slide by 2.17 m in a cycle of idle adult" in told and "fits is 0 m/s" in told
+    del bpy.data.actions["walk adult"]["stride"]
+    assert not list(told_of_actions(waiting, [group_of(waiting, walk=going("walk"), wait=going("idle", 0))]))
+
+
+def test_actions_that_cannot_be_played_are_told_in_a_sentence(waiting):
+    with pytest.raises(CrowdError, match="names the action dance, and the file has none for the character group adult: call one"):
+        group_of(waiting, dance=going("dance"))
+    bpy.data.actions["idle child"].name = "idle adult 2"
+    with pytest.raises(
+        CrowdError, match="the file has none for the character group child: call one child idle or idle child or idle"
+    ):
+        group_of(waiting, wait=going("idle", 0))
+    of_another = bpy.data.objects.new("other", bpy.data.armatures.new("other"))
+    waiting.collection.objects.link(of_another)
+    of_another.animation_data_create().action = bpy.data.actions.new("jump")
+    for frame in (1, 10):
+        of_another.animation_data.action.fcurve_ensure_for_datablock(
+            of_another, 'pose.bones["wheel"].location'
+        ).keyframe_points.insert(frame, 0)
+    with pytest.raises(CrowdError, match="The action jump is of another rig"):
+        group_of(waiting, jump=going("jump"))
+    pose_of_one = bpy.data.actions["walk adult"].copy()
+    pose_of_one.name, pose_of_one.use_frame_range, pose_of_one.frame_start, pose_of_one.frame_end = "salute", True, 4, 4
+    with pytest.raises(CrowdError, match="The action salute has one frame"):
+        group_of(waiting, salute=going("salute", 0))
+    bpy.data.actions["walk adult"]["stride"] = "long"
+    with pytest.raises(CrowdError, match="The property stride of the action walk adult is 'long'"):
+        group_of(waiting, walk=going("walk"))
+    assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
+
+
+def test_bones_that_an_action_leaves_alone_stand_at_rest_in_it(waiting):
+    idle, rig = bpy.data.actions["idle adult"], bpy.data.objects["adult rig"]
+    bag = idle.layers[0].strips[0].channelbags[0]
+    for curve in [curve for curve in bag.fcurves if "forearm.L" in curve.data_path]:
+        bag.fcurves.remove(curve)
+    _, objects, _ = characters_of(waiting)[0]
+    stage, found = bpy.data.scenes.new("stage"), []
+    for item in (*objects, rig):
+        stage.collection.objects.link(item)
+    act = performance_of("adult", objects, ["idle"]).only("idle")
+    for turn in (0.0, 1.0):  # however it stands now
+        rig.pose.bones["forearm.L"].rotation_quaternion = (np.cos(turn), np.sin(turn), 0, 0)
+        with act:
+            act.go_to(stage, 30)
+            found.append(np.array(rig.evaluated_get(stage.view_layers[0].depsgraph).pose.bones["forearm.L"].matrix_basis))
+        assert rig.pose.bones["forearm.L"].rotation_quaternion[1] == pytest.approx(np.sin(turn))
+    assert np.allclose(found, np.eye(4), atol=1e-6)
+
+
+def test_spheres_and_deviations_hold_in_every_action(waiting):
+    idle, rig = bpy.data.actions["idle adult"], bpy.data.objects["adult rig"]
+    rig.animation_data.action, walk = idle, rig.animation_data.action
+    for index in range(3):  # it leaps while it waits
+        curve = idle.fcurve_ensure_for_datablock(rig, 'pose.bones["hips"].location', index=index)
+        for key in curve.keyframe_points:
+            up = rig.data.bones["hips"].matrix_local.to_3x3().transposed() @ mathutils.Vector((0, 0, 1))
+            key.co.y += up[index] * 2 * np.sin(np.pi * (key.co.x - 1) / 104)
+        curve.update()
+    rig.animation_data.action = walk
+    without = group_of(waiting, walk={"on": {"*": {"move": [1, 0]}}})
+    name_actions(waiting)
+    scene = levelled(waiting)
+    (group, *_) = groups_of(scene.crowd_lod)
+    assert without.center + without.radius < 2 and group.center + group.radius > 3.5 and [a.name for a in group.actions] == ["idle"]
+    _, objects, _ = characters_of(scene)[0]
+    plain = finished(deviation.measure(group, objects, deviation.meshes_of(scene.crowd_lod.levels, 0, "adult")))
+    assert all(mine >= 0.99 * own for mine, own in zip(group.deviations, plain.deviations, strict=True))
+    act = performance_of("adult", objects, ["idle"])
+    meshes = deviation.meshes_of(scene.crowd_lod.levels, 0, "adult")
+    for moment in np.linspace(*act.spans[1], 7):  # none of them deviates more than its bound
+        with deviation.Posed(objects, meshes, act) as posed:
+            body, levels = posed.at(moment)
+            for level, bound in zip(levels, group.bounds, strict=True):
+                assert body.distances(level.points).max() <= bound + 1e-6

@@ -1,0 +1,69 @@
+"""A run in chunks, or by two processes, gives the files of one run."""
+
+import os
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.batch import preview
+from crowd_lod_extension.operators.cli import commands, shared_runs
+
+from ..support.outputs import contents
+
+PREVIEW = ("preview", "--frames", "1,9,20", "--width", "96", "--engine", "cycles", "--quiet")
+VERIFY = ("verify", "--frames", "1,9", "--width", "48", "--samples", "1", "--quiet")
+
+
+def run(*words):
+    return commands._run([str(word) for word in words], "crowd-lod")
+
+
+@pytest.fixture
+def file(levelled, tmp_path):
+    levelled.crowd_lod.count, levelled.cycles.samples = 60, 2
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    return tmp_path / "crowd.blend"
+
+
+@pytest.mark.once
+def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
+    (name, *options), chunks = VERIFY, ("1", "9")
+    assert run(name, file, *options, "--out", tmp_path / "one") == 0
+    for chunk in chunks:
+        assert run(name, file, *options, "--part", chunk, "--out", tmp_path / "two") == 0
+        if chunk == chunks[0]:
+            assert run("assemble", tmp_path / "two") == 1
+            assert f"Frames {chunks[1]} are not in" in capfd.readouterr().err
+    assert os.listdir(tmp_path / "two") == ["parts"]
+    assert run("assemble", tmp_path / "two", "--quiet") == 0
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+@pytest.mark.once
+def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
+    name, *options = PREVIEW
+    assert run(name, file, *options, "--out", tmp_path / "one") == 0
+    monkeypatch.setattr(preview._Run, "shoot", None)  # this process makes none
+    assert run(name, file, *options, "--jobs", 2, "--out", tmp_path / "two") == 0
+    assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):
+    (name, *options), out = PREVIEW, tmp_path / "out"
+    assert run(name, file, *options, "--part", "2,9", "--out", out) == 1
+    assert "Frames 2 of --part are not among the run's: name frames of 1, 9, 20." in capfd.readouterr().err
+    assert run(name, file, *options, "--part", "1", "--jobs", 2, "--out", out) == 1
+    assert run(name, file, *options, "--jobs", 0, "--out", out) == 1
+    assert run("assemble", out) == 1 and "There are no parts" in capfd.readouterr().err
+    assert not out.exists()
+    assert run(name, file, *options, "--part", "1", "--out", out) == 0
+    assert run(name, file, *options, "--part", "9", "--seed", 5, "--out", out) == 1
+    assert "holds parts of another run" in capfd.readouterr().err
+    run_json = out / "parts" / "run.json"
+    run_json.write_text(run_json.read_text()[:-9])
+    assert run("assemble", out) == 1 and "is damaged" in capfd.readouterr().err
+
+
+def test_only_options_that_change_nothing_are_left_out_of_the_key():
+    words = ["crowd-lod", "preview", "a.blend", "--out", "x", "--part=1:2", "--jobs", "3", "--json", "--width", "9"]
+    assert shared_runs.without(words, shared_runs.ASIDE) == ["crowd-lod", "preview", "a.blend", "--width", "9"]
+    assert shared_runs.without(words, shared_runs.OF_PART) == words[:5] + words[6:]

@@ -1,0 +1,84 @@
+"""A frame counts as made if its record and all of its pictures are whole, and no sooner."""
+
+import json
+
+import pytest
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.planning.frame_range import parse_frames, told_frames
+from crowd_lod_extension.crowd_lod.reporting import files, frame_parts
+from crowd_lod_extension.crowd_lod.reporting.frame_parts import RECORDS, FrameParts
+
+
+@pytest.fixture
+def parts(tmp_path):
+    made = FrameParts(tmp_path, "state")
+    for number in (1, 2):
+        (tmp_path / f"{number}.txt").write_text(f"picture {number}")
+        assert made.put(number, {"row": {"frame": number}}, [tmp_path / f"{number}.txt"]) == {"row": {"frame": number}}
+    return made
+
+
+def test_whole_frames_are_found_again(parts):
+    assert parts.get(2) == {"row": {"frame": 2}} and parts.get(3) is None
+    assert frame_parts.whole_frames(parts.folder) == [1, 2]
+    assert FrameParts(parts.folder, "another crowd").get(2) is None
+
+
+@pytest.mark.parametrize("spoil", ["cut picture", "other picture", "no picture", "cut record", "other record", "no record"])
+def test_a_frame_that_is_not_whole_does_not_count(parts, spoil):
+    what, path = spoil.split()[0], parts.folder / "2.txt" if "picture" in spoil else parts.folder / RECORDS / "0002.json"
+    data = path.read_bytes()
+    if what == "no":
+        path.unlink()
+    else:
+        path.write_bytes(data[:-1] if what == "cut" else b"[]")
+    assert parts.get(2) is None and parts.get(1) is not None
+
+
+def test_no_record_names_a_picture_that_was_not_written(parts):
+    (parts.folder / "3.png").write_bytes(b"\x89PNG\r\n\x1a\n")
+    with pytest.raises(CrowdError, match="not written to its end"):
+        parts.put(3, {}, [parts.folder / "3.png"])
+    assert parts.get(3) is None
+
+
+def test_files_of_unfinished_frames_are_removed_and_others_taken(parts, tmp_path_factory):
+    (parts.folder / "9.txt").write_text("half")
+    frame_parts.keep_whole(parts.folder)
+    assert sorted(path.name for path in parts.folder.iterdir()) == [RECORDS, "1.txt", "2.txt"]
+
+
+def test_the_next_run_with_the_same_key_takes_over_what_a_killed_run_left(tmp_path):
+    def killed(key):
+        """What a run leaves that is killed after a frame: its folder, which nobody holds."""
+        with files.staged(tmp_path, key=key) as hidden:
+            pass
+        hidden.mkdir()
+        (hidden / files.LOCK).write_bytes(files._machine())
+        (hidden / files.KEY).write_text(key)
+        (hidden / "1.txt").write_text("picture")
+        FrameParts(hidden, "state").put(1, {}, [hidden / "1.txt"])
+        return hidden
+
+    left = killed("a")
+    assert files.killed_runs(tmp_path, "a") == (1, 0) and files.killed_runs(tmp_path, "b") == (0, 1)
+    with files.staged(tmp_path, key="a") as hidden:
+        assert hidden == left and FrameParts(hidden, "state").get(1) == {}
+        with files.staged(tmp_path, key="a") as second:  # two at once: each has its own
+            assert second != hidden and not frame_parts.whole_frames(second)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["1.txt"]
+    killed("a")
+    with files.staged(tmp_path, key="b") as hidden:
+        assert not frame_parts.whole_frames(hidden) and files.killed_runs(tmp_path, "a") == (0, 0)
+
+
+@pytest.mark.parametrize("text", ["1:3, 7", "1", "-2:0, 5:6, 9"])
+def test_frames_are_told_as_ranges(text):
+    frames = [frame for part in text.split(", ") for frame in parse_frames(part)]
+    assert told_frames(frames) == text
+
+
+def test_records_hold_what_json_can(parts):
+    with pytest.raises(TypeError):
+        parts.put(3, {"set": {1}}, [])
+    assert json.loads((parts.folder / RECORDS / "0001.json").read_text())["told"] == {"row": {"frame": 1}}
