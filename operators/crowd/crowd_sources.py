@@ -141,6 +141,15 @@ def live(settings) -> bool:
     return any(map(is_live, crowds_of(settings)))
 
 
+def check_recorded(scene: bpy.types.Scene, what: str) -> None:
+    """Raise CrowdError if agents are an object's points, which `what` would need in other frames, too."""
+    for crowd in filter(is_live, crowds_of(scene.crowd_lod)):
+        raise CrowdError(
+            f"{what} needs to know where the points of {crowd.points.name if crowd.points else 'an object'} are at other times: "
+            "press Record Points first."
+        )
+
+
 def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
     """Return the trajectory of all crowds, and note how many points objects have: without ids that may not change."""
     found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
