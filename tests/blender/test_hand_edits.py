@@ -236,6 +236,14 @@ def test_buttons_say_what_they_lack(levelled):
     assert not len(settings.exceptions)
 
 
+def test_files_of_before_there_were_edits_mean_the_same(scene):
+    """Blender stores a choice by its number."""
+    known = scene.crowd_lod.exceptions.add().bl_rna.properties
+    stored = {name: {item.identifier: item.value for item in known[name].enum_items} for name in ("kind", "chosen_by")}
+    assert stored["kind"] | {"NEVER_COARSER": 0, "ALWAYS": 1, "HIDE": 2} == stored["kind"]
+    assert stored["chosen_by"] | {"NUMBERS": 0, "REGION": 1, "MAP": 2} == stored["chosen_by"]
+
+
 def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
     settings = levelled.crowd_lod
     bpy.ops.crowd_lod.add_crowd()
