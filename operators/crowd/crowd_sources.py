@@ -13,7 +13,7 @@ from ...crowd_lod.crowd import start_places
 from ...crowd_lod.crowd.agents import Crowd, Group, populate
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.crowd.terrain import Ground
+from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import aside
 from ...crowd_lod.tracks.cast import groups_of_agents
@@ -223,6 +223,8 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         start, seated = _start(crowd, machine, world, shares_of(groups, own))
         if len(own) < len(groups):
             start = replace(start, group=own[start.group])
+        if isinstance(heights, Terrain) and not seated:
+            start = replace(start, z=heights.start(start.x, start.y, start.z))
         return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt, seated=seated)
 
     return _kept(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made)
