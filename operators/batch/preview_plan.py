@@ -4,6 +4,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Generator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -130,7 +131,7 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
 
 def _group_of(group: Group) -> dict[str, Any]:
     """Return the fields of the group under the names that plan.json has had since version 1."""
-    return {{"center": "centre"}.get(name, name): value for name, value in vars(group).items()}
+    return {{"center": "centre"}.get(name, name): value for name, value in asdict(group).items()}
 
 
 def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from textwrap import shorten
 
 import bpy
 
+from ... import sample_scenes
 from ...crowd_lod.behaviour.walk import walks_of
 from ..lod_meshes.made_for import changed, forecast
 from ..overlay import viewport_overlay
@@ -86,7 +87,7 @@ class CROWDLOD_PT_samples(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         row = layout.row()
-        for name in ("chapter", "plaza"):
+        for name in sample_scenes.NAMES:
             row.operator("crowd_lod.sample", text=name.capitalize(), translate=False).name = name
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.tracks import npz, rows, text
+from crowd_lod_extension.crowd_lod.tracks import npz, rows, sqlite_pages, text
 from crowd_lod_extension.crowd_lod.tracks.cast import groups_of_agents
 from crowd_lod_extension.crowd_lod.tracks.making import tracks_of
 from crowd_lod_extension.crowd_lod.tracks.numbers import parsed, tokens
@@ -216,3 +216,65 @@ def test_too_many_rows_or_agents_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(rows, "MOST_ROWS", 100)
     with pytest.raises(CrowdError, match="use at most 100"):
         read_rows(path)
+
+
+@pytest.mark.parametrize("size", [512, 4096, 65536])
+def test_pages_of_a_database_hold_what_sqlite_reads(tmp_path, size):
+    random = np.random.default_rng(size)
+    path = tmp_path / "crowd.sqlite"
+    whole = [0, 1, -1, 127, -128, 32767, -32768, 2**23 - 1, -(2**23), 2**31 - 1, 2**40, -(2**47), 2**53, -(2**60)]
+    own = [
+        (k, int(random.choice(whole)), float(random.choice([0.0, 3.0, -250.0, random.normal() * 1e5])), random.normal())
+        for k in range(4000)
+    ]
+    with sqlite3.connect(path) as made:
+        made.execute(f"PRAGMA page_size = {size}")
+        made.execute(
+            "CREATE TABLE trajectory_data (frame INTEGER NOT NULL, id INTEGER NOT NULL, pos_x REAL NOT NULL, pos_y REAL NOT NULL)"
+        )
+        made.execute("CREATE TABLE metadata(key TEXT NOT NULL UNIQUE PRIMARY KEY, value TEXT NOT NULL)")
+        made.executemany("INSERT INTO metadata VALUES(?, ?)", [("version", 3), ("fps", "25")])
+        made.executemany("INSERT INTO trajectory_data VALUES(?, ?, ?, ?)", own)
+        made.execute("DELETE FROM trajectory_data WHERE rowid % 7 = 0 OR rowid BETWEEN 1000 AND 1500")
+        made.execute("INSERT INTO trajectory_data(rowid, frame, id, pos_x, pos_y) VALUES(?, 1, 2, 3, 4)", [2**40])
+    with sqlite3.connect(path) as made:
+        wanted = made.execute("SELECT frame, id, pos_x, pos_y FROM trajectory_data ORDER BY rowid").fetchall()
+        (root,) = made.execute("SELECT rootpage FROM sqlite_master WHERE name = 'trajectory_data'").fetchone()
+    made.close()
+    parts = list(sqlite_pages.columns(np.fromfile(path, np.uint8), root, 4, range(4)))
+    found = np.concatenate([np.column_stack(part) for part in parts])
+    assert found.tobytes() == np.array(wanted, np.float64).tobytes()
+    assert read_rows(path).x.tolist() == [row[2] for row in wanted]
+
+
+def test_databases_whose_pages_are_not_plain_are_read_by_sqlite(tmp_path):
+    path = tmp_path / "crowd.sqlite"
+    database(path)
+    wanted = read_rows(path)
+    made = sqlite3.connect(path)
+    made.execute("PRAGMA journal_mode = WAL")
+    made.execute("UPDATE trajectory_data SET pos_x = 9.5 WHERE rowid = 1")
+    made.commit()  # in the journal beside it alone
+    found = read_rows(path)
+    assert found.x[0] == 9.5 and found.x[1:].tobytes() == wanted.x[1:].tobytes()
+    made.close()
+    path = tmp_path / "texts.sqlite"
+    database(path, columns="frame INTEGER, id INTEGER, pos_x TEXT, pos_y REAL")
+    assert read_rows(path).x.tolist() == wanted.x.tolist()
+    with sqlite3.connect(path) as made:
+        made.execute("UPDATE trajectory_data SET pos_y = NULL WHERE rowid = 3")
+    made.close()
+    with pytest.raises(CrowdError, match="Row 3 of .*texts.sqlite has y nan"):
+        read_rows(path)
+
+
+def test_a_database_cut_anywhere_is_refused_or_read_whole(tmp_path):
+    path = tmp_path / "crowd.sqlite"
+    database(path)
+    data, count = path.read_bytes(), len(read_rows(path))
+    for keep in range(101, len(data), 3011):
+        path.write_bytes(data[:keep])
+        try:
+            assert len(read_rows(path)) == count
+        except CrowdError as error:
+            assert "crowd.sqlite is not one of JuPedSim's" in str(error)
