@@ -185,6 +185,8 @@ def test_bad_surfaces_and_curves_are_refused_in_a_sentence():
             on_grid(Area(0, 0, 1000, 1000), 5, 1, spacing)
         with pytest.raises(CrowdError, match="agents; set a count"):
             in_rows([(SQUARE * 100, True)], 5, 1, spacing)
+    with pytest.raises(CrowdError, match="200,001 edges, more than 200,000: choose a curve or a wire"):
+        chains(np.zeros((200_001, 2), int), 1)
     with pytest.raises(CrowdError, match="Places to start are at NaN"):
         settle(unturned(np.full((2, 3), np.inf)), 1, 1, machine(), ground())
 
