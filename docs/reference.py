@@ -1,4 +1,4 @@
-"""Writes docs/reference_settings.md and docs/reference_commands.md from the properties and the parser.
+"""Writes the pages of reference from the properties and the parser, and the picture of a state machine.
 
     .venv-3.13/bin/python docs/reference.py
 
@@ -14,6 +14,8 @@ from typing import Any
 import bpy
 import crowd_lod_extension
 from bl_operators.presets import AddPresetBase
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.reporting.state_graph import svg
 from crowd_lod_extension.operators import registration
 from crowd_lod_extension.operators.cli.arguments import parser
 from crowd_lod_extension.operators.crowd.renamed_settings import STORED
@@ -183,7 +185,15 @@ def commands_page() -> str:
     return "\n".join([about, *map(command_section, commands_of(parser("crowd-lod")))])
 
 
-PAGES = {"reference_settings.md": settings_page, "reference_commands.md": commands_page}
+def machine_picture() -> str:
+    return svg(load_preset("market"))
+
+
+PAGES = {
+    "reference_settings.md": settings_page,
+    "reference_commands.md": commands_page,
+    "state_machine.svg": machine_picture,
+}
 
 
 def main() -> None:

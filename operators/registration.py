@@ -72,7 +72,7 @@ MODULES = (
 CLASSES = tuple(c for module in MODULES for c in module.CLASSES)
 HANDLERS = {
     "frame_change_post": [scenery.noticed, frame_update.follow],
-    "depsgraph_update_post": [scenery.edited, map_areas.moved_or_edited],
+    "depsgraph_update_post": [scenery.edited, map_areas.moved_or_edited, frame_update.follow_points],
     "load_pre": [scene_cache.forget, frame_update.forget],
     "undo_pre": [scenery.forget],
     "redo_pre": [scenery.forget],

@@ -57,7 +57,7 @@ def make_characters(
             group.objects.link(item)
         cycle = walk_cycle(body.joints, build.period, speed * build.period / FPS)
         if idle:
-            waits = make_action(f"idle {build.name}", armature, idle_cycle(body.joints, 4 * build.period))
+            waits = make_action(f"idle {group.name}", armature, idle_cycle(body.joints, 4 * build.period))
             waits.use_fake_user = True
         make_action(f"walk {build.name}", armature, cycle)
         group["stride"] = cycle.stride

@@ -1,8 +1,10 @@
 """The plaza: 10,000 agents among walls, around a fountain.
 
-Its camera flies: it sees nearly all agents first, nearly none at the end.
+They walk, and some stop and wait for a while where people wait, then turn and go on. The camera
+flies: it sees nearly all agents first, nearly none at the end.
 """
 
+import json
 from math import atan2, hypot, pi
 
 import bpy
@@ -30,12 +32,12 @@ def make(scene: bpy.types.Scene) -> None:
     """Fill the new scene."""
     film(scene)
     machine = bpy.data.texts.new("plaza.json")
-    machine.from_string(preset_text("plaza"))
+    machine.from_string(who_wait(preset_text("plaza")))
     machine.cursor_set(0)
     table = parse(machine.as_string(), "plaza")
     world = site.plan(table)
     characters = child(scene, "Characters", hidden=True)
-    make_characters(characters, speed=1.25)
+    make_characters(characters, speed=1.25, idle=True)
     obstacles, scenery = child(scene, "Obstacles"), child(scene, "Scenery")
     build_houses(obstacles, scenery)
     build_furniture(obstacles, scenery)
@@ -54,6 +56,20 @@ def make(scene: bpy.types.Scene) -> None:
     settings.ratios[:3], settings.thresholds[:2] = (1.0, 0.4, 0.12), (0.16, 0.4)
     settings.metric, settings.margin_kind, settings.color = "AXIS", "DERIVED", "LOD"
     settings.above = None
+
+
+def who_wait(text: str) -> str:
+    """Return the state machine `text` with a state more: one in five who enters a waiting area waits.
+
+    Who waits plays the action "idle", and then goes on in any direction.
+    """
+    root = json.loads(text)
+    states = root["states"]
+    for name, state in states.items():
+        state["on"]["waiting area"] |= {"next": {name: 4, "wait": 1}}
+    then = dict.fromkeys(states, 1)
+    states["wait"] = {"color": "#f0f0f0", "action": "idle", "after": [4, 15], "then": then, "on": {"*": {}}}
+    return json.dumps(root, indent=1)
 
 
 def fly(scene: bpy.types.Scene) -> bpy.types.Object:

@@ -265,7 +265,7 @@ class Walk(Trajectory):
             moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
         moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
         if self._floors is not None:
-            moved = replace(moved, z=self._floors.at(moved.x, moved.y, crowd.z))
+            moved = replace(moved, z=_climbed(self._floors, crowd, moved))
         if frames == 1:
             self._ahead = moved, ahead
         return moved
@@ -320,6 +320,13 @@ class Walk(Trajectory):
                     self._ahead = None, None  # to look again
             self._recent = ((frame, crowd), before) if self._looks_back else ((frame, crowd),)
         return frame, crowd
+
+
+def _climbed(floors: Ground, before: Crowd, after: Crowd) -> np.ndarray:
+    """Return the heights of the crowd `after`, (n,), which stood on one of the `floors` as `before`."""
+    z, (agents,) = before.z.copy(), np.nonzero((after.x != before.x) | (after.y != before.y))
+    z[agents] = floors.at(after.x[agents], after.y[agents], before.z[agents])
+    return z
 
 
 def _onto(area: Area, crowd: Crowd) -> Crowd:

@@ -57,6 +57,7 @@ class Group:
     lowest: metres from the group's origin up to its lowest point over the action; 0 if that is
         near.
     on_ground: whether the lowest point is the feet. If not, the origin is.
+    share: of the agents, in proportion to the other groups'.
     actions: those besides its own action that states name. What is said of the action above and
         below holds over all actions, but stride and period.
 
@@ -89,6 +90,7 @@ class Group:
     lowest: float = 0.0
     on_ground: bool = False
     actions: tuple[Action, ...] = ()
+    share: float = 1.0
 
     @property
     def reach(self) -> float:
@@ -242,13 +244,15 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
     return float(center), float((away + reach).max())
 
 
-def populate(count: int, seed: int, groups: int, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
+def populate(
+    count: int, seed: int, groups: int | Sequence[float], machine: StateMachine, world: LabelMap, classes: int = CLASSES
+) -> Crowd:
     """Return the crowd's first frame: `count` agents at random positions.
 
     The same arguments give the same crowd, bit for bit.
     Position: uniform on the labels where `machine` lets agents start.
     State: by the start weights of `machine`.
-    Group, of `groups`, and phase, of `classes`: uniform.
+    Group: uniform, of as many as `groups` says, or by the weights in it. Phase, of `classes`: uniform.
     Heading: that of the first move; uniform for agents that stand.
     Agents of one group follow one another, so that the culling need not look up the sphere of each
     agent (see `runs`). From IN_PLACE agents on, each group follows a Morton curve.
@@ -266,8 +270,19 @@ def populate(count: int, seed: int, groups: int, machine: StateMachine, world: L
     return peopled((x, y, np.full(count, world.area.z)), None, random, (seed, groups, classes), machine, world)
 
 
-def check_counts(count: int, groups: int = 1) -> None:
-    """Raise CrowdError if a count of agents or of groups is out of range."""
+def _groups(groups: int | Sequence[float], count: int, random: np.random.Generator) -> np.ndarray:
+    """Return a group for each of `count` agents, (n,) uint8; see populate."""
+    if isinstance(groups, int):
+        return random.integers(groups, size=count, dtype=np.uint8)
+    upto = np.cumsum(groups)
+    if not 0 < upto[-1] < np.inf:
+        raise CrowdError("The shares of the crowd's character groups sum to nothing: give one a share above 0.")
+    return np.searchsorted(upto[:-1] / upto[-1], random.random(count), side="right").astype(np.uint8)
+
+
+def check_counts(count: int, groups: int | Sequence[float] = 1) -> None:
+    """Raise CrowdError if a count of agents or of groups is out of range; groups: see populate."""
+    groups = groups if isinstance(groups, int) else len(groups)
     if not 1 <= count <= MOST_AGENTS:
         raise CrowdError(f"The crowd has {count} agents; set a count from 1 to {MOST_AGENTS}.")
     if not 1 <= groups <= MOST_GROUPS:
@@ -278,7 +293,7 @@ def peopled(
     points: Sequence[np.ndarray],
     heading: np.ndarray | None,
     random: np.random.Generator,
-    numbers: tuple[int, int, int],
+    numbers: tuple[int, int | Sequence[float], int],
     machine: StateMachine,
     world: LabelMap,
 ) -> Crowd:
@@ -286,12 +301,12 @@ def peopled(
 
     heading: (n,) float32, NaN for agents that are to get one; None for all.
     random: gives all that is drawn.
-    numbers: seed of the agents' own streams, groups, classes.
+    numbers: seed of the agents' own streams, groups (see populate), classes.
     """
     (x, y, z), (seed, groups, classes) = points, numbers
     count = len(x)
     state = np.searchsorted(np.cumsum(machine.start)[:-1], random.random(count), side="right").astype(np.uint8)
-    group = np.sort(random.integers(groups, size=count, dtype=np.uint8))
+    group = np.sort(_groups(groups, count, random))
     phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
     label = world.at(x, y)
     first_move, pace = machine.velocity[state, label], machine.paces.of[state, label]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import morton_order
-from .agents import Crowd, runs
+from .agents import Crowd
 from .maps import LabelMap
 from .state_machine import StateMachine
 
@@ -64,7 +64,8 @@ def needless_of_places(crowd: Crowd, groups: int, relief: bool, level: bool) -> 
     relief: whether agents stand on a ground that is not level.
     level: whether nobody ever leaves its height.
     """
-    in_order = groups > 1 and len(runs(crowd.group)) <= max(groups, len(crowd) // SHORT_RUN)
+    changes = np.count_nonzero(crowd.group[1:] != crowd.group[:-1])  # one less than there are runs
+    in_order = groups > 1 and changes < max(groups, len(crowd) // SHORT_RUN)
     holds = {
         NO_HEIGHTS: not relief,
         ONE_GROUP: groups == 1,

@@ -267,7 +267,9 @@ def allowed(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarra
     return inside & machine.spawn[world.at(x, y)]
 
 
-def settle(places: Places, seed: int, groups: int, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
+def settle(
+    places: Places, seed: int, groups: int | Sequence[float], machine: StateMachine, world: LabelMap, classes: int = CLASSES
+) -> Crowd:
     """Return the crowd's first frame: an agent at each of the places, mixed.
 
     Headings are those of the places; where they have none, as `populate` gives them. All else is as

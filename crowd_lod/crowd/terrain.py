@@ -15,6 +15,7 @@ from ..progress import breath
 from .maps import LOOK_UPS, HeightMap, lean
 
 STEP = 0.5  # metres: how far an agent steps up at once
+HEADROOM = 1.8  # metres: nobody starts where another floor is as close above, as within stairs
 # Metres: a gap in the ground that is narrower is none; so wide is every triangle that carries anybody.
 CLOSE = 1e-4
 STEEP = 1.0  # rise over run: on steeper ground nobody leans
@@ -87,6 +88,13 @@ class Terrain:
             z[agents] = height
         return z
 
+    def start(self, x: np.ndarray, y: np.ndarray, last: np.ndarray) -> np.ndarray:
+        """Return world z (n,) float64 of where agents start: as `at`, but not where there is no HEADROOM."""
+        z = np.full(len(x), float(self.z))
+        for agents, height, _ in self._stood(x, y, last, HEADROOM):
+            z[agents] = height
+        return z
+
     def slope(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Return (dz/dx, dz/dy), each (n,) float64, of the ground at x, y (n,); 0 where there is none."""
         slopes = np.zeros((2, len(x)))
@@ -120,8 +128,13 @@ class Terrain:
         """Return all that the heights follow from."""
         return repr(self.z).encode() + self.corners.tobytes()
 
-    def _stood(self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield (agents (k,) intp, heights (k,), triangles (k,)) of those with ground under them."""
+    def _stood(
+        self, x: np.ndarray, y: np.ndarray, last: np.ndarray | None, room: float = STEP
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Yield (agents (k,) intp, heights (k,), triangles (k,)) of those with ground under them.
+
+        room: metres from a floor to the next above, with less of which nobody stands on it.
+        """
         for at in range(0, len(x), LOOK_UPS):
             block = slice(at, at + LOOK_UPS)
             who, triangles, z = self._over(x[block], y[block])
@@ -134,6 +147,7 @@ class Terrain:
                 continue
             lowest = np.minimum.reduceat(z, begin)
             found = _reached(z, begin, lowest if last is None else last[block][agents])
+            found = _reached(z, begin, found, room) if room > STEP else found
             # the first triangle of that height
             (same,) = np.nonzero(z == np.repeat(found, np.diff(begin, append=len(z))))
             yield agents + at, found, triangles[same[_begins(who[same])]]
@@ -266,14 +280,14 @@ def _begins(who: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.append(True, who[1:] != who[:-1]))
 
 
-def _reached(z: np.ndarray, begin: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the height (a,) that each agent gets to from its `last` (a,) by steps up of at most STEP.
+def _reached(z: np.ndarray, begin: np.ndarray, last: np.ndarray, step: float = STEP) -> np.ndarray:
+    """Return the height (a,) that each agent gets to from its `last` (a,) by steps up of at most `step`.
 
     z: heights of floors, agent by agent; begin: where each agent's begin.
     """
     lowest, count = np.minimum.reduceat(z, begin), np.diff(begin, append=len(z))
     while True:
-        found = np.maximum.reduceat(np.where(z <= np.repeat(last + STEP, count), z, -np.inf), begin)
+        found = np.maximum.reduceat(np.where(z <= np.repeat(last + step, count), z, -np.inf), begin)
         found = np.maximum(found, lowest)
         if np.array_equal(found, last):
             return found

@@ -3,6 +3,7 @@
 It stands beside its pictures.
 """
 
+import json
 from collections.abc import Sequence
 from html import escape
 from pathlib import PurePath
@@ -11,8 +12,10 @@ from urllib.parse import quote
 import numpy as np
 
 from .. import srgb
+from ..crowd.state_machine import parse
 from ..format import number
 from ..validation.shaded_pictures import WITHIN
+from . import state_graph
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1d2026; --dim: #646b78; --paper: #fafbfc; --card: #fff; --line: #dde1e7; --best: #2a6fdb }
@@ -82,6 +85,11 @@ def parts_of(plan: dict, above: str = "contact_sheet.png") -> list[str]:
     if levels["dropped"]:
         said = "".join(f"<li>{escape(each)}</li>" for each in levels["dropped"])
         parts.append(f"<h3>Not made</h3><ul>{said}</ul>")
+    if plan.get("machine"):
+        parts += [
+            "<h2>State machine</h2>",
+            f"<section>{state_graph.svg(parse(json.dumps(plan['machine']), 'plan.json'))}</section>",
+        ]
     keys = [key for key in rows[0] if not key.endswith("_ms")]
     head = [f"LOD {key[3:]}" if key.startswith("lod") else key.replace("_", " ").capitalize() for key in keys]
     parts += ["<h2>Frames</h2>", table_of(head, [[f"{row[key]:,}" for key in keys] for row in rows])]

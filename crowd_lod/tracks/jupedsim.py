@@ -16,11 +16,14 @@ import numpy as np
 from ..errors import CrowdError
 from ..format import printable
 from ..progress import breath
+from . import sqlite_pages
 from .rows import Rows
+from .sqlite_pages import Unreadable
 
 MAGIC = b"SQLite format 3\0"
 VERSIONS = ("1", "2", "3")
 ROWS_AT_ONCE = 2**17  # rows that are read at a time
+NAMES = "id", "frame", "pos_x", "pos_y"
 ROW = np.dtype([("id", np.int64), ("frame", np.float64), ("x", np.float64), ("y", np.float64)])
 
 
@@ -39,7 +42,11 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
                     f"The database {where} has version {known.get('version')} of JuPedSim's format: versions 1 to 3 are read."
                 )
             count = database.execute("SELECT count(*) FROM trajectory_data").fetchone()[0]
-            found = np.concatenate([np.empty(0, ROW), *_parts(database, count, tell)])
+            try:
+                parts = list(_by_pages(path, database, count, tell))
+            except Unreadable:
+                parts = list(_by_rows(database, count, tell))
+            found = np.concatenate([np.empty(0, ROW), *parts])
     except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
         raise CrowdError(
             f"The database {where} is not one of JuPedSim's, or damaged ({error}): it needs the tables metadata and trajectory_data."
@@ -52,9 +59,28 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
     return Rows(**columns, rate=rate, unit="m")
 
 
-def _parts(database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
+def _by_pages(path: Path, database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
+    """Yield the `count` rows of the database, many at a time. Unreadable where SQLite itself has to read them."""
+    names = [name for _, name, *_ in database.execute("PRAGMA table_info(trajectory_data)")]
+    places = [names.index(name) for name in NAMES]
+    (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'trajectory_data'").fetchone()
+    if any(path.with_name(path.name + ending).exists() for ending in ("-journal", "-wal")):
+        raise Unreadable
+    done = 0
+    for columns in sqlite_pages.columns(np.fromfile(path, np.uint8), root, len(names), places):
+        part = np.empty(len(columns[0]), ROW)
+        for name, column in zip(ROW.names or (), columns, strict=True):
+            part[name] = column
+        done += len(part)
+        tell(min(done / max(count, 1), 1.0))
+        yield part
+    if done != count:
+        raise Unreadable
+
+
+def _by_rows(database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
     """Yield the `count` rows of the database, a part at a time."""
-    rows = database.execute("SELECT id, frame, pos_x, pos_y FROM trajectory_data")
+    rows = database.execute(f"SELECT {', '.join(NAMES)} FROM trajectory_data ORDER BY rowid")
     rows.arraysize = ROWS_AT_ONCE
     for at in range(0, count, ROWS_AT_ONCE):
         yield np.fromiter(rows, ROW, min(ROWS_AT_ONCE, count - at))

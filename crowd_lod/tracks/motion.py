@@ -38,10 +38,21 @@ def velocities(x: np.ndarray, y: np.ndarray, seconds: np.ndarray, begins: np.nda
     """
     near = max(round(SMOOTHED / 2 / step), 1) if step > 0 else 1
     rows = np.arange(len(x))
-    before, after = np.maximum(rows - near, first_of(begins)), np.minimum(rows + near, last_of(begins))
-    passed = seconds[after] - seconds[before]
+    before, after = rows - near, rows + near
+    first, last = first_of(begins), last_of(begins)
+    (edge,) = np.nonzero((before < first) | (after > last))
+    before, after = np.maximum(before[edge], first[edge]), np.minimum(after[edge], last[edge])
+
+    def change(values: np.ndarray) -> np.ndarray:
+        found = np.empty(len(values))
+        found[near : len(values) - near] = values[2 * near :] - values[: -2 * near]  # all but those at the edges of runs
+        found[edge] = values[after] - values[before]
+        return found
+
+    passed = change(seconds)
     passed[passed == 0] = np.inf
-    return (((x[after] - x[before]) / passed).astype(np.float32), ((y[after] - y[before]) / passed).astype(np.float32))
+    vx, vy = ((change(place) / passed).astype(np.float32) for place in (x, y))
+    return vx, vy
 
 
 def headings(vx: np.ndarray, vy: np.ndarray, moving: np.ndarray, agent: np.ndarray, ids: np.ndarray) -> np.ndarray:

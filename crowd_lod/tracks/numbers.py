@@ -8,7 +8,6 @@ power of ten that float64 holds as well, so their quotient is the float64 neares
 import numpy as np
 
 EXACT = 15  # digits whose number float64 holds in any case
-LONGEST = 40  # bytes of a number
 _POWERS = 10.0 ** np.arange(EXACT + 1)
 MINUS, PLUS, DOT, ZERO = b"-+.0"
 
@@ -16,7 +15,8 @@ MINUS, PLUS, DOT, ZERO = b"-+.0"
 def tokens(data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (begin, end), each (k,) intp, of the runs of bytes above 32 in `data` (m,) uint8."""
     inside = data > 32
-    edges = np.flatnonzero(np.diff(inside.view(np.int8), prepend=np.int8(0), append=np.int8(0)))
+    bounded = np.concatenate([[False], inside, [False]])
+    edges = np.flatnonzero(bounded[1:] != bounded[:-1])
     return edges[::2], edges[1::2]
 
 
@@ -51,5 +51,7 @@ def parsed(data: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     np.negative(found, out=found, where=first == MINUS)
     for k in np.flatnonzero(strange).tolist():
         text = data[begin[k] : end[k]].tobytes()
-        found[k] = float(text[: LONGEST + 1])
+        if b"_" in text:
+            raise ValueError(text)
+        found[k] = float(text)
     return found

@@ -15,7 +15,7 @@ from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import VelocityBounds
 from ..progress import breath
 from ..trajectory.trajectory import States, Trajectory
-from .tracks import Tracks
+from .tracks import Tracks, in_a_row
 
 STATES = States(("stands", "walks"), np.array([[230, 159, 0], [0, 114, 178]], np.uint8))
 AROUND = 0.5  # metres about all places: a crowd of one that stands has an area, too
@@ -57,7 +57,7 @@ class Recorded(Trajectory):
         self.ids, count = tracks.ids, len(tracks.ids)
         key = random_streams.keys_of(self.seed, tracks.ids)
         self.gaits = gaits_of(self.groups, Paces(tracks.paces, np.zeros((0, 0), np.uint8)), CLASSES)
-        self._per_metre = cycles_of(self.groups)[:, 0]
+        self._per_metre = cycles_of(self.groups)[self.group, 0]
         self._begun = random_streams.uniform(key, random_streams.STATE)  # cycles
         ratio = Fraction(self.seconds_per_frame * tracks.rate).limit_denominator(FINEST)
         self._ratio = (float(ratio.numerator), float(ratio.denominator)) if ratio else (self.seconds_per_frame * tracks.rate, 1.0)
@@ -163,18 +163,17 @@ class Recorded(Trajectory):
         asked = self.file_frame(time)
         frame = min(max(asked, tracks.first), tracks.last)
         rows = tracks.holding(frame)
-        agent, after, since = samples.agent[rows], samples.after[rows], samples.frame[rows]
+        agent, after, since = in_a_row(samples.agent[rows]), in_a_row(samples.after[rows]), samples.frame[rows]
         passed = samples.frame[after] - since
-        part = np.divide(frame - since, passed, out=np.zeros(len(rows)), where=passed > 0)
-        left = self._ends[1] < frame if len(rows) < count else None
+        part = np.divide(frame - since, passed, out=np.zeros(len(since)), where=passed > 0)
+        left = self._ends[1] < frame if len(since) < count else None
 
-        def around(name: str) -> np.ndarray:
+        def around(enters: np.ndarray, leaves: np.ndarray) -> np.ndarray:
             """Return a column of who is not there."""
-            enters, leaves = self._at_ends[name]
             return np.empty_like(enters) if left is None else np.where(left, leaves, enters)
 
         def between(name: str, aside: float = 0.0) -> np.ndarray:
-            values, found = getattr(samples, name), around(name)
+            values, found = getattr(samples, name), around(*self._at_ends[name])
             begin = values[rows]
             found[agent] = begin + part * (values[after] - begin)
             return found + aside if aside else found
@@ -186,14 +185,13 @@ class Recorded(Trajectory):
             return found
 
         x, y = between("x", self.offset[0]), between("y", self.offset[1])
-        heading = around("heading")
+        heading = around(*self._at_ends["heading"])
         heading[agent] = samples.heading[rows] + part.astype(np.float32) * samples.turn[rows]
         z = self._at_level
         if self.heights is not None:
             last = None
             if self._lasts is not None:
-                enters, leaves = self._lasts[tracks.ends]
-                last = enters if left is None else np.where(left, leaves, enters)
+                last = around(*self._lasts[tracks.ends])
                 last[agent] = self._lasts[rows]
             z = self.heights.at(x, y, last)
         elif samples.z is not None:
@@ -232,9 +230,10 @@ class Recorded(Trajectory):
 
         way: (n,), as in Samples. A group without a stride plays by time, and its agents keep their class.
         """
-        seconds, group = self.seconds(time), self._fixed["group"]
+        seconds = self.seconds(time)
         if self.tracks.phased:
-            cycles = way - self.gaits.rates[group, pace] * seconds
+            cycles = way - self.gaits.rates[self._fixed["group"], pace] * seconds
         else:
-            cycles = self._begun + self._per_metre[group] * (way - self.tracks.paces[pace] * seconds)
-        return (np.rint(cycles * CLASSES).astype(np.int64) % CLASSES).astype(np.uint8)
+            cycles = self._begun + self._per_metre * (way - (self.tracks.paces * seconds)[pace])
+        whole = np.rint(cycles * CLASSES).astype(np.int64)
+        return whole.astype(np.uint8) % np.uint8(CLASSES)  # of which a byte holds a whole number

@@ -5,6 +5,7 @@ are: four, frame id x y or id frame x y, whichever moves less from row to row; e
 ETH (frame id x z y and velocities); any other number, id frame x y z.
 """
 
+import csv
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -94,7 +95,7 @@ def _layout(head: bytes, where: str) -> Table:
         elif not text or text.startswith(COMMENTS):
             own = _split(re.sub(r"^[#%/*\s]+", "", text))
             comments.append(text)
-            if {"x", "y"} <= columns_of(own).keys():
+            if {"id", "x", "y"} <= (known := columns_of(own)).keys() and ("frame" in known or "time" in known):
                 titles = own
         elif not titles and not _numeric(text):
             titles = _split(text)
@@ -135,8 +136,8 @@ def _splitter(row: str) -> int:
 def _split(row: str) -> list[str]:
     """Return the values or titles of a row."""
     split = _splitter(row)
-    values = row.split() if split == 32 else row.split(chr(split))
-    return [value.strip().strip('"').strip() for value in values]
+    values = row.split() if split == 32 else next(csv.reader([row], delimiter=chr(split)), [])
+    return [value.strip() for value in values]
 
 
 def _numeric(row: str) -> bool:
@@ -161,7 +162,9 @@ def _values(data: bytes, table: Table, where: str, line: int) -> dict[str, np.nd
     else:
         quote = own == ord('"')
         if quote.any():
+            quoted = (np.cumsum(quote) % 2).astype(bool)
             own = np.where(quote, np.uint8(32), own)
+            own[quoted & (own == table.split)] = ord("_")
         end = np.flatnonzero((own == table.split) | (own == ord("\n")))
         begin = np.append(0, end[:-1] + 1)
         empty = (own[end] == ord("\n")) & ((begin == 0) | (own[begin - 1] == ord("\n")))  # rows without values
@@ -199,6 +202,9 @@ def _by_rows(
     CrowdError if a row has more values than others, or fewer.
     """
     breaks = np.flatnonzero(data == ord("\n"))
+    first, last = begin[:: table.width], begin[table.width - 1 :: table.width]
+    if len(begin) == table.width * len(breaks) and (first[1:] > breaks[:-1]).all() and (last < breaks).all():
+        return begin.reshape(-1, table.width), end.reshape(-1, table.width)
     of_row = np.diff(np.searchsorted(begin, breaks, side="right"), prepend=0)
     wrong = (of_row != table.width) & (of_row > 0)
     if wrong.any():

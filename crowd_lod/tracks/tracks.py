@@ -14,6 +14,8 @@ import numpy as np
 from .samples import Samples
 from .step_bounds import StepBounds
 
+Places = slice | np.ndarray  # of values in a column: (m,) intp, or where they follow one another
+
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
@@ -71,21 +73,30 @@ class Tracks:
             found.update(b"\0" if column is None else column.tobytes())
         return found.digest()
 
-    def holding(self, frame: float) -> np.ndarray:
-        """Return the samples (m,) intp whose interval holds `frame`, of each agent one at most; in no order of agents.
+    def holding(self, frame: float) -> Places:
+        """Return the samples (m,) whose interval holds `frame`, of each agent one at most.
 
         An agent's last sample holds at its own frame alone.
         """
-        found = []
+        found: list[slice | np.ndarray] = []
         for begin, end, longest in self.classes:
             frames = self.samples.frame[begin:end]
-            since, until = np.searchsorted(frames, [frame - longest, frame], side="right") + begin
+            since, until = (np.searchsorted(frames, [frame - longest, frame], side="right") + begin).tolist()
             after = self.samples.after[since:until]
             holds = self.samples.frame[after] > frame
-            if not holds.all():
+            if holds.all():
+                found += [slice(since, until)] if until > since else []
+            else:
                 own = np.arange(since, until)
                 holds |= (after == own) & (self.samples.frame[since:until] == frame)
                 found.append(own[holds])
-            else:
-                found.append(np.arange(since, until))
-        return np.concatenate(found)
+        if len(found) == 1:
+            return found[0]
+        return np.concatenate([np.empty(0, np.intp), *(np.r_[each] if isinstance(each, slice) else each for each in found)])
+
+
+def in_a_row(places: np.ndarray) -> Places:
+    """Return the `places` (m,) as a slice, if each is the one after that before it."""
+    if len(places) and places[-1] - places[0] == len(places) - 1 and (places[1:] - places[:-1] == 1).all():
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places.astype(np.intp)

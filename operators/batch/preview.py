@@ -25,6 +25,7 @@ from ..blender import cameras, cleanup, frame_stepping, image_data, scene_data
 from ..blender.operator import Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..crowd import lights, needs
+from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
@@ -44,6 +45,7 @@ LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in 
 THUMBNAIL = 480  # pixels wide, at least
 
 
+@on_record(lambda scene, wanted, *_: wanted.frames)
 def preview(
     scene: bpy.types.Scene, wanted: Preview, command: list[str], sharing: Sharing = ALONE
 ) -> Generator[float, None, dict[str, Any]]:

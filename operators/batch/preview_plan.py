@@ -4,6 +4,7 @@ import hashlib
 import json
 import platform
 from collections.abc import Generator, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from ...crowd_lod.reporting import tables
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ...crowd_lod.validation.leave_out_timing import savings
 from ..blender import cameras, scene_data
-from ..crowd import lights
+from ..crowd import lights, terrain_source
 from ..crowd.scene_crowd import policy_of, trajectory_of
 from ..crowd.scene_world import bias_of, machine_of
 from ..crowd.stuck_agents import find
@@ -83,6 +84,7 @@ def scene_json(
             "image": settings.height_image.name if settings.height_image else None,
             "scale": settings.height_scale,
             "tilt": settings.tilt,
+            "terrain": [item.name for item in terrain_source.objects_of(settings)],
         },
         "machine": json.loads(machine_of(settings).text) if walks_of(trajectory) else None,
         "trouble": troubles.rows,
@@ -118,6 +120,7 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
     return {
         "count": len(trajectory.parts[0].start),
         "seed": settings.seed,
+        "starts_on": settings.start_on,
         "area": {"x": [area.x_min, area.x_max], "y": [area.y_min, area.y_max], "z": area.z},
         "forward": settings.forward,
         "first_frame": settings.first_frame,
@@ -128,7 +131,7 @@ def _crowd_of(settings, trajectory: Trajectory) -> dict[str, Any]:
 
 def _group_of(group: Group) -> dict[str, Any]:
     """Return the fields of the group under the names that plan.json has had since version 1."""
-    return {{"center": "centre"}.get(name, name): value for name, value in vars(group).items()}
+    return {{"center": "centre"}.get(name, name): value for name, value in asdict(group).items()}
 
 
 def _levels_of(stage: bpy.types.Scene, characters: list[dict]) -> dict[str, Any]:

@@ -26,6 +26,7 @@ from ..blender.operator import Reporting, Stepwise
 from ..blender.output_folders import output_folder, place_of
 from ..build.render_setup import check_levels
 from ..crowd import needs, shot_reference
+from ..crowd.crowd_sources import check_recorded
 from ..crowd.scene_crowd import characters_of, groups_of, measuring_groups, policy_of, store_groups, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_exceptions import exemptions_of
@@ -78,6 +79,7 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
     """
     if not 0 <= wanted.avoid < 1e6:
         raise CrowdError(f"Avoid Pops is {wanted.avoid:g}; give the part of the cost that it may add, such as 0.05.")
+    check_recorded(scene, "Plan Shot")
     yield from share(ready(scene), 0.0, READY)
     trajectory, policy = trajectory_of(scene), policy_of(scene.crowd_lod)
     exemptions = exemptions_of(scene, trajectory, policy, wanted.frames)

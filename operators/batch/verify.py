@@ -26,6 +26,7 @@ from ..blender import cameras, cleanup, console, frame_stepping, image_data, mes
 from ..build import bake, render_setup
 from ..build.frame_update import Held, held_by, members
 from ..crowd import lights
+from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
 from .shared_frames import ALONE, Sharing, made, state_of
@@ -48,6 +49,7 @@ LODS_MADE = 0.05  # of the progress: LODs made
 MOST_PROVED_IN_SHEET = 8  # frames on the contact sheet
 
 
+@on_record(lambda scene, wanted, *_: wanted.frames)
 def verify(
     scene: bpy.types.Scene, wanted: Verify, command: list[str], sharing: Sharing = ALONE
 ) -> Generator[float, None, dict[str, Any]]:

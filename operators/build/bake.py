@@ -18,6 +18,7 @@ from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, mesh_data, scene_data
 from ..blender.ownership import remove_owned
 from ..crowd import lights
+from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import frame_of, policy_of, trajectory_of
 from .change_detection import cameras_digest
 from .frame_update import Held, columns_of, held_by, members, opening
@@ -31,6 +32,7 @@ LONGEST = 1.0
 MOST_POINTS = 200_000_000
 
 
+@on_record(lambda scene, frames, *strict: frames)
 def bake(scene: bpy.types.Scene, frames: Sequence[int], strict: bool = False) -> Generator[float, None, Cast]:
     """Build `scene` with the points of all `frames` in the file.
 

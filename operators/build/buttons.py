@@ -9,6 +9,7 @@ from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..crowd import lights, needs
+from ..crowd.crowd_sources import check_recorded
 from ..crowd.scene_crowd import frame_of, groups_of, measure_groups, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
 from .bake import bake
@@ -56,6 +57,12 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, M
             settings.dropped = dropped
 
 
+def check_blur(scene: bpy.types.Scene) -> None:
+    """Raise CrowdError if a live build of `scene` could not be blurred by its agents' motion."""
+    if scene.render.use_motion_blur:
+        check_recorded(scene, "Motion blur")
+
+
 class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
     """Build the crowd for rendering: instances that follow the camera and the frame"""
 
@@ -70,6 +77,7 @@ class CROWDLOD_OT_build(Stepwise, bpy.types.Operator):
         scene = context.scene
         if not len(scene.crowd_lod.groups):
             trajectory_of(scene)  # says to populate first
+        check_blur(scene)
         cast = yield from prepared(scene, lambda: build(scene))
         frame = frame_of(scene, context.evaluated_depsgraph_get(), shutter=())
         seen = f"{int(frame.visible.sum()):,} of {frame.crowd.there:,} agents stand in the scene"

@@ -22,6 +22,7 @@ from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
 from ..crowd import lights, needs
+from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..lod_meshes.selection import MOST_FRAMES, cast_of
@@ -125,6 +126,7 @@ def choices_of(settings) -> dict[str, Choice]:
     return found
 
 
+@on_record(lambda scene, settings, frames=(), *known: frames)
 def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
     """Estimate what builds with each choice of LODs cost the scene's engine.
 

@@ -18,7 +18,9 @@ from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import cameras, frame_stepping, mesh_data, scene_cache, scene_data
 from ..blender.main_thread import on_main_thread
+from ..blender.operator import at_work
 from ..crowd import lights
+from ..crowd.crowd_sources import crowds_of, is_live, live
 from ..crowd.scene_crowd import frame_of, trajectory_of
 from .render_setup import BAKED, LEVEL, MADE_FROM, UNSEEN_BY, buckets_of, check_levels, libraries_of, made_from, points_of
 
@@ -323,3 +325,17 @@ def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     except CrowdError:
         empty(scene.crowd_lod.build)  # the crowd of another frame would be a wrong picture
         raise
+
+
+@bpy.app.handlers.persistent
+def follow_points(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    """Update the build to an object whose points are agents, and that was edited (depsgraph_update_post handler).
+
+    Our own points are updated, too, but are no crowd's source: that would call this again and again.
+    """
+    settings = scene.crowd_lod
+    if settings.build is None or at_work or not live(settings):
+        return
+    sources = {crowd.points for crowd in crowds_of(settings) if is_live(crowd)}
+    if any((each.is_updated_geometry or each.is_updated_transform) and each.id.original in sources for each in depsgraph.updates):
+        follow(scene, depsgraph)

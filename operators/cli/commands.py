@@ -26,10 +26,11 @@ from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping, scene_data
 from ..build import bake, render_setup, view_layers
-from ..build.buttons import prepared
+from ..build.buttons import check_blur, prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
+from ..crowd.record_points import with_record
 from . import farm, new_scene, shared_runs, simulate
 from .arguments import parser
 from .explain import explain
@@ -155,7 +156,7 @@ def _plan(args, command: list[str]) -> dict:
             planned = yield from share(shot_plan.plan_shot(scene, wanted), 0.0, 0.99)
             return planned, (yield from share(shot_plan.write_plan(scene, part, planned, command), 0.99, 1.0))
 
-        planned, told = finish(work(), f"plan of {stem}", args.quiet)
+        planned, told = finish(with_record(scene, wanted.frames, work), f"plan of {stem}", args.quiet)
     forget_parts(folder)
     if args.scene is None:  # the open file goes on with it
         settings.shot_plan, settings.use_shot_plan = str(folder / plan_file.NAME), True
@@ -283,6 +284,8 @@ def _build(args, command: list[str]) -> dict:
         if args.bake and frames is None:
             frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
         view_layers.check_layers(scene, args.view_layer or ())
+        if not args.bake:
+            check_blur(scene)
         predicted = []
 
         def work() -> Generator[float, None, Cast]:

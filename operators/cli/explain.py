@@ -11,16 +11,17 @@ from ...crowd_lod.progress import share
 from ..batch.shot_plan import ready
 from ..blender import frame_stepping, scene_data
 from ..crowd import lights
+from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import frame_of, trajectory_of
 
 
+@on_record(lambda scene, agent, number: parse_frames(str(number)))  # says what is wrong with it
 def explain(scene: bpy.types.Scene, agent: int, number: int) -> Generator[float, None, tuple[Explanation, str]]:
     """Explain an agent in the frame `number` of the timeline.
 
     Yields the progress, returns (Explanation, why the scene's shot plan was not used, or "").
     LOD meshes that are missing are made.
     """
-    parse_frames(str(number))  # says what is wrong with it
     yield from share(ready(scene), 0.0, 0.5)
     trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
     yield from share(approach(trajectory, time), 0.5, 0.9)

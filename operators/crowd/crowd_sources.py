@@ -13,7 +13,7 @@ from ...crowd_lod.crowd import start_places
 from ...crowd_lod.crowd.agents import Crowd, Group, populate
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
-from ...crowd_lod.crowd.terrain import Ground
+from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import aside
 from ...crowd_lod.tracks.cast import groups_of_agents
@@ -141,6 +141,15 @@ def live(settings) -> bool:
     return any(map(is_live, crowds_of(settings)))
 
 
+def check_recorded(scene: bpy.types.Scene, what: str) -> None:
+    """Raise CrowdError if agents are an object's points, which `what` would need in other frames, too."""
+    for crowd in filter(is_live, crowds_of(scene.crowd_lod)):
+        raise CrowdError(
+            f"{what} needs to know where the points of {crowd.points.name if crowd.points else 'an object'} are at other times: "
+            "press Record Points first."
+        )
+
+
 def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
     """Return the trajectory of all crowds, and note how many points objects have: without ids that may not change."""
     found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
@@ -211,9 +220,11 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
 
     def made() -> Trajectory:
         lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
-        start, seated = _start(crowd, machine, world, len(own))
+        start, seated = _start(crowd, machine, world, shares_of(groups, own))
         if len(own) < len(groups):
             start = replace(start, group=own[start.group])
+        if isinstance(heights, Terrain) and not seated:
+            start = replace(start, z=heights.start(start.x, start.y, start.z))
         return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt, seated=seated)
 
     return _kept(repr(key).encode() + world.labels.tobytes() + world.strays.tobytes() + relief, made)
@@ -237,8 +248,10 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), made)
 
 
-def _start(crowd, machine: StateMachine, world: LabelMap, groups: int) -> tuple[Crowd, bool]:
+def _start(crowd, machine: StateMachine, world: LabelMap, groups: int | Sequence[float]) -> tuple[Crowd, bool]:
     """Return the crowd's first frame, and whether all stay at their places.
+
+    groups: see populate.
 
     CrowdError if there is no place where agents who walk may start.
     """
@@ -281,6 +294,12 @@ def chosen_groups(crowd, groups: tuple[Group, ...]) -> np.ndarray:
             f"{', '.join(names)}; with none, all are used."
         )
     return np.array([g for g, name in enumerate(names) if name in chosen or not chosen], np.uint8)
+
+
+def shares_of(groups: Sequence[Group], own: np.ndarray) -> int | tuple[float, ...]:
+    """Return how agents are drawn from the groups `own` (k,): their number, or their shares if these differ."""
+    shares = tuple(groups[g].share for g in own)
+    return len(shares) if len(set(shares)) == 1 and shares[0] > 0 else shares
 
 
 def leaning(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:

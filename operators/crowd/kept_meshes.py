@@ -14,6 +14,8 @@ from ..blender.ownership import OWNED
 
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh: what it was made of, as text
 NAMES = "start_places", "terrain_mesh"  # the settings that refer to one
+SETTINGS = {"BOOLEAN", "INT", "FLOAT", "ENUM"}
+PASSING = {"execution_time", "show_expanded", "is_active", "show_in_editmode"}  # of a modifier: these change nothing
 SAMPLED = 500  # vertices of a mesh that are looked at to tell whether it changed, about
 
 
@@ -56,8 +58,16 @@ def _marks(item: bpy.types.Object) -> tuple:
         shape = *shape, count, len(data.polygons), np.array(some, np.float32).tobytes()
     elif item.type == "CURVE":
         shape = *shape, [[tuple(p.co) for p in (*spline.points, *spline.bezier_points)] for spline in data.splines]
-    modifiers = [(m.name, m.type, m.show_viewport, [repr(m[key]) for key in m.keys()]) for m in item.modifiers]
-    return item.name_full, np.array(item.matrix_world).round(5).tolist(), shape, modifiers
+    return item.name_full, np.array(item.matrix_world).round(5).tolist(), shape, [_modifier(m) for m in item.modifiers]
+
+
+def _modifier(modifier: bpy.types.Modifier) -> tuple:
+    """Return the settings of a modifier that are numbers or choices, and the inputs of its nodes."""
+    names = [
+        each.identifier for each in modifier.bl_rna.properties if each.type in SETTINGS and not getattr(each, "is_array", False)
+    ]
+    inputs = [(key, repr(modifier[key])) for key in modifier.keys()] if modifier.type == "NODES" else []
+    return modifier.name, [(name, getattr(modifier, name)) for name in names if name not in PASSING], inputs
 
 
 def moving(objects: Sequence[bpy.types.Object]) -> list[str]:

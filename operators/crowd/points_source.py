@@ -111,17 +111,18 @@ def _attributes(item: bpy.types.Object, shape, matrix: np.ndarray, facing: float
     matrix: of the object, to world space.
     facing: radians from the characters' forward axis to +x.
     """
-    turn, heading, ahead = matrix[:3, :3].T, _values(item, shape, "heading"), 0.0
+    heading, ahead = _values(item, shape, "heading"), 0.0
     if "instance_transform" in shape.attributes:
         placed = _values(item, shape, "instance_transform").reshape(-1, 4, 4)
         place, along, ahead = placed[:, 3, :3], placed[:, 0, :3], facing
     else:
         place, along = _values(item, shape, "position"), _values(item, shape, "velocity")
     if heading is None and along is not None:
-        x, y = (along @ turn[:, :2]).T
-        heading = np.arctan2(y, x) - np.float32(ahead)
-    x, y, z = place.T.astype(np.float64) if (matrix == np.eye(4)).all() else (place @ turn + matrix[:3, 3]).T
-    columns = {"x": x, "y": y, "z": z}
+        x, y = matrix[:2, :3] @ np.ascontiguousarray(along.T)
+        heading = np.arctan2(y.astype(np.float32), x.astype(np.float32)) - np.float32(ahead)
+    places = matrix[:3, :3] @ np.ascontiguousarray(place.T, np.float64)
+    places += matrix[:3, 3:]
+    columns = dict(zip("xyz", places, strict=True))
     if heading is not None:
         columns["heading"] = heading.astype(np.float32)
     phase, ids = _values(item, shape, "phase"), _values(item, shape, "id")
@@ -184,7 +185,7 @@ def _particles(system: bpy.types.ParticleSystem) -> dict[str, np.ndarray]:
     for name, values in (("location", place), ("velocity", velocity), ("alive_state", state)):
         particles.foreach_get(name, values)
     (alive,) = np.nonzero(state == ALIVE)
-    x, y, z = place.reshape(-1, 3)[alive].T.astype(np.float64)
+    x, y, z = np.ascontiguousarray(place.reshape(-1, 3)[alive].T, np.float64)
     along = velocity.reshape(-1, 3)[alive]
     return {"x": x, "y": y, "z": z, "heading": np.arctan2(along[:, 1], along[:, 0]), "ids": alive.astype(np.int64)}
 
@@ -193,16 +194,15 @@ def _check(item: bpy.types.Object, found: dict[str, np.ndarray]) -> None:
     count = len(found["x"])
     if count > MOST_AGENTS:
         raise CrowdError(f"The object {item.name} has {count:,} points: a crowd has at most {MOST_AGENTS:,} agents.")
-    reach = max(np.abs(found[name]).max() for name in "xyz")
-    if reach > FARTHEST:  # not for NaN
-        raise CrowdError(
-            f"Points of {item.name} lie up to {reach:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
-        )
     for name in ("x", "y", "z", "heading", "phase"):
-        wrong = np.flatnonzero(~np.isfinite(found[name])) if name in found else ()
-        if len(wrong):
+        values = found.get(name, np.zeros(1))
+        reach = max(values.max(), -values.min())
+        if not np.isfinite(reach):
+            wrong = np.flatnonzero(~np.isfinite(values))[0]
+            raise CrowdError(f"Point {wrong} of the object {item.name} has {name} {values[wrong]}: give it a finite value.")
+        if reach > FARTHEST and name in "xyz":
             raise CrowdError(
-                f"Point {wrong[0]} of the object {item.name} has {name} {found[name][wrong[0]]}: give it a finite value."
+                f"Points of {item.name} lie up to {reach:.3g} m from the world's origin: move them to within {FARTHEST:,.0f} m."
             )
 
 

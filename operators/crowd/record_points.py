@@ -3,6 +3,7 @@
 import tempfile
 from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack
+from functools import wraps
 from pathlib import Path
 
 import bpy
@@ -21,7 +22,7 @@ from ..blender.operator import Stepwise
 from . import needs
 from .crowd_sources import chosen_groups, crowds_of, is_live
 from .points_source import NoPoints, check_ids, read_points
-from .scene_crowd import groups_of, measure_groups
+from .scene_crowd import characters_of
 
 SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "first_frame")  # settings that recording sets
 STEPPED = 0.95  # part of the progress
@@ -51,6 +52,22 @@ def with_record(
                 setattr(crowd, name, value)
 
 
+def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
+    """Return a decorator of generator functions of a scene, which then run `with_record`.
+
+    frames: gets the function's arguments; returns the frames of the timeline that it needs.
+    """
+
+    def decorate(work: Callable[..., Generator[float, None, Made]]) -> Callable[..., Generator[float, None, Made]]:
+        @wraps(work)
+        def on(scene: bpy.types.Scene, *args, **named) -> Generator[float, None, Made]:
+            return (yield from with_record(scene, frames(scene, *args, **named), lambda: work(scene, *args, **named)))
+
+        return on
+
+    return decorate
+
+
 def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()) -> Generator[float, None, list[int]]:
     """Write the points of each live crowd of `scene` in all of its frames to `paths`; the crowds then follow these files.
 
@@ -59,7 +76,7 @@ def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[in
     used: then the crowds are as before.
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
-    groups = groups_of(scene.crowd_lod) or measure_groups(scene)
+    groups = tuple(Group(name, 0.0, 0.0, 0.0, 0.0) for name, _, _ in characters_of(scene))  # only names count
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remapped(scene.render, frame) for frame in (min(ends), max(ends)))
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)

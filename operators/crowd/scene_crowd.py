@@ -22,7 +22,7 @@ from ..blender.cameras import read_cameras, read_shutter
 from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED
-from ..blender.performance import Part, performance_of
+from ..blender.performance import Part, Performance, performance_of
 from . import crowd_sources, kept_meshes, map_areas, needs, terrain_source
 from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
@@ -108,23 +108,28 @@ def measuring_groups(
         known = {group.name: group for group in groups_of(settings)}
     measured, characters = [], characters_of(scene)
     for g, (name, objects, origin) in enumerate(characters):
-        acts, performance, on_ground = [], performance_of(name, objects, actions_named(scene)), stands(settings, name)
-        begun, each = g / len(characters), 1 / (len(characters) * len(performance.parts))
+        performance, on_ground, acts = performance_of(name, objects, actions_named(scene)), stands(settings, name), []
         if name in reaches and len(performance.parts) == 1:
             low, center, radius = reaches[name]
         else:
-            for k, span in enumerate(performance.spans):
-                making = posing(objects, frames_of(*span), performance)
-                acts.append((yield from share(making, begun + k * each, begun + (k + 1) * each)))
+            acts = yield from share(_acted(objects, performance), g / len(characters), (g + 1) / len(characters))
             low = lowest([pose for poses in acts for pose in poses], origin[2])
             center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *acts)
         stride = _custom(settings.characters, name, "stride")
         first, *others = performance.parts
         found = Group(name, center, radius, stride, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
         actions = [_action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)]
-        lods = {key: getattr(known[name], key) for key in OF_LEVELS} if name in known else {}
-        measured.append(replace(found, actions=tuple(actions), **lods))
+        kept = {key: getattr(known[name], key) for key in (*OF_LEVELS, "share")} if name in known else {}
+        measured.append(replace(found, actions=tuple(actions), **kept))
     return tuple(measured)
+
+
+def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generator[float, None, list[list[np.ndarray]]]:
+    """Measure the extent of `objects` over each action of the performance; see `posing`."""
+    acts, count = [], len(performance.spans)
+    for k, span in enumerate(performance.spans):
+        acts.append((yield from share(posing(objects, frames_of(*span), performance), k / count, (k + 1) / count)))
+    return acts
 
 
 def _action(part: Part, poses: list[np.ndarray], fps: float, size: float) -> Action:
@@ -143,15 +148,15 @@ def stands(settings, name: str) -> bool:
 def store_groups(settings, groups: tuple[Group, ...]) -> None:
     """Store the measured groups in the scene's settings.
 
-    Groups of the same name keep their own thresholds and their finest LOD.
+    Groups of the same name keep their own thresholds, their finest LOD and their share.
     """
-    own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest) for g in settings.groups}
+    own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest, g.share) for g in settings.groups}
     settings.groups.clear()
     settings.version = VERSION
     for group in groups:
         entry = settings.groups.add()
         # see set_down
-        for name in ("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest"):
+        for name in ("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest", "share"):
             setattr(entry, name, getattr(group, name))
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
@@ -162,7 +167,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             own_action.name, own_action.stride, own_action.period = action.name, action.stride, action.period
         entry.shaded = (*group.shaded, *[-1] * (MOST_LEVELS - len(group.shaded)))
         if group.name in own:
-            entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest = own[group.name]
+            entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest, entry.share = own[group.name]
 
 
 def set_down(entry: bpy.types.PropertyGroup, _) -> None:
@@ -227,9 +232,11 @@ def _group(entry, count: int) -> Group:
         shaded=tuple(shaded) if all(each >= 0 for each in shaded) else (),
         lowest=entry.lowest,
         on_ground=entry.on_ground,
+        share=round(entry.share, 6),
         actions=tuple(Action(action.name, action.stride, action.period) for action in entry.actions),
     )
     sizes = (
+        group.share,
         *(value for action in group.actions for value in (action.stride, action.period)),
         group.radius,
         group.stride,

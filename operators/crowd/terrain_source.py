@@ -106,6 +106,13 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
                 f"{over:,} of {len(start):,} agents have no ground of the terrain {_name(crowd)} under them, and stand at the "
                 f"crowd's height, {number(ground.z)} m."
             )
+    top = crowd.id_data.crowd_lod.characters
+    inside = sorted(item.name for item in set(objects_of(crowd)).intersection(top.all_objects if top is not None else ()))
+    if inside:
+        yield (
+            f"The terrain lies in the collection {top.name} of the characters ({', '.join(inside[:3])}), which renders leave out: "
+            "move it to another."
+        )
     names = kept_meshes.moving(objects_of(crowd))
     if names:
         yield f"The terrain moves ({', '.join(names[:3])}): agents stand on it as it is now, in all frames."

@@ -61,6 +61,18 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
     return _kept(stamp, told) or _read(stamp, told, [0.0])
 
 
+def told_of_frames(crowd) -> str:
+    """Return which frames the crowd's file has, as far as that is known without reading it; for the sidebar."""
+    scene = crowd.id_data
+    try:
+        tracks = _kept(stamp_of(crowd), _told(crowd, scene.render.fps / scene.render.fps_base))
+    except CrowdError:
+        tracks = None
+    if tracks is None:
+        return "Populate tells the file's frames"
+    return f"{len(tracks.ids):,} agents, frames {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} a second"
+
+
 def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
     """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find; yield the progress, 0 to 1."""
     wanted = dict.fromkeys((stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE")

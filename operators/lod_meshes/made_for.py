@@ -38,13 +38,11 @@ class Forecast:
 
     @property
     def short(self) -> str:
-        """Return the change in a few words: how many LODs each group would have, and whether coarser."""
-        told = []
-        for name, now, then in self.rows:
-            fewer = sum(then) / len(then) < sum(now) / len(now) if len(now) == len(then) else then[-1] < now[-1]
-            count = f"{len(now)} to {len(then)}" if len(now) != len(then) else f"{len(now)}"
-            told.append(f"{name} {count} LODs, {'coarser' if fewer else 'finer'}")
-        return f"About: {'; '.join(told)}" if told else "About the same LODs would do"
+        """Return the change in a line of the sidebar: how many groups would have coarser LODs, and finer ones."""
+        coarser = sum(_mean(then) < _mean(now) for _, now, then in self.rows)
+        counts = {"coarser": coarser, "finer": len(self.rows) - coarser}
+        told = [f"{count} {'group' if count == 1 else 'groups'} {which}" for which, count in counts.items() if count]
+        return f"About: {', '.join(told)}" if told else "About the same LODs would do"
 
     @property
     def sentence(self) -> str:
@@ -53,6 +51,11 @@ class Forecast:
         where = "where they did" if abs(self.farther - 1) < 0.005 else f"at {number(self.farther)} times the distance"
         change = f"would change, about: {'; '.join(told)}" if told else "would keep about the same LODs"
         return f"LODs begin {where} when they were made. Make LOD Meshes {change}."
+
+
+def _mean(ratios: Sequence[float]) -> float:
+    """Return the mean part of LODs beside the character; 1 if there are none."""
+    return sum(ratios[1:]) / len(ratios[1:]) if len(ratios) > 1 else 1.0
 
 
 def _parts(ratios: Sequence[float]) -> str:
@@ -102,21 +105,26 @@ def _unpacked(stored: list, camera: Camera, farther: float) -> View:
     return View(replace(camera, density=density * farther), nearest, farthest, np.exp(about[0] / 1000), about[1], about[2])
 
 
-def outdated(scene: bpy.types.Scene) -> str:
-    """Return a sentence on what the LODs by tolerance were made for and is otherwise now; "" if nothing.
+def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
+    """Return what the LODs by tolerance were made for and is otherwise now: {name: (then, now)}.
 
     LODs by ratio, and those that do not say what they were made for, are never outdated.
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(MADE_FOR) if settings.levels is not None else None
     if settings.choice != "BY_TOLERANCE" or not isinstance(stored, str):
-        return ""
+        return {}
     try:
         before = json.loads(stored)
     except ValueError:
-        return ""
+        return {}
     now = _facts(scene)
-    told = [f"{name} {before[name]} (now {now[name]})" for name in now if name in before and before[name] != now[name]]
+    return {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
+
+
+def outdated(scene: bpy.types.Scene) -> str:
+    """Return a sentence on what has changed since the LODs were made; "" if nothing."""
+    told = [f"{name} {then} (now {now})" for name, (then, now) in changed(scene).items()]
     return f"LODs were made for {', '.join(told)}" if told else ""
 
 
@@ -129,7 +137,7 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
-    if not isinstance(stored, str) or settings.memory or not outdated(scene):
+    if not isinstance(stored, str) or settings.memory or not changed(scene):
         return None
     key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
     known = _known.get(scene.session_uid)

@@ -13,6 +13,7 @@ from ..blender import scene_data
 from ..blender.operator import Stepwise
 from ..blender.ownership import OWNED, remove_owned
 from ..crowd import needs
+from ..crowd.record_points import with_record
 from ..crowd.scene_crowd import GROUP, characters_of, measuring_groups, stands, store_groups, trajectory_of
 from ..crowd.scene_world import check_maps
 from . import selection
@@ -113,7 +114,9 @@ def _read(scene: bpy.types.Scene, characters: list, earlier: bpy.types.Collectio
     groups = yield from standing(measuring_groups(scene, reaches), 0.1)
     shots = [None] * len(groups)
     if settings.choice == "BY_TOLERANCE":
-        shots = yield from standing(selection.views(scene, settings, trajectory_of(scene, groups)), 0.1)
+        frames = scene_data.frames_of(scene)
+        looking = with_record(scene, frames, lambda: selection.views(scene, settings, trajectory_of(scene, groups)))
+        shots = yield from standing(looking, 0.1)
     for ladder, group in zip(ladders, groups, strict=True):
         ladder.reach = group.lowest, group.center, group.radius
         if 0 not in ladder.rows:

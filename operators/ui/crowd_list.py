@@ -4,6 +4,7 @@ import bpy
 
 from ..blender.operator import Reporting
 from ..crowd import needs
+from ..crowd.tracks_source import told_of_frames
 from .drawing import button, greyed, label
 from .step_panel import Step
 
@@ -82,6 +83,7 @@ def draw_source(layout, crowd) -> None:
     if crowd.source == "FILE":
         for name in ("tracks_file", "tracks_unit", "tracks_rate"):
             layout.prop(crowd, name)
+        label(layout, told_of_frames(crowd), "INFO")
     elif crowd.source == "POINTS":
         layout.prop(crowd, "points")
         button(layout, "crowd_lod.record_points", icon="REC")

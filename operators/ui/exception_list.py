@@ -62,8 +62,8 @@ class CrowdLodException(bpy.types.PropertyGroup):
         items=[
             ("NUMBERS", "Numbers", "Agents with these numbers; the eyedropper tells an agent's"),
             ("REGION", "Region", "Agents whose feet stand in the box about an object, when the exception begins"),
-            ("VOLUME", "Volume", "Agents whose middle is inside a closed mesh, when the exception begins"),
             ("MAP", "Painted Map", "Agents that stand on pixels lighter than a half, when the exception begins"),
+            ("VOLUME", "Volume", "Agents whose middle is inside a closed mesh, when the exception begins"),
         ],
     )
     agents: StringProperty(

@@ -43,6 +43,9 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     radius: FloatProperty(name="Radius", unit="LENGTH", description="Radius of the bounding sphere over the whole action")
     stride: FloatProperty(name="Stride", unit="LENGTH", description="Metres walked in a cycle; 0 plays the action by time")
     period: FloatProperty(name="Period", unit="TIME_ABSOLUTE", description="Seconds in a cycle of the action")
+    share: FloatProperty(
+        name="Share", min=0, soft_max=10, default=1, description="Share of the agents, in proportion to the other groups'"
+    )
     actions: CollectionProperty(type=CrowdLodAction, name="Actions", description="Those besides its own that states name")
     lowest: FloatProperty(
         name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"

@@ -139,7 +139,7 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
         field("state_name")
         field("state_color", "color")
         field("start", "start")
-        field("animation", "animation")
+        field("action", "action")
         field("use_timer", "after")
         timer = greyed(layout, editor.use_timer)
         column = timer.column(align=True)

@@ -215,8 +215,10 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         soft_max=10,
         **_number_field("states", "start"),
     )
-    animation: StringProperty(
-        name="Action", description="Action meant for agents in this state", **_text_field("states", "animation")
+    action: StringProperty(
+        name="Action",
+        description="Action that agents in this state play; each character group plays its own of that name",
+        **_text_field("states", "action"),
     )
     use_timer: BoolProperty(
         name="Timer",

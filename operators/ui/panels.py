@@ -4,15 +4,18 @@ Their height does not change while one works: figures, messages and the account 
 popovers and in the viewport; what does not apply is grayed.
 """
 
+from textwrap import shorten
+
 import bpy
 
+from ... import sample_scenes
 from ...crowd_lod.behaviour.walk import walks_of
-from ..lod_meshes.made_for import forecast, outdated
+from ..lod_meshes.made_for import changed, forecast
 from ..overlay import viewport_overlay
 from . import steps
 from .agent_edits import draw_edits
 from .crowd_list import draw_behavior, draw_ground, draw_simulation, draw_source
-from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, table, wide
+from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, letters_of, table, wide
 from .step_panel import Sidebar, Step, presets_button
 
 
@@ -70,6 +73,8 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         rows = [(g.name, length(context, g.radius), length(context, g.stride)) for g in settings.groups]
         table(layout, ("Group", "Radius", "Stride"), rows or [("Press Populate", "", "")])
+        for group in settings.groups[:MOST_ROWS] if len(settings.groups) > 1 else ():
+            layout.prop(group, "share", text=f"{group.name} Share", translate=False)
         for group in [group for group in settings.groups if group.lowest][:MOST_ROWS]:
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
 
@@ -80,7 +85,7 @@ class CROWDLOD_PT_samples(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         row = layout.row()
-        for name in ("chapter", "plaza"):
+        for name in sample_scenes.NAMES:
             row.operator("crowd_lod.sample", text=name.capitalize(), translate=False).name = name
 
 
@@ -158,18 +163,21 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
             layout.prop(settings, "metric")
             self.ratios(context, layout, settings)
         button(layout, "crowd_lod.make_levels", icon="MOD_DECIM", following=steps.following(context.scene))
-        told = outdated(context.scene)
-        made = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
-        label(layout, told or made, "FILE_REFRESH" if told else "INFO")
-        change = forecast(context.scene)
-        label(layout, change.short if change else self.made(settings), "BLANK1")
+        self.made(context, layout, settings)
 
-    def made(self, settings) -> str:
-        """Return how many LODs each group has."""
-        if settings.levels is None:
-            return ""
-        counts = [f"{group.name} {len(set(filter(None, group.triangles)))}" for group in settings.groups]
-        return f"LODs: {', '.join(counts)}"
+    def made(self, context, layout, settings) -> None:
+        """Draw two lines: what has changed since LODs were made, and about what others would be."""
+        since, change, line = changed(context.scene), forecast(context.scene), letters_of(context)
+        said = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
+        if len(since) == 1:
+            ((name, (then, _)),) = since.items()
+            said = f"Made for a {name} of {then}" if name != "engine" else f"Made for {then}"
+        elif since:
+            said = f"Changed: {', '.join(since)}"
+        label(layout, shorten(said, line, placeholder="..."), "FILE_REFRESH" if since else "INFO")
+        counts = [f"{group.name} {len(set(group.triangles) - {0})}" for group in settings.groups]
+        told = f"LODs: {', '.join(counts)}" if settings.levels is not None and counts else ""
+        label(layout, shorten(change.short if change else told, line, placeholder="..."), "BLANK1")
 
     def ratios(self, context, layout, settings) -> None:
         """Draw, for each LOD, the settings of what it keeps and where it begins."""

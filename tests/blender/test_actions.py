@@ -273,3 +273,14 @@ def test_spheres_and_deviations_hold_in_every_action(waiting):
             body, levels = posed.at(moment)
             for level, bound in zip(levels, group.bounds, strict=True):
                 assert body.distances(level.points).max() <= bound + 1e-6
+
+
+def test_a_share_is_live_and_stays_when_the_crowd_is_populated_again(waiting):
+    store_groups(waiting.crowd_lod, measure_groups(waiting))
+    alike = trajectory_of(waiting).start.group
+    waiting.crowd_lod.groups["child"].share = 0
+    assert np.bincount(alike).min() > 10 and not trajectory_of(waiting).start.group.any()
+    store_groups(waiting.crowd_lod, measure_groups(waiting))
+    assert not trajectory_of(waiting).start.group.any()
+    waiting.crowd_lod.groups["child"].share = 1
+    assert (trajectory_of(waiting).start.group == alike).all()

@@ -236,6 +236,14 @@ def test_buttons_say_what_they_lack(levelled):
     assert not len(settings.exceptions)
 
 
+def test_files_of_before_there_were_edits_mean_the_same(scene):
+    """Blender stores a choice by its number."""
+    known = scene.crowd_lod.exceptions.add().bl_rna.properties
+    stored = {name: {item.identifier: item.value for item in known[name].enum_items} for name in ("kind", "chosen_by")}
+    assert stored["kind"] | {"NEVER_COARSER": 0, "ALWAYS": 1, "HIDE": 2} == stored["kind"]
+    assert stored["chosen_by"] | {"NUMBERS": 0, "REGION": 1, "MAP": 2} == stored["chosen_by"]
+
+
 def test_numbers_of_several_crowds_are_those_of_all_together(levelled):
     settings = levelled.crowd_lod
     bpy.ops.crowd_lod.add_crowd()
@@ -264,3 +272,28 @@ def test_edits_follow_the_points_of_an_object_by_their_ids(levelled):
     crowd = trajectory_of(levelled).start
     assert crowd.x[54] == pytest.approx(trajectory_of(levelled).own.start.x[54] + 0.5)
     assert crowd.group[54] != before.start.group[5] and np.flatnonzero(~crowd.present).tolist() == [50]
+
+
+def test_edits_follow_the_agents_of_a_file_that_grows(levelled, tmp_path):
+    settings, path = levelled.crowd_lod, tmp_path / "tracks.csv"
+
+    def written(ids):
+        rows = [f"{a},{frame},{a + frame * 0.05:.3f},{a * 0.5:.3f}" for a in ids for frame in range(1, 40)]
+        path.write_text("\n".join(["id,frame,x,y", *rows]))
+
+    written(range(20, 30))
+    settings.source, settings.tracks_file, settings.tracks_rate, settings.tracks_unit = "FILE", str(path), 24, "M"
+    bpy.ops.crowd_lod.populate()
+    press(levelled, 4, "NUDGE")
+    press(levelled, 5, "HIDE")
+    assert [entry.agents for entry in settings.exceptions] == ["#24", "#25"]
+    written(range(3, 30))
+    edited = trajectory_of(levelled)
+    crowd, own = edited.at(9), edited.own.at(9)
+    assert len(crowd) == 27 and np.flatnonzero(crowd.x != own.x).tolist() == [21]
+    assert edited.ids[21] == 24 and np.flatnonzero(~crowd.present).tolist() == [22]
+    # who is gone is told, the other is still edited
+    written(range(3, 25))
+    frame = frame_at(levelled, 9)
+    assert "names #25: no agent has that number in its file or object" in frame.unplanned
+    assert frame.crowd.x[21] == pytest.approx(frame.trajectory.own.at(9).x[21] + 0.5)

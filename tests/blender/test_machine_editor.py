@@ -28,7 +28,7 @@ def changed(scene):
 FIELDS = {
     "state_color": ((0.0, 1.0, 0.0), '"color": "#00ff00", "start": 1, "animation": "walk",'),
     "start": (0.3, '"color": "#e65050", "start": 0.3, "animation": "walk",'),
-    "animation": ("", '"color": "#e65050", "start": 1,'),
+    "action": ("stroll", '"color": "#e65050", "start": 1, "action": "stroll", "animation": "walk",'),
     "timer_most": (4.1, '"color": "#e65050", "start": 1, "animation": "walk", "after": 4.1, "then": "stroll north",'),
     "use_timer": (True, '"color": "#e65050", "start": 1, "animation": "walk", "after": [5, 20], "then": "stroll north",'),
     "speed": (0.85, '"stall front": {"speed": 0.85, "heading": 0},'),

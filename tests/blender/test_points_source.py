@@ -246,3 +246,83 @@ def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(sce
     with pytest.raises(RuntimeError, match="16 points at frame 3, and 8 at frame 2: give its points an attribute id"):
         bpy.ops.crowd_lod.record_points()
     assert (scene.crowd_lod.source, scene.crowd_lod.tracks_file, scene.frame_current) == ("POINTS", "before", 1)
+
+
+def test_a_build_follows_an_edit_of_the_object_without_a_change_of_frame(scene):
+    item = scatter(scene, 3)
+    crowd_of(scene, item)
+    bpy.ops.crowd_lod.make_levels()
+    bpy.ops.crowd_lod.build()
+    calls = []
+    bpy.app.handlers.depsgraph_update_post.append(lambda *_: calls.append(1))
+    try:
+        item.location.z = 1
+        for _ in range(5):
+            bpy.context.view_layer.update()
+    finally:
+        bpy.app.handlers.depsgraph_update_post.pop()
+    heights = {v.co.z for each in scene.crowd_lod.build.objects if each.type == "MESH" for v in each.data.vertices}
+    assert heights == {1.0} and len(calls) < 5  # it ends
+
+
+@pytest.fixture
+def moving(scene):
+    """A crowd of instances with ids, and its LOD meshes."""
+    item = scatter(scene, 30, instances=True, attributes=[("id", "INT", np.arange(30) * 3)])
+    crowd_of(scene, item)
+    bpy.ops.crowd_lod.make_levels()
+    scene.frame_start, scene.frame_end = 1, 4
+    return scene
+
+
+def test_recorded_crowd_is_the_live_one_in_each_frame(moving):
+    live = {}
+    for number in (1, 2, 4):
+        moving.frame_set(number)
+        trajectory = trajectory_of(moving)
+        live[number] = trajectory.at(number), trajectory.ids
+    bpy.ops.crowd_lod.record_points()
+    recorded = trajectory_of(moving)
+    for number, (crowd, ids) in live.items():
+        again = recorded.at(number)
+        assert np.array_equal(recorded.ids, ids) and np.array_equal(again.group, crowd.group)
+        for name in ("x", "y", "z", "heading"):
+            np.testing.assert_allclose(getattr(again, name), getattr(crowd, name), atol=1e-5)
+    assert np.array_equal(recorded.looks, trajectory.looks)
+    middle = recorded.at(2.5)
+    np.testing.assert_allclose(middle.x, (recorded.at(2).x + recorded.at(3).x) / 2, atol=1e-6)
+
+
+def test_bake_records_first_and_leaves_the_source_as_it_was(moving):
+    before = [moving.crowd_lod.source, moving.crowd_lod.tracks_file, moving.crowd_lod.first_frame]
+    bpy.ops.crowd_lod.bake()
+    assert [moving.crowd_lod.source, moving.crowd_lod.tracks_file, moving.crowd_lod.first_frame] == before
+    shown = {}
+    for each in moving.crowd_lod.build.objects:
+        if each.type == "MESH" and each.name.endswith("points"):
+            frame, ids = (np.array([v.value for v in each.data.attributes[name].data]) for name in ("frame", "id"))
+            shown |= {(f, i): tuple(v.co) for f, i, v in zip(frame.tolist(), ids.tolist(), each.data.vertices, strict=True)}
+    moving.frame_set(3)
+    place, _ = instances_of(moving, moving.crowd_lod.points)
+    found = [(i, where) for (f, i), where in shown.items() if f == 3]
+    assert found
+    np.testing.assert_allclose([where for _, where in found], place[[i for i, _ in found]], atol=1e-5)
+
+
+def test_what_needs_other_frames_says_so(moving):
+    with pytest.raises(RuntimeError, match="Plan Shot needs to know where the points of Scatter are .*: press Record Points first"):
+        bpy.ops.crowd_lod.plan_shot()
+    moving.render.use_motion_blur = True
+    with pytest.raises(RuntimeError, match="Motion blur needs to know where the points of Scatter are"):
+        bpy.ops.crowd_lod.build()
+    bpy.ops.crowd_lod.record_points()
+    bpy.ops.crowd_lod.build()
+    assert moving.crowd_lod.build is not None
+
+
+def test_plan_holds_for_the_record(moving, tmp_path):
+    bpy.ops.crowd_lod.record_points()
+    moving.crowd_lod.plan_folder = str(tmp_path / "plan")
+    bpy.ops.crowd_lod.plan_shot()
+    frame = frame_of(moving, moving.view_layers[0].depsgraph, 2)
+    assert frame.planned and not frame.unplanned

@@ -29,6 +29,15 @@ def test_crowd_starts_where_it_may_and_spreads_evenly():
     assert abs(quarters - 5000).max() < 5 * np.sqrt(20_000 * 3 / 16)
 
 
+def test_groups_get_their_shares_of_the_agents():
+    crowd = populate(20_000, 1, (3.0, 0.0, 1.0, 0.0), MACHINE, WORLD)
+    counts = np.bincount(crowd.group, minlength=4)
+    assert counts[1] == counts[3] == 0 and (np.diff(crowd.group) >= 0).all()
+    assert abs(counts[0] - 15_000) < 5 * np.sqrt(20_000 * 3 / 16)
+    with pytest.raises(CrowdError, match="give one a share above 0"):
+        populate(10, 1, (0.0, 0.0), MACHINE, WORLD)
+
+
 @pytest.mark.parametrize("count", [0, -1, 10_000_001])
 def test_impossible_counts_are_refused(count):
     with pytest.raises(CrowdError, match="agents"):

@@ -155,6 +155,14 @@ def test_where_agents_start_the_height_of_the_crowd_chooses_the_floor():
     assert terrain.at(x, y, np.array([0.0, 0.0, 3.8])).tolist() == [0, 0, 4]
 
 
+def test_nobody_starts_within_stairs():
+    terrain = Terrain(two_floors(stairs=True))
+    x, y = np.zeros(4), np.array([5.0, 24.5, 27.5, 36.5])  # steps at 1, 1.6 and 3.4 metres
+    assert terrain.at(x, y, np.zeros(4)).tolist() == [0, 0, 0, 0]
+    started = terrain.start(x, y, np.zeros(4))
+    assert started == pytest.approx([0, 1, 1.6, 0]) and np.array_equal(terrain.at(x, y, started), started)
+
+
 @pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("edge", ["clamp", "wrap"])
 def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):

@@ -35,7 +35,7 @@ def saved(path: str, folder: str):
     for group in settings.characters.children[2:]:
         settings.characters.children.unlink(group)
     quicken(robot.scene(), folder)
-    needed = "populate", "make_levels", "measure_levels", "except_agent", "except_agent", "plan_shot", "build"
+    needed = "add_crowd", "populate", "make_levels", "measure_levels", "except_agent", "except_agent", "plan_shot", "build"
     for button in needed:
         yield from pressed(button)
     assert settings.shot_plan and settings.build, "a button that prepares the file failed"

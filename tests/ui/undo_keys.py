@@ -31,8 +31,7 @@ def session():
     """Yields the seconds to wait before going on."""
     path = str(FOLDER / "undo.blend")
     yield from saved(path, FILES)
-    # adding a preset writes a file of the user, and makes no undo step
-    names = results["operators"] = [name for name in sorted(dir(bpy.ops.crowd_lod)) if not name.endswith("_preset_add")]
+    names = results["operators"] = [name for name in sorted(dir(bpy.ops.crowd_lod)) if makes_a_step(name)]
     # each operator once the first and once the second of a part's pairs
     pairs = [(name, names[(n + by) % len(names)]) for by in CHOSEN if by < len(names) for n, name in enumerate(names)]
     triples = [random.Random(seed).choices(names, k=3) for seed in range(TRIPLES) if seed % len(names) in CHOSEN]
@@ -48,6 +47,14 @@ def session():
         results["pairs" if len(chosen) == 2 else "triples"] += 1
     results["worked"] = sorted(worked)
     yield from robot.picture("30_after_undo")
+
+
+def makes_a_step(name: str) -> bool:
+    """Whether the button can make an undo step: not if it asks for a file, or adds a preset, which is a file of the user.
+
+    After such a button Ctrl-Z takes back what was done before it.
+    """
+    return not {"filepath", "remove_active"} & {*getattr(bpy.ops.crowd_lod, name).get_rna_type().properties.keys()}
 
 
 def there_and_back(chosen, known: list):

@@ -1,0 +1,310 @@
+"""Populate reads terrain and places to start; the file keeps them, and says when what they were made of has changed."""
+
+from math import radians
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.operators.crowd import crowd_sources, kept_meshes, scene_crowd
+from mathutils import Vector
+from mathutils.bvhtree import BVHTree
+
+SIT = '{"version": 1, "labels": {"ground": {"color": "#808080"}}, "states": {"sit": {"color": "#ff0000", "on": {"*": {}}}}}'
+
+
+@pytest.fixture(autouse=True)
+def at_once(monkeypatch):
+    monkeypatch.setattr(crowd_sources, "LOOK", 0.0)
+
+
+def add(scene, name, points, faces=(), edges=()):
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(points, edges, faces)
+    item = bpy.data.objects.new(name, mesh)
+    scene.collection.objects.link(item)
+    return item
+
+
+def box(scene, name, low, high):
+    corners = [(x, y, z) for z in (low[2], high[2]) for y in (low[1], high[1]) for x in (low[0], high[0])]
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    return add(scene, name, corners, faces)
+
+
+def station(scene):
+    """Two floors and stairs, as a collection of boxes; one is scaled, turned, mirrored, and one is an instance."""
+    home = bpy.data.collections.new("Station")
+    scene.collection.children.link(home)
+    step = bpy.data.collections.new("Step")
+    floor, upper = box(scene, "Floor", (-1, -1, -1), (1, 1, 0)), box(scene, "Upper", (0, -20, 3.75), (25, 20, 4))
+    floor.scale, floor.rotation_euler = (-25, 25, 0.5), (0, 0, radians(90))
+    items = [floor, upper]
+    tread = box(scene, "Tread", (0, -5, 0), (1, 5, 0.25))
+    step.objects.link(tread)
+    for k in range(16):
+        item = bpy.data.objects.new(f"Step {k}", None)
+        item.instance_type, item.instance_collection, item.location = "COLLECTION", step, (k - 16, 0, 0.25 * k)
+        scene.collection.objects.link(item)
+        items.append(item)
+    for item in items:
+        scene.collection.objects.unlink(item)
+        home.objects.link(item)
+    scene.collection.objects.unlink(tread)
+    return home
+
+
+def waves(scene, size=40, count=41):
+    side = np.linspace(-size / 2, size / 2, count)
+    points = [(x, y, np.sin(x / 4) * np.cos(y / 5)) for y in side for x in side]
+    faces = [
+        (r * count + c, r * count + c + 1, (r + 1) * count + c + 1, (r + 1) * count + c)
+        for r in range(count - 1)
+        for c in range(count - 1)
+    ]
+    return add(scene, "Waves", points, faces)
+
+
+def sitting(scene):
+    text = bpy.data.texts.new("sit")
+    text.write(SIT)
+    scene.crowd_lod.machine = text
+
+
+def populated(scene):
+    """What Populate says, and the crowd."""
+    assert bpy.ops.crowd_lod.populate() == {"FINISHED"}
+    return scene_crowd.trajectory_of(scene)
+
+
+def ours():
+    return [mesh for mesh in bpy.data.meshes if mesh.name.startswith("Crowd LOD")]
+
+
+def test_agents_stand_where_blenders_rays_meet_the_terrain(scene):
+    scene.crowd_lod.terrain_object = item = waves(scene)
+    item.modifiers.new("Subdivide", "SUBSURF").levels = 1
+    crowd = populated(scene)
+    tree = BVHTree.FromObject(item, bpy.context.evaluated_depsgraph_get())
+    for time in (1, 60.5):
+        now = crowd.at(time)
+        checked = [
+            (z, tree.ray_cast(Vector((x, y, 50)), Vector((0, 0, -1)))[0]) for x, y, z in zip(now.x, now.y, now.z, strict=True)
+        ]
+        met = [(z, point.z) for z, point in checked if point is not None]
+        assert len(met) > 290 and max(abs(z - other) for z, other in met) < 1e-5
+    assert not crowd.heights.layered and crowd.heights.span[1] > 0.9
+
+
+def test_walkers_climb_stairs_of_instances_and_others_stay_below(scene):
+    scene.crowd_lod.terrain = station(scene)
+    scene.crowd_lod.count, scene.crowd_lod.size = 400, (40, 38)
+    crowd = populated(scene)
+    assert crowd.heights.layered
+    start, later = crowd.at(1), crowd.at(500)
+    assert start.z.max() <= 1.75 and (later.z > 3.9).sum() > 5
+    heights = np.append(np.arange(0, 17) * 0.25, crowd.heights.z)
+    assert np.abs(later.z[:, None] - heights).min(axis=1).max() < 1e-5
+    up = later.z > 3.9
+    assert (later.x[up] >= -1).all() and (np.abs(start.y[up]) < 5.01).all() and not up.all()
+
+
+def test_undo_of_populate_brings_the_ground_before_back(scene):
+    scene.crowd_lod.terrain_object = waves(scene)
+    before = populated(scene).at(40)
+    bpy.ops.ed.undo_push(message="before")
+    scene.crowd_lod.terrain_object.location.z = 3
+    scene.view_layers[0].update()
+    assert populated(scene).at(40).z.min() > before.z.min() + 1
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    again = scene_crowd.trajectory_of(bpy.context.scene).at(40)
+    assert again.z.tobytes() == before.z.tobytes() and len(ours()) == 1
+    bpy.ops.ed.redo()
+    assert scene_crowd.trajectory_of(bpy.context.scene).at(40).z.min() > before.z.min() + 1
+
+
+def test_the_kept_ground_outlives_saving_and_copies(scene, tmp_path):
+    scene.crowd_lod.terrain = station(scene)
+    scene.crowd_lod.start_on, scene.crowd_lod.start_object = "SURFACE", waves(scene)
+    before = populated(scene).at(40)
+    first = [scene.crowd_lod.terrain_mesh, scene.crowd_lod.start_places]
+    copy = scene.copy()
+    copy.use_fake_user = True
+    names = scene.name, copy.name
+    scene.crowd_lod.seed = 5
+    other = populated(scene).at(40)
+    assert not np.array_equal(other.x, before.x)
+    assert [copy.crowd_lod.terrain_mesh, copy.crowd_lod.start_places] == first and len(ours()) == 4
+    path = str(tmp_path / "kept.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    for name, known in zip(names, (other, before), strict=True):
+        loaded = scene_crowd.trajectory_of(bpy.data.scenes[name]).at(40)
+        for column in "xyz":
+            assert getattr(loaded, column).tobytes() == getattr(known, column).tobytes()
+
+
+def test_what_is_no_longer_used_is_removed(scene):
+    scene.crowd_lod.terrain_object = waves(scene)
+    populated(scene), populated(scene)
+    assert len(ours()) == 1
+    scene.crowd_lod.terrain_object = None
+    populated(scene)
+    assert ours() == []
+
+
+def test_a_change_of_the_terrain_or_of_the_places_is_told(scene):
+    settings = scene.crowd_lod
+    settings.terrain_object, settings.start_on, settings.start_object = ground, _, _ = waves(scene), "SURFACE", waves(scene)
+    populated(scene)
+    assert crowd_sources.outdated(scene) == []
+    ground.modifiers.new("Subdivide", "SUBSURF").levels = 1
+    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate"]
+    populated(scene)
+    ground.location.z = 1
+    scene.view_layers[0].update()
+    assert crowd_sources.outdated(scene) == ["The terrain Waves has changed: press Populate"]
+    populated(scene)
+    assert crowd_sources.outdated(scene) == []
+    settings.count += 1
+    assert [note for note in crowd_sources.outdated(scene) if note.startswith("What the places on Waves.001")]
+
+
+def test_holes_and_moving_terrain_are_told(scene, capfd):
+    item = waves(scene, size=20)
+    item.keyframe_insert("location")
+    scene.crowd_lod.terrain_object = item
+    crowd = populated(scene)
+    over = int(((np.abs(crowd.start.x) > 10) | (np.abs(crowd.start.y) > 10)).sum())
+    said = capfd.readouterr().out
+    assert f"{over} of 300 agents have no ground of the terrain Waves under them, and stand at the crowd's height, 0 m." in said
+    assert "The terrain moves (Waves): agents stand on it as it is now, in all frames." in said
+    assert over > 100 and (crowd.at(1).z[np.abs(crowd.start.x) > 10] == 0).all()
+
+
+def test_terrain_among_the_characters_is_none_of_them(scene, capfd):
+    item = waves(scene)
+    scene.crowd_lod.characters.objects.link(item)
+    scene.crowd_lod.terrain_object = item
+    assert [group.name for group in populated(scene).groups] == ["adult", "child"]
+    assert not item.hide_render and item.name in scene.collection.objects
+    assert "The terrain lies in the collection People of the characters (Waves), which renders leave out" in capfd.readouterr().out
+
+
+def test_places_are_on_the_surface_where_it_is_dense(scene):
+    settings, item = scene.crowd_lod, waves(scene)
+    sitting(scene)
+    item.location, item.rotation_euler, item.scale = (3, 4, 5), (0.3, 0.2, 1), (1, 0.5, 2)
+    group = item.vertex_groups.new(name="Dense")
+    group.add([v.index for v in item.data.vertices if v.co.x > 0], 1.0, "REPLACE")
+    settings.start_on, settings.start_object, settings.density_group = "SURFACE", item, "Dense"
+    volume = bpy.data.collections.new("Volumes")
+    region = bpy.data.objects.new("Region", None)
+    region.empty_display_size, region.location = 8, (3, 4, 5)
+    scene.collection.children.link(volume)
+    volume.objects.link(region)
+    settings.density_volumes = volume
+    crowd = populated(scene)
+    assert crowd.seated and len(crowd.start) == 300
+    tree, inverse = BVHTree.FromObject(item, bpy.context.evaluated_depsgraph_get()), item.matrix_world.inverted()
+    for x, y, z in zip(crowd.start.x, crowd.start.y, crowd.start.z, strict=True):
+        own = inverse @ Vector((x, y, z))
+        assert tree.find_nearest(own)[3] < 2e-6 and own.x > -1.001
+        assert max(abs(x - 3), abs(y - 4), abs(z - 5)) < 8 + 1e-5
+
+
+def test_an_images_gray_is_the_density(scene):
+    settings, item = scene.crowd_lod, add(scene, "Tile", [(-20, -20, 0), (20, -20, 0), (20, 20, 0), (-20, 20, 0)], [(0, 1, 2, 3)])
+    item.data.uv_layers.new().uv.foreach_set("vector", [0, 0, 1, 0, 1, 1, 0, 1])
+    image = bpy.data.images.new("Gray", 8, 4)
+    pixels = np.ones((4, 8, 4), np.float32)
+    pixels[:, :4, :3], pixels[2:] = 0.0, (0, 0, 0, 1)
+    image.pixels.foreach_set(pixels.ravel())
+    sitting(scene)
+    settings.start_on, settings.start_object, settings.density_image = "SURFACE", item, image
+    start = populated(scene).start
+    assert len(start) == 300 and (start.x >= 0).all() and (start.y <= 0).all()
+
+
+def test_rows_along_a_curve_do_not_depend_on_its_thickness(scene):
+    sitting(scene)
+    curve = bpy.data.curves.new("Ring", "CURVE")
+    curve.dimensions = "3D"
+    spline = curve.splines.new("POLY")
+    spline.points.add(3)
+    for point, place in zip(spline.points, ((-10, -5), (10, -5), (10, 5), (-10, 5)), strict=True):
+        point.co = (*place, 0, 1)
+    spline.use_cyclic_u = True
+    item = bpy.data.objects.new("Ring", curve)
+    scene.collection.objects.link(item)
+    item.location.z = 2
+    settings = scene.crowd_lod
+    settings.start_on, settings.start_object = "CURVES", item
+    settings.spacing, settings.rows, settings.row_depth, settings.row_rise = 1.0, 2, 1.0, 0.5
+    thin = populated(scene).start
+    assert len(thin) == 60 + 68 and set(thin.z.round(6)) == {2.0, 2.5}
+    curve.bevel_depth = 0.3
+    thick = populated(scene).start
+    assert thick.x.tobytes() == thin.x.tobytes() and len(bpy.data.curves) == 1
+
+
+def test_instances_give_places_and_headings(scene):
+    sitting(scene)
+    parent = add(scene, "Seats", [(0, 0, 1), (60, 0, 2), (0, 70, 3)])
+    chair = box(scene, "Chair", (0, 0, 0), (0.1, 0.1, 0.1))
+    chair.parent, parent.instance_type, chair.rotation_euler = parent, "VERTS", (0, 0, radians(30))
+    settings = scene.crowd_lod
+    settings.start_on, settings.start_object = "POINTS", parent
+    start = populated(scene).start
+    assert sorted(zip(start.x, start.y, start.z, strict=True)) == [(0, 0, 1), (0, 70, 3), (60, 0, 2)]
+    assert np.allclose(start.heading, radians(30), atol=1e-6)
+    parent.instance_type = "NONE"
+    assert len(populated(scene).start) == 3
+
+
+def away(scene):
+    sitting(scene)
+    settings = scene.crowd_lod
+    settings.machine = None
+    settings.start_on, settings.start_object = "SURFACE", waves(scene)
+    settings.center = (500, 0, 0)
+
+
+def nan(scene):
+    item = waves(scene)
+    item.data.vertices[7].co.z = float("nan")
+    return item
+
+
+WRONG = {
+    "no terrain faces": (lambda s: setattr(s.crowd_lod, "terrain_object", add(s, "Bare", [(0, 0, 0)])), "The terrain Bare has no face"),
+    "an empty collection": (lambda s: setattr(s.crowd_lod, "terrain", bpy.data.collections.new("None")), "The terrain None has no face"),
+    "a wall": (
+        lambda s: setattr(s.crowd_lod, "terrain_object", add(s, "Wall", [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 1, 2)])),
+        "no face that one can stand on",
+    ),
+    "terrain at nan": (lambda s: setattr(s.crowd_lod, "terrain_object", nan(s)), "Waves.001 has 1 vertices at NaN or infinity"),
+    "no object": (lambda s: setattr(s.crowd_lod, "start_on", "SURFACE"), "starts on an object, and has none"),
+    "off the map": (away, "None of the 300 places .* lies on the label map"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_cannot_be_read_is_told_and_nothing_is_lost(scene, name):
+    good = waves(scene)
+    scene.crowd_lod.terrain_object = good
+    populated(scene)
+    kept, groups = scene.crowd_lod.terrain_mesh, len(scene.crowd_lod.groups)
+    scene.crowd_lod.terrain_object = None
+    change, told = WRONG[name]
+    change(scene)
+    with pytest.raises(RuntimeError, match=told):
+        bpy.ops.crowd_lod.populate()
+    assert scene.crowd_lod.terrain_mesh == kept and len(scene.crowd_lod.groups) == groups and ours() == [kept]
+
+
+def test_before_populate_the_crowd_says_so(scene):
+    populated(scene)
+    scene.crowd_lod.terrain_object = waves(scene)
+    with pytest.raises(kept_meshes.CrowdError, match="The terrain Waves is not read yet: press Populate"):
+        scene_crowd.trajectory_of(scene)
