@@ -90,6 +90,7 @@ struct Agent {
   int colour; /* in the palette */
   float share; /* > 0: drawn where the dither is below it; < 0: where it is not below -share; 0: everywhere */
   vec3 x_axis, y_axis, z_axis; /* of the character, in the world */
+  float scale;
 };
 
 vec4 of_agents(int number)
@@ -108,6 +109,7 @@ Agent agent(int number)
   a.x_axis = two.xyz;
   a.y_axis = three.xyz;
   a.z_axis = cross(a.x_axis, a.y_axis);
+  a.scale = three.w;
   return a;
 }
 

@@ -14,6 +14,7 @@ void main()
   Agent a = agent(base + number);
 #if defined(JOINTS) || defined(FRAMES)
   Posed here = posed_at(a.phase);
+  here.at *= a.scale; /* boxes hold all sizes */
 #else
   Posed here = Posed(position, normal);
 #endif

@@ -4,7 +4,7 @@ The chapter calls the first frame "Populating".
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -58,6 +58,7 @@ class Group:
         near.
     on_ground: whether the lowest point is the feet. If not, the origin is.
     share: of the agents, in proportion to the other groups'.
+    scale: the least and the greatest of its agents, see `varied`.
     actions: those besides its own action that states name. What is said of the action above and
         below holds over all actions, but stride and period.
 
@@ -91,6 +92,7 @@ class Group:
     on_ground: bool = False
     actions: tuple[Action, ...] = ()
     share: float = 1.0
+    scale: tuple[float, float] = (1.0, 1.0)
 
     @property
     def reach(self) -> float:
@@ -122,6 +124,25 @@ class Group:
     def __post_init__(self) -> None:
         if len(self.bounds) != len(self.deviations):
             object.__setattr__(self, "bounds", self.deviations)
+
+
+def varied(group: Group) -> Group:
+    """Return the measured `group` as its agents of all sizes are: what is said of it holds for each of them.
+
+    The bounding sphere holds those of the least and of the greatest, so also those between. LODs of
+    the greatest deviate most.
+    """
+    if group.scale == (1.0, 1.0):
+        return group
+    most = group.scale[1]
+    ends = [(group.center + side * group.radius) * size for side in (-1, 1) for size in group.scale]
+    low, high = min(ends), max(ends)
+    wide = most * (1 + 1e-6)  # scales are float32
+    lengths: dict[str, Any] = {
+        name: tuple(wide * each for each in getattr(group, name)) for name in ("deviations", "bounds", "rms", "shaded")
+    }
+    radius = (high - low) / 2 + 1e-6 * max(abs(low), abs(high))
+    return replace(group, center=(low + high) / 2, radius=radius, diagonal=wide * group.diagonal, **lengths)
 
 
 @dataclass(frozen=True)

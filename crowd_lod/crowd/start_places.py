@@ -16,6 +16,7 @@ from .state_machine import StateMachine
 
 # Places that are drawn on a surface to find one, at most; and drawn at a time, at most.
 TRIES, AT_A_TIME = 20_000, 2**18
+MOST_EDGES = 200_000  # about a second
 # Metres: points of a curve that are closer are one.
 ONE_POINT = 1e-6
 SHARPEST = 2.0  # times as far as a row's depth lies its corner from the corner of the row before, at most
@@ -182,8 +183,12 @@ def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
     """Return the chains of a wire, each its points (k,) intp in order, and whether it is closed.
 
     edges: (e, 2), the points that each joins; count: of all points. A chain ends where more than two edges meet. It
-        goes on from its end that was made first.
+        goes on from its end that was made first. CrowdError beyond MOST_EDGES.
     """
+    if len(edges) > MOST_EDGES:
+        raise CrowdError(
+            f"The curves to start along have {len(edges):,} edges, more than {MOST_EDGES:,}: choose a curve or a wire."
+        )
     beside: list[list[int]] = [[] for _ in range(count)]
     for a, b in edges.tolist():
         beside[a].append(b)

@@ -45,4 +45,4 @@ def read(path: Path) -> Rows:
         raise CrowdError(f"The file {where} has {rate.size} values of fps: give one number, its frames a second.")
     if unit not in UNITS:
         raise CrowdError(f"The file {where} has the unit {unit}: use one of {', '.join(UNITS)}.")
-    return Rows(**found, rate=float(rate.reshape(())), unit=unit)
+    return Rows(**found, rate=float(rate.reshape(())), unit=unit, feet=True)

@@ -30,6 +30,7 @@ class Rows:
     rate: frames a second; 0 if the file does not tell.
     unit: of x, y and z, one of UNITS; "" if the file does not tell.
     notes: sentences on what the reader guessed.
+    feet: whether z is known to be of the feet, not of heads.
     """
 
     id: np.ndarray
@@ -43,6 +44,7 @@ class Rows:
     rate: float = 0.0
     unit: str = ""
     notes: tuple[str, ...] = ()
+    feet: bool = False
 
     def __len__(self) -> int:
         return len(self.id)

@@ -188,6 +188,21 @@ class Trajectory(ABC):
         """The groups' bounding spheres."""
         return spheres_of(self.groups)
 
+    def scale(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
+        """Return the sizes of `agents` (m,) in `crowd`, (m,) float32, 1 as their characters are; None if all are so.
+
+        Drawn from each agent's first key, within the range of its group.
+        """
+        ranges = np.array([group.scale for group in self.groups], np.float32)
+        if (ranges == 1).all():
+            return None
+        low, high = ranges[crowd.group[agents]].T
+        return (low + (high - low) * self._sizes[agents]).clip(low, high)
+
+    @cached_property
+    def _sizes(self) -> np.ndarray:
+        return random_streams.uniform(self.start.key, random_streams.SIZE).astype(np.float32)
+
     @cached_property
     def looks(self) -> np.ndarray:
         """Return a random number for each agent, (n,) float32 in [0, 1)."""

@@ -67,15 +67,19 @@ def _posed(scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int
         act.go_to(stage, first + (last - first) * own["phase"])
         for k, home in zip(levels, homes, strict=True):
             body = bodies_of([actors[item] for item in home.objects], stage.view_layers[0].depsgraph, looks)
-            placed = np.array(Matrix.Translation(own["position"]) @ stance @ turn @ Matrix.Translation(-home.instance_offset))
+            size = Matrix.Scale(1 + own.get("size", 0.0), 4)
+            placed = np.array(
+                Matrix.Translation(own["position"]) @ stance @ turn @ size @ Matrix.Translation(-home.instance_offset)
+            )
             bodies.append(body and _only(_moved(body, placed), np.full(len(body.triangles), k != NOTHING)))
     return bodies, looks
 
 
 def _moved(body: Body, matrix: np.ndarray) -> Body:
-    """Return `body` moved by `matrix` (4, 4), which turns and shifts."""
+    """Return `body` moved by `matrix` (4, 4), which turns, scales evenly and shifts."""
     turn = matrix[:3, :3].T
-    return replace(body, points=body.points @ turn + matrix[:3, 3], normals=body.normals @ turn)
+    normals = body.normals @ (turn / np.cbrt(np.linalg.det(turn)))
+    return replace(body, points=body.points @ turn + matrix[:3, 3], normals=normals)
 
 
 def _only(body: Body, which: np.ndarray) -> Body:

@@ -83,6 +83,7 @@ def columns_by_bucket(
     heading, of agents on slopes also pitch and roll (see maps.lean): radians.
     phase, group: those of the agent.
     pose: which of the `library`'s characters the agent shows, of the frame that is `held`.
+    size: of agents of other sizes, how much more than 1 their scale is.
     looks: a number in [0, 1) per agent, by which materials may vary.
     id: the stable index of the agent.
 
@@ -108,6 +109,9 @@ def columns_by_bucket(
     columns = {"position": place, "heading": heading, "phase": trajectory.gaits.phase(held.crowd, seconds, agents)}
     columns |= {"group": of(crowd.group).astype(np.int32), "looks": of(trajectory.looks), "id": ids}
     columns["pose"] = library.shown(trajectory.gaits, held.crowd, seconds, agents)
+    scale = trajectory.scale(held.crowd, agents)
+    if scale is not None:
+        columns["size"] = scale - 1
     leaning = trajectory.tilt(crowd, agents)
     if leaning is not None:
         columns |= dict(zip(("pitch", "roll"), leaning, strict=True))

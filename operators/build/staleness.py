@@ -12,6 +12,7 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ..blender import scene_cache
 from ..blender.cameras import read_cameras
+from ..blender.performance import digest, performance_of
 from ..crowd.scene_crowd import characters_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_reference import changes, made_for, reference
@@ -67,9 +68,11 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
     items = [item for _, objects, _ in characters_of(scene) for item in objects]
+    names = [name for name in trajectory.gaits.actions if name]
+    named = [digest(performance_of(name, objects, names).parts) for name, objects, _ in characters_of(scene)] if names else []
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
-        "the characters": cast_digest(items),
+        "the characters": text_digest(cast_digest(items), *named) if named else cast_digest(items),
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(render.fps, render.fps_base, render.frame_map_old, render.frame_map_new),
         "the shot plan": text_digest(reference(settings)[1:]),

@@ -119,7 +119,7 @@ def measuring_groups(
         first, *others = performance.parts
         found = Group(name, center, radius, stride, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
         actions = [_action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)]
-        kept = {key: getattr(known[name], key) for key in (*OF_LEVELS, "share")} if name in known else {}
+        kept = {key: getattr(known[name], key) for key in (*OF_LEVELS, "share", "scale")} if name in known else {}
         measured.append(replace(found, actions=tuple(actions), **kept))
     return tuple(measured)
 
@@ -148,15 +148,17 @@ def stands(settings, name: str) -> bool:
 def store_groups(settings, groups: tuple[Group, ...]) -> None:
     """Store the measured groups in the scene's settings.
 
-    Groups of the same name keep their own thresholds, their finest LOD and their share.
+    Groups of the same name keep their own thresholds, finest LOD, share and scale.
     """
-    own = {g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest, g.share) for g in settings.groups}
+    own = {
+        g.name: (g.own_thresholds, tuple(g.thresholds), tuple(g.sizes), g.finest, g.share, tuple(g.scale)) for g in settings.groups
+    }
     settings.groups.clear()
     settings.version = VERSION
     for group in groups:
         entry = settings.groups.add()
         # see set_down
-        for name in ("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest", "share"):
+        for name in ("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest", "share", "scale"):
             setattr(entry, name, getattr(group, name))
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
@@ -167,7 +169,7 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
             own_action.name, own_action.stride, own_action.period = action.name, action.stride, action.period
         entry.shaded = (*group.shaded, *[-1] * (MOST_LEVELS - len(group.shaded)))
         if group.name in own:
-            entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest, entry.share = own[group.name]
+            entry.own_thresholds, entry.thresholds, entry.sizes, entry.finest, entry.share, entry.scale = own[group.name]
 
 
 def set_down(entry: bpy.types.PropertyGroup, _) -> None:
@@ -233,10 +235,12 @@ def _group(entry, count: int) -> Group:
         lowest=entry.lowest,
         on_ground=entry.on_ground,
         share=round(entry.share, 6),
+        scale=(round(min(entry.scale), 6), round(max(entry.scale), 6)),
         actions=tuple(Action(action.name, action.stride, action.period) for action in entry.actions),
     )
     sizes = (
         group.share,
+        *group.scale,
         *(value for action in group.actions for value in (action.stride, action.period)),
         group.radius,
         group.stride,

@@ -9,6 +9,7 @@ from weakref import WeakKeyDictionary
 import bpy
 import numpy as np
 
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
@@ -135,12 +136,17 @@ def made_for(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias |
 
 def _of_crowd(trajectory: Trajectory) -> dict[str, str]:
     groups, parts = trajectory.groups, trajectory.digests()
-    bodies = [(g.name, g.center, g.radius, g.stride, g.period, *g.actions) for g in groups]
+    bodies = [(g.name, g.center, g.radius, g.stride, g.period, *g.actions, *_sizes(g)) for g in groups]
     clock = repr((bodies, trajectory.first_frame, trajectory.seconds_per_frame))
     return {
         **{name: _digest(clock if name == "the crowd" else "", data) for name, data in parts.items()},
         "the LOD meshes": _digest(repr([(g.name, g.vertices, g.triangles, g.bounds) for g in groups])),
     }
+
+
+def _sizes(group: Group) -> tuple[float, ...]:
+    """Return what an older plan knows nothing of: the scales of the group, where it has some."""
+    return () if group.scale == (1.0, 1.0) else group.scale
 
 
 def _digest(text: str, data: bytes = b"") -> str:

@@ -46,7 +46,7 @@ class Drawing:
 
     origin: (3,) float64, world metres, the camera's position.
     agents: (m, 8) float32, the instances, sorted by draw: x, y, z of the feet, heading, phase,
-        look, pitch, roll (radians). look is 4 * color index + 2 + share. share selects the part of
+        look, pitch, roll (radians); (m, 9) with their scale, where they are of several sizes. look is 4 * color index + 2 + share. share selects the part of
         a dither pattern that is drawn: above 0 the pattern below it, below 0 the rest, at 0 all.
     draws: (LOD, group, first instance, count) each, the finest LOD first.
     plays: the name of the action that each draw shows; () if all show their groups' own.
@@ -164,6 +164,9 @@ def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray
     leaning = frame.trajectory.tilt(crowd, order)
     if leaning is not None:
         agents[:, 6], agents[:, 7] = leaning
+    scale = frame.trajectory.scale(crowd, order)
+    if scale is not None:
+        agents = np.column_stack([agents, scale])
     kinds, action = np.divmod(kinds, actions)
     draws = zip(kinds // 256, kinds % 256, first, count, strict=True)
     plays = tuple(gaits.actions[k] for k in action) if any(gaits.actions) else ()

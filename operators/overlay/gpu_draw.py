@@ -263,17 +263,18 @@ def _line_batch(lines: np.ndarray, colors: np.ndarray) -> "GPUBatch | None":
 def _agent_texture(agents: np.ndarray, turn: np.ndarray) -> "GPUTexture":
     """Return the texture of instances, three texels each.
 
-    The texels hold what every vertex would compute again: the axes, position, phase and look.
+    The texels hold what every vertex would compute again: the axes, position, phase, look and scale.
     Texels follow one another, shader_programs.TEXELS to a row.
 
-    agents: (m, 8) float32, of a Drawing.
+    agents: (m, 8) or (m, 9) float32, of a Drawing.
     turn: () radians, of a Drawing.
     """
-    m, (heading, phase, look, pitch, roll) = len(agents), agents.T[3:]
+    m, (heading, phase, look, pitch, roll, *scale) = len(agents), agents.T[3:]
     rows = -(-3 * m // shader_programs.TEXELS)
     texels = np.zeros((rows * shader_programs.TEXELS, 4), np.float32)
     one, two, three = (texels[k : 3 * m : 3] for k in range(3))
     one[:, :3], one[:, 3], two[:, 3] = agents[:, :3], phase, look
+    three[:, 3] = scale[0] if scale else 1.0
     two[:, :3], three[:, :3] = axes(heading, pitch, roll, float(turn))
     return _texture(texels.reshape(rows, shader_programs.TEXELS, 4))
 

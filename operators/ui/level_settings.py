@@ -46,6 +46,14 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
     share: FloatProperty(
         name="Share", min=0, soft_max=10, default=1, description="Share of the agents, in proportion to the other groups'"
     )
+    scale: FloatVectorProperty(
+        name="Scale",
+        size=2,
+        min=0.01,
+        soft_max=3,
+        default=(1, 1),
+        description="Least and greatest size of its agents, drawn for each",
+    )
     actions: CollectionProperty(type=CrowdLodAction, name="Actions", description="Those besides its own that states name")
     lowest: FloatProperty(
         name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"

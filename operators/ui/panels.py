@@ -75,6 +75,8 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
         table(layout, ("Group", "Radius", "Stride"), rows or [("Press Populate", "", "")])
         for group in settings.groups[:MOST_ROWS] if len(settings.groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
+        for group in settings.groups[:MOST_ROWS]:
+            layout.row().prop(group, "scale", text=f"{group.name} Scale", translate=False)
         for group in [group for group in settings.groups if group.lowest][:MOST_ROWS]:
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
 

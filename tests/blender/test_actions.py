@@ -24,6 +24,7 @@ from crowd_lod_extension.operators.crowd.scene_crowd import (
 from crowd_lod_extension.operators.lod_meshes import deviation
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
+from crowd_lod_extension.operators.overlay.draw_data import Style, drawing
 from crowd_lod_extension.sample_scenes.characters import make_characters
 
 from .test_rigs import instances
@@ -284,3 +285,43 @@ def test_a_share_is_live_and_stays_when_the_crowd_is_populated_again(waiting):
     assert not trajectory_of(waiting).start.group.any()
     waiting.crowd_lod.groups["child"].share = 1
     assert (trajectory_of(waiting).start.group == alike).all()
+
+
+def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_hold_them(waiting):
+    scene = levelled(waiting)
+    scene.crowd_lod.thresholds[:2], scene.crowd_lod.groups["adult"].scale = (0.98, 0.99), (0.5, 2.0)
+    list(render_setup.build(scene))
+    scene.frame_set(50)
+    trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd, agents = plan.crowd, plan.buckets.order
+    sizes = trajectory.scale(crowd, agents)
+    adults = crowd.group[agents] == 0
+    assert (sizes[~adults] == 1).all() and 0.5 <= sizes.min() < 0.8 and 1.5 < sizes.max() <= 2
+    center, radius = trajectory.spheres.center, trajectory.spheres.radius
+    drawn = drawing(plan, Style("MESHES"))
+    placed = {tuple(row[:3].round(4)): row[8] for row in drawn.agents}
+    for baked in (False, True):
+        shown = [points for level, points in instances(scene) if level == 0]
+        assert len(shown) == len(agents)
+        own = agents_of(scene, 50)
+        for agent, action, phase in own:
+            size = trajectory.scale(crowd, np.array([agent]))[0]
+            angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
+            c, s = np.cos(angle), np.sin(angle)
+            points = size * itself(scene, crowd.group[agent], action, phase) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+            place = np.array([crowd.x[agent], crowd.y[agent], crowd.z[agent]])
+            assert min(abs(other - points - place).max() for other in shown if other.shape == points.shape) < 2.4e-4
+            assert placed[tuple((place - plan.camera.origin).astype(np.float32).round(4))] == size
+        for points in shown:  # each is within the sphere of one agent
+            middle = crowd.places(center, agents)
+            away = [np.linalg.norm(points - each, axis=1).max() for each in np.stack(middle, axis=1)]
+            assert (np.array(away) <= radius[crowd.group[agents]]).any()
+        if not baked:
+            finished(bake.bake(scene, [50]))
+            scene.frame_set(50)
+
+
+def test_a_scale_of_one_leaves_no_trace(waiting):
+    store_groups(waiting.crowd_lod, measure_groups(waiting))
+    trajectory = trajectory_of(waiting)
+    assert trajectory.groups == groups_of(waiting.crowd_lod) and trajectory.scale(trajectory.start, np.arange(3)) is None

@@ -139,7 +139,7 @@ BAD = [
     ("kind that has no points", lambda scene: scene.camera),
     ("Point 1 .* has x nan", lambda scene: _broken(scene)),
     ("share the id -5", lambda scene: bare(scene, 3, [("id", "INT", [1, -5, -5])])),
-    ("attribute id .* not a whole number", lambda scene: bare(scene, 3, [("id", "FLOAT", [1, 2, 3])])),
+    ("attribute heading .* not a number", lambda scene: bare(scene, 3, [("heading", "FLOAT_VECTOR", np.zeros(9))])),
     ("Point 2 .* has the group 2: the crowd has 2", lambda scene: bare(scene, 3, [("group", "INT", [0, 1, 2])])),
     ("name a group elephant: the crowd has", lambda scene: bare(scene, 1, [("group", "STRING", ["elephant"])])),
     ("Point 0 .* has phase nan", lambda scene: bare(scene, 1, [("phase", "FLOAT", [np.inf])])),
@@ -236,6 +236,13 @@ def test_record_writes_each_frame_as_blender_evaluates_it(scene, tmp_path):
         assert tracks["id"][now].tolist() == list(range(60))
         np.testing.assert_allclose(np.stack([tracks[axis][now] for axis in "xyz"], axis=1) + settings.center, place, atol=1e-5)
         assert np.cos(tracks["heading"][now] - turn).min() > 1 - 1e-6
+
+
+def test_record_of_points_at_the_height_of_heads_stays_there(scene):
+    crowd_of(scene, scatter(scene, where=(0, 0, 1.5)))
+    scene.frame_end = 3
+    bpy.ops.crowd_lod.record_points()
+    assert trajectory_of(scene).at(2).z.tolist() == pytest.approx([1.5] * 60)
 
 
 def test_record_of_a_count_that_changes_without_ids_is_refused_and_all_stays(scene, tmp_path):

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from crowd_lod_extension.crowd_lod.crowd.agents import bounding_sphere, populate
+from crowd_lod_extension.crowd_lod.crowd.agents import Group, bounding_sphere, populate, varied
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
@@ -52,3 +52,12 @@ def test_bounding_sphere_holds_the_points_at_every_heading():
         turned = points @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
         distance = np.linalg.norm(turned - (0, 0, center), axis=1).max()
         assert distance == pytest.approx(radius, rel=1e-12)
+
+
+def test_the_sphere_of_a_group_holds_its_agents_of_all_sizes():
+    points = np.random.default_rng(3).normal(size=(500, 3)) * (0.3, 0.2, 0.9) + (0.1, 0, 0.9)
+    group = varied(Group("one", *bounding_sphere(points), 1.0, 1.0, bounds=(0.0, 0.1), deviations=(0.0, 0.08), scale=(0.4, 1.7)))
+    for size in np.linspace(0.4, 1.7, 14):
+        assert np.linalg.norm(size * points - (0, 0, group.center), axis=1).max() <= group.radius
+    assert group.bounds[1] >= 1.7 * 0.1 and group.deviations[1] == pytest.approx(0.136)
+    assert group.radius < 1.71 * bounding_sphere(points)[1]

@@ -358,3 +358,25 @@ def test_materials_show_their_color_or_their_image():
     below, above = (shown[int(HEIGHT * part), WIDTH // 2] / middle for part in (0.344, 0.657))  # the texels' middles
     green = ((128 / 255 + 0.055) / 1.055) ** 2.4
     assert below == pytest.approx([1, green, 0], abs=0.01) and above == pytest.approx([0, green, 1], abs=0.01)
+
+
+@pytest.mark.parametrize("kind", ["FRAMES", "JOINTS"])
+def test_a_draw_shows_its_action_and_an_agent_its_size(kind, monkeypatch):
+    if kind == "JOINTS":
+        monkeypatch.setattr(gpu_side, "MOST_SKINNED", 0)
+    frames = np.repeat(np.eye(4, dtype=np.float32)[None, None, :3], 4, axis=0)
+    frames[2:, 0, 2, 3] = 0.5, 1.0  # its second action, of the last three frames, lifts it by a metre
+    body = replace(quad_character(np.empty((0, 1, 1, 4), np.uint8), -1), frames=frames, rows={"": (0, 1), "lift": (1, 3)})
+    cast = Cast((), (body,))
+    for action, phase, size, low in (
+        ("", 0.75, 1.0, 0.0),
+        ("lift", 0.0, 1.0, 0.0),
+        ("lift", 0.75, 1.0, 0.75),
+        ("lift", 0.5, 0.4, 0.2),
+    ):
+        what = instances([(*row(0, 0, phase=phase), size)], [(0, 0, 0, 1)], plays=(action,))
+        pixels, matrix = picture(what, cast, (0, -6, 1))
+        v, u = np.nonzero(pixels.any(axis=-1))
+        corners = np.array([(size * x, 0, low + size * z, 1) for x in (-1, 1) for z in (0, 2)]) @ matrix.T
+        place = (corners[:, :2] / corners[:, 3:] + 1) / 2 * (WIDTH, HEIGHT)
+        assert (u.min(), v.min(), u.max() + 1, v.max() + 1) == pytest.approx((*place.min(0), *place.max(0)), abs=1.1)

@@ -5,15 +5,15 @@ import bpy
 from .trees import attribute, current, spread
 
 NAME = "Crowd LOD Instances"
-VERSION = 5
+VERSION = 6
 
 
 def instances() -> bpy.types.GeometryNodeTree:
     """Return the node group that instances characters on points, in this version.
 
     Points: with the attributes heading, pitch, roll (radians) and pose (index). Instances of
-    collections come out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn). Points without pitch
-    and roll stand upright.
+    collections come out, turned by Rz(heading) Ry(-pitch) Rx(roll) Rz(Turn), and scaled by 1 + size.
+    Points without pitch and roll stand upright; without size they have the character's.
 
     Inputs: Geometry, Characters (a collection with one child per character, in natural order of
     names), Turn (radians about z that turn a character to +x).
@@ -50,16 +50,22 @@ def _wire(tree: bpy.types.GeometryNodeTree) -> None:
     tree.links.new(stance, whole.inputs["Rotation"])
     tree.links.new(turn, whole.inputs["Rotate By"])
 
+    size = attribute(tree, "size", "FLOAT")
+    scale = tree.nodes.new("ShaderNodeMath")
+    scale.inputs[1].default_value = 1.0
+    tree.links.new(size, scale.inputs[0])
+
     place = tree.nodes.new("GeometryNodeInstanceOnPoints")
     place.inputs["Pick Instance"].default_value = True
     tree.links.new(entry.outputs["Geometry"], place.inputs["Points"])
     tree.links.new(characters.outputs[0], place.inputs["Instance"])
     tree.links.new(pose, place.inputs["Instance Index"])
     tree.links.new(whole.outputs["Rotation"], place.inputs["Rotation"])
+    tree.links.new(scale.outputs["Value"], place.inputs["Scale"])
     tree.links.new(place.outputs["Instances"], leave.inputs["Geometry"])
 
-    upper = entry, characters, down, stance.node, turn.node, whole, place, leave
-    spread(upper, (pose.node, heading.node, pitch.node, roll.node))
+    upper = entry, characters, down, stance.node, turn.node, whole, scale, place, leave
+    spread(upper, (pose.node, heading.node, pitch.node, roll.node, size.node))
 
 
 def _rotation(tree, **angles: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
