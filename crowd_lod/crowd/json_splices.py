@@ -6,6 +6,7 @@ as in json_reader. What is new takes over the line breaks of what stands beside 
 
 import json
 from collections.abc import Callable, Iterable, Sequence
+from functools import lru_cache
 from typing import Any
 
 from .json_reader import FieldPath, Place, Reader
@@ -90,7 +91,7 @@ def values_replaced(text: str, paths: Iterable[FieldPath], value: object) -> lis
 
 def found(text: str, wanted: Callable[[FieldPath, Any], bool]) -> list[FieldPath]:
     """Return the paths of all fields of which wanted(path, value) is true."""
-    reader = Reader(text, "The text")
+    reader = _read(text)
 
     def value(path: FieldPath) -> Any:
         held: Any = reader.root
@@ -115,8 +116,13 @@ def indent_of(text: str, path: FieldPath) -> str:
     return _gap(text, places[inside[0]].begin if inside else places[path].end - 1)
 
 
+@lru_cache(maxsize=4)
+def _read(text: str) -> Reader:
+    return Reader(text, "The text")
+
+
 def _places(text: str) -> dict[FieldPath, Place]:
-    return Reader(text, "The text").places
+    return _read(text).places
 
 
 def _fields(places: dict[FieldPath, Place], parent: FieldPath) -> list[FieldPath]:

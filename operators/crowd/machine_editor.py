@@ -77,8 +77,13 @@ def change_or_tell(scene: bpy.types.Scene, edit: Edit) -> None:
     try:
         change(scene, edit)
     except CrowdError as error:
-        text = scene.crowd_lod.machine
-        _refused[scene.session_uid] = text.as_string() if text is not None else "", str(error)
+        tell(scene, error)
+
+
+def tell(scene: bpy.types.Scene, error: CrowdError) -> None:
+    """Have the sidebar say why an edit was refused, until the text changes."""
+    text = scene.crowd_lod.machine
+    _refused[scene.session_uid] = text.as_string() if text is not None else "", str(error)
 
 
 def faulty(scene: bpy.types.Scene, *path: str) -> bool:

@@ -20,8 +20,10 @@ from .scene_world import MADE_FOR, area_of, areas_depend_on, machine_of
 SURFACES = {"MESH", "CURVE", "SURFACE", "FONT", "META"}
 LONGER_SIDE = 256  # cells along the ground's longer side, where no image says how many
 REST = 0.1  # seconds from a change to the new image
-# Of each scene whose meshes have changed: True. And what was wrong when its image was last made.
+# Of each scene whose meshes have changed: True. What its image depended on when last asked, and what
+# was wrong when it was last made.
 _due: dict[int, bool] = scene_cache.kept({}, by_scene=True)
+_asked: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 _trouble: dict[int, str] = scene_cache.kept({}, by_scene=True)
 
 
@@ -113,9 +115,24 @@ def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
     data = {item.data for item in watched}
     for update in depsgraph.updates:
         block = update.id.original
-        if block in data or block == scene or block in watched and (update.is_updated_transform or update.is_updated_geometry):
+        moved = block in watched and (update.is_updated_transform or update.is_updated_geometry)
+        if moved or block in data or block == scene and _outdated(scene):
             follow_soon(scene)
             return
+
+
+def _outdated(scene: bpy.types.Scene) -> bool:
+    """Return whether the areas were laid over another ground, map or state machine; quick while none of them changes."""
+    settings = scene.crowd_lod
+    asked = *settings.center, *settings.size, settings.machine and settings.machine.as_string(), settings.map_image
+    before, _asked[scene.session_uid] = _asked.get(scene.session_uid), asked
+    if before == asked:
+        return False
+    image = settings.areas_image
+    try:
+        return image is None or image.get(MADE_FOR) != areas_depend_on(settings, machine_of(settings))
+    except CrowdError:  # who uses the map says so
+        return False
 
 
 @bpy.app.handlers.persistent

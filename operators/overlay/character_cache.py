@@ -100,6 +100,10 @@ def bake_some() -> float | None:
     for scene in bpy.data.scenes:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:
+            try:
+                actions_named(scene)
+            except CrowdError:  # the state machine is being mended: the overlay says so, and then asks again
+                continue
             _bake_on(scene, casting)
             redraw.viewports()
             return 0.0

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...crowd_lod.crowd import machine_edits as edits
 from ...crowd_lod.crowd.state_machine import EDGES, SHORTEST
+from ...crowd_lod.errors import CrowdError
 from ..blender.labelled_properties import (
     BoolProperty,
     CollectionProperty,
@@ -19,7 +20,7 @@ from ..blender.labelled_properties import (
     StringProperty,
 )
 from ..crowd import map_painting
-from ..crowd.machine_editor import cell_of, change_or_tell, draft_of, selected
+from ..crowd.machine_editor import cell_of, change_or_tell, draft_of, selected, tell
 
 Accessors = dict[str, Callable]  # get and set of a property
 MOST_TARGETS = 32  # weights that a property of Blender's holds
@@ -176,7 +177,10 @@ def _show_map(self, value: bool) -> None:
     if not value:
         map_painting.hide(self.id_data)
     elif self.id_data.crowd_lod.map_image is not None:
-        map_painting.show(self.id_data)
+        try:
+            map_painting.show(self.id_data)
+        except CrowdError as error:
+            tell(self.id_data, error)
 
 
 def _edge(self) -> int:

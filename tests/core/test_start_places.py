@@ -217,6 +217,9 @@ def test_who_never_walks_keeps_place_height_and_heading_and_nobody_is_missed(few
     crowd = Walk(start, table, world, groups, 1 / 24, heights=Terrain(np.array([[(0, 0, 5.0), (9, 0, 5), (0, 9, 5)]])), seated=True)
     assert sorted(map(tuple, np.stack([start.x, start.y, start.z], axis=1))) == sorted(map(tuple, seats().points))
     assert FLAT not in crowd.left_out and not crowd.wraps
+    # pictures from above show all places
+    area = crowd.area
+    assert [area.x_min, area.x_max, area.y_min, area.y_max] == [start.x.min(), start.x.max(), start.y.min(), start.y.max()]
     for time in (1, 30, 100.5, 7):
         now = crowd.at(time)
         for name in ("x", "y", "z", "heading", "group"):

@@ -1,5 +1,7 @@
 """Terrain: heights are those of the triangles, floors are climbed by steps, and nobody on it is missed."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
@@ -7,6 +9,7 @@ from crowd_lod_extension.crowd_lod.crowd import morton_order
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import BLOCKS, NOTHING
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, HeightMap
 from crowd_lod_extension.crowd_lod.crowd.terrain import STEP, Terrain, upward
+from crowd_lod_extension.crowd_lod.culling.camera import Window
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
@@ -182,6 +185,19 @@ def test_nobody_on_terrain_is_missed(fewest, edge, monkeypatch):
         assert raw(frame) == raw(plan(crowd.leaving(NOTHING, 1), camera, POLICY, time, frame.shutter))
     assert (BLOCKS in found) == (fewest == 1)
     assert len(np.unique(crowd.at(301).z)) > 5
+
+
+def test_who_falls_from_a_floor_into_the_picture_is_seen(monkeypatch):
+    """Blocks made on the upper floor would not hold them, if the ground were as gentle as the walk."""
+    monkeypatch.setattr(morton_order, "FEWEST", 1)
+    table, random = walking(), np.random.default_rng(7)
+    table.velocity[:] = 0, -1.5
+    crowd = shot(table, groups=GROUPS, heights=Terrain(two_floors()))
+    x, y = random.uniform(20, 21, 400), random.uniform(40.05, 40.4, 400)
+    crowd = replace(crowd, start=replace(crowd.start, x=x, y=y, z=np.full(400, 4.0)), _kept={})
+    camera = replace(straight(offset=(20.5, 30, 0.5)), window=Window(-0.2, 0.2, -0.2, 0.2))
+    assert (crowd.at(1).z == 4).all() and (crowd.at(9).z == 0).all()
+    assert not plan(crowd, camera, POLICY, 1).visible.any() and plan(crowd, camera, POLICY, 9).visible.all()
 
 
 def test_terrain_without_faces_or_at_nan_is_refused():

@@ -39,6 +39,7 @@ def session():
     for name in panels:
         getattr(bpy.types, name).append(lambda _, __, name=name: drawn.add(name))
     owners = {"settings": settings(), "group": settings().groups[0], "exception": settings().exceptions[0]}
+    owners["editor"] = scene().crowd_lod_editor
     known = {owner: list(filter(None, map(told, values.bl_rna.properties))) for owner, values in owners.items()}
     with socket.create_connection(("localhost", PORT)) as line, line.makefile("rw", encoding="utf-8") as talk:
         said: dict = {"known": known, "done": sorted(DONE), "panels": panels, "menus": menus}
@@ -91,7 +92,12 @@ def answered(changes: list):
 def change_it(what: str, *words):
     if what == "set":
         owner, n, name, value = words
-        several = {"settings": [settings()], "group": settings().groups, "exception": settings().exceptions}[owner]
+        several = {
+            "settings": [settings()],
+            "group": settings().groups,
+            "exception": settings().exceptions,
+            "editor": [scene().crowd_lod_editor],
+        }[owner]
         if len(several):
             put(several[n % len(several)], name, value)
     elif what == "press":
@@ -161,6 +167,11 @@ def lost(image):
         image.source, image.filepath = "FILE", "//gone.png"
 
 
+def preset(name: str):
+    with robot.over():
+        bpy.ops.crowd_lod.machine_preset(name=name)
+
+
 def shown(other):
     robot.window().scene = other
 
@@ -193,6 +204,8 @@ DONE = {
     "machine spoilt": lambda: settings().machine and settings().machine.from_string('{"states": ['),
     "machine emptied": lambda: settings().machine and settings().machine.clear(),
     "machine removed": lambda: gone(settings().machine, bpy.data.texts),
+    "machine of the market": lambda: preset("market"),
+    "an area": lambda: settings().areas.add(),
     "map lost": lambda: lost(settings().map_image),
     "map removed": lambda: gone(settings().map_image, bpy.data.images),
     "no camera": lambda: filmed(None),

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 STATES = 25 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
 BUTTONS = "populate remove_build remove_plan add_exception remove_exception move_exception except_agent edit_agent find_agents erase go_to_switch machine_preset".split()
+BUTTONS += "machine_add machine_remove machine_duplicate machine_move new_map add_area remove_area move_area refresh_areas".split()
 TEXTS = "", "garbage.npz", "plan.npz", "//gone/plan.npz", "a\tb\nc", "\n", "1,5", "x" * 300
 
 
@@ -96,6 +97,12 @@ def test_all_panels_are_drawn_in_the_sidebar_or_where_they_pop_up(window):
 def test_figures_of_groups_that_are_gone_are_not_drawn(window):
     popover = ("popover", "CROWDLOD_PT_statistics")
     window.draw([("character removed",), ("press", "populate"), popover, ("undo",), ("undo",), popover, ("redo",), popover])
+
+
+@pytest.mark.parametrize("name", ["machine spoilt", "machine emptied", "machine removed"])
+def test_a_machine_that_cannot_be_read_is_drawn(window, name):
+    rules = ("set", "editor", 0, "rule_index", 3)
+    window.draw([("machine of the market",), rules, (name,), ("press", "machine_add"), ("undo",), ("redo",)])
 
 
 @pytest.mark.parametrize("name", ["LODs emptied", "more LODs", "kind of exception unknown", "exceptions by unknown"])
