@@ -33,7 +33,7 @@ from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
 from ..crowd.record_points import with_record
 from ..usd import export as usd
-from . import new_scene, shared_runs, simulate
+from . import farm, new_scene, shared_runs, simulate
 from .arguments import parser
 from .explain import explain
 from .scene_files import blend_path, finish, open_scene, save, stem_of
@@ -227,6 +227,8 @@ def _verify(args, command: list[str]) -> dict:
 
 
 def _assemble(args, command: list[str]) -> dict:
+    if args.frames is not None:
+        return farm.assemble_frames(files.absolute(args.folder), parse_frames(args.frames), command)
     again, words = shared_runs.assembled(args, parser)
     result = COMMANDS[again.does](again, words)
     shared_runs.remove_parts(args.folder)
@@ -352,6 +354,7 @@ COMMANDS = {
     "build": _build,
     "export": _export,
     "verify": _verify,
+    "job": farm.write_job,
     "assemble": _assemble,
     "plan": _plan,
     "explain": _explain,
