@@ -24,7 +24,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_preview, _build, _verify, _assemble, _plan, _explain, _compare, _sample, _new_scene, _simulate):
+    for add in (_preview, _build, _export, _verify, _job, _assemble, _plan, _explain, _compare, _sample, _new_scene, _simulate):
         add(commands, program)
     about = "tables of error, run time and extreme cases"
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
@@ -82,6 +82,22 @@ def _build(commands, program: str) -> None:
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
 
 
+def _export(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "export",
+        "write the crowd of a shot as USD: a point instancer, LODs in poses, materials, the camera",
+        "export plaza --frames 1:48 --out plaza.usdc",
+    )
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--animated", action="store_true", help="let prototypes move, instead of agents that change their pose")
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .usdc, .usda or .usd file (default: SCENE.usdc)")
+    _with_strict_plan(command)
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+
+
 def _verify(commands, program: str) -> None:
     command = _command(
         commands,
@@ -98,16 +114,32 @@ def _verify(commands, program: str) -> None:
     command.add_argument("--bounces", type=int, default=0, metavar="N", help="render again with the sky and N bounces (default: 0)")
 
 
+def _job(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "job",
+        "write a job for render farms: an Open Job Description template, and a job type for Flamenco",
+        "job plaza.blend --frames 1:120 --chunk 10 --out plaza_job",
+    )
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B", help="the frames (default: the scene's)")
+    command.add_argument("--chunk", type=int, default=10, metavar="N", help="frames of a task (default: 10)")
+    command.add_argument("--preview", action="store_true", help="preview the frames in place of rendering them")
+    command.add_argument("--out", type=_path, metavar="DIR", help="the folder for the job and its output (default: SCENE_job)")
+
+
 def _assemble(commands, program: str) -> None:
     command = _command(
         commands,
         program,
         "assemble",
-        "put the parts of a preview or verify together, which were made with --part",
+        "put together what was made in parts: a preview, a verify, or the rendered frames of a job",
         "assemble plaza_preview",
     )
     command.add_argument("folder", type=_path, metavar="DIR", help="the folder given as --out to the parts")
     command.add_argument("--scene", metavar="SCENE", help="the scene, where it lies elsewhere on this machine")
+    command.add_argument("--frames", metavar="A:B|LIST", help="frames that were rendered into DIR/frames, by the command job")
 
 
 def _plan(commands, program: str) -> None:

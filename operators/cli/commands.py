@@ -25,13 +25,15 @@ from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping, scene_data
+from ..blender.output_folders import output_file
 from ..build import bake, render_setup, view_layers
 from ..build.buttons import check_blur, prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
 from ..crowd.record_points import with_record
-from . import new_scene, shared_runs, simulate
+from ..usd import export as usd
+from . import farm, new_scene, shared_runs, simulate
 from .arguments import parser
 from .explain import explain
 from .scene_files import blend_path, finish, open_scene, save, stem_of
@@ -225,6 +227,8 @@ def _verify(args, command: list[str]) -> dict:
 
 
 def _assemble(args, command: list[str]) -> dict:
+    if args.frames is not None:
+        return farm.assemble_frames(files.absolute(args.folder), parse_frames(args.frames), command)
     again, words = shared_runs.assembled(args, parser)
     result = COMMANDS[again.does](again, words)
     shared_runs.remove_parts(args.folder)
@@ -322,6 +326,21 @@ def _build(args, command: list[str]) -> dict:
     }
 
 
+def _export(args, command: list[str]) -> dict:
+    stem = stem_of(args)
+    path = output_file(args.out or Path(f"{stem}.usdc"), *usd.ENDINGS)
+    scene = open_scene(args.scene)
+    _set(scene.crowd_lod, args)
+    _follow_plan(scene.crowd_lod, args)
+    frames = scene_data.frames_of(scene) if args.frames is None else parse_frames(args.frames)
+    wanted = usd.UsdExport(frames, path, args.animated, args.strict)
+    found = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
+    size, out = path.stat().st_size, printable(path)
+    told = {"agents": found.agents, "prototypes": found.prototypes, "phase_off": found.off, "bytes": size}
+    said = f"{len(frames)} frames, {size / 1e6:,.1f} MB: {found.sentence}"
+    return {"out": out, "frames": frames, **told, "notes": found.notes, "summary": f"{said}\n{out}"}
+
+
 def _sample(args, command: list[str]) -> dict:
     path = blend_path(args.out or Path(f"{args.name}.blend"))
     with files.staged_file(path) as part:
@@ -333,7 +352,9 @@ def _sample(args, command: list[str]) -> dict:
 COMMANDS = {
     "preview": _preview,
     "build": _build,
+    "export": _export,
     "verify": _verify,
+    "job": farm.write_job,
     "assemble": _assemble,
     "plan": _plan,
     "explain": _explain,

@@ -7,6 +7,7 @@ import argparse
 import hashlib
 import json
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -49,7 +50,8 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
     if args.part is not None:
         if args.jobs > 1:
             raise CrowdError("A part is made by one process: leave out --jobs, or --part.")
-        part = parse_frames(args.part)
+        # a farm's chunks are such as 1-10
+        part = parse_frames(re.sub(r"(?<=\d)-", ":", args.part))
         strange = sorted(set(part) - set(frames))
         if strange:
             raise CrowdError(

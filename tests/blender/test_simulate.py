@@ -6,12 +6,16 @@ import sys
 import bpy
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.levels.assignment import LevelPolicy
+from crowd_lod_extension.crowd_lod.planning.frame import plan
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.crowd_lod.validation.exact_frustum import seen
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import trajectory_of
 from crowd_lod_extension.operators.crowd.scene_world import machine_of, world_of
-from crowd_lod_extension.operators.crowd.simulate import simulating_crowd
+from crowd_lod_extension.operators.crowd.simulate import follow, simulating_crowd
 
+from ..support.cameras import straight
 from ..support.crowds import walker
 
 FLOOR, EXIT, WALL = "#909090", "#40c040", "#303030"  # of the preset evacuation
@@ -68,6 +72,17 @@ def test_a_thousand_people_start_where_they_may_keep_out_of_walls_and_arrive(hal
     assert "wall" not in labels_at(hall, rows)
     left = 1000 - len(rows[rows[:, 0] == 100])
     assert left > 20 and f"{left:,} arrived" in said
+
+    follow(hall, 0, str(tmp_path / "a.sqlite"))
+    trajectory = trajectory_of(hall, (walker(),))
+    camera = straight(far=30, offset=(*CENTER, 3.0))
+    for time in (1, 50.3, 101):
+        crowd = trajectory.at(time)
+        frame = plan(trajectory, camera, LevelPolicy(thresholds=(0.3, 0.6)), time)
+        there = np.ones(1000, bool) if crowd.present is None else crowd.present
+        center = np.stack([crowd.x, crowd.y, crowd.z + walker().center], axis=1)
+        inside = there & seen(camera, center, np.full(1000, walker().radius))[0]
+        assert inside.sum() > 50 and not (inside & ~frame.visible).any() and not (frame.visible & ~there).any()
 
 
 def test_button_writes_beside_the_file_and_the_crowd_follows_it(hall, tmp_path):

@@ -114,6 +114,18 @@ def test_a_slip_of_a_tracker_counts_in_its_own_second_alone():
     assert crowd.velocity(1, 100).speed < 10 and crowd.velocity(200, 260).speed < 10
 
 
+def test_who_crosses_a_gap_is_fast_until_its_end():
+    rows = line(np.arange(60) * 0.1)
+    rows = replace(rows, **{name: np.delete(column, slice(21, 38)) for name, column in rows.columns.items()})  # 1.8 seconds
+    x = np.where(rows.frame < 30, rows.x, rows.x + 30)
+    crowd = recorded(replace(rows, x=x), fps=10.0)
+    for time in np.arange(1, 60, 0.3):
+        since, until = time, time + 0.1
+        moved = crowd.at(until).x[0] - crowd.at(since).x[0]
+        assert moved <= crowd.velocity(since, until).between([0.01])[1][0] + 1e-9
+    assert crowd.velocity(37, 38).speed > 15 > 2 > crowd.velocity(50, 59).speed
+
+
 @pytest.mark.parametrize("fewest", [1, 10**9], ids=["blocks", "each agent"])
 @pytest.mark.parametrize("kind", ["alone", "heights", "terrain", "several"])
 def test_nobody_is_missed_and_leave_outs_change_nothing(monkeypatch, fewest, kind):

@@ -1,0 +1,145 @@
+"""A job for render farms as an Open Job Description template, version 2023-09, with task chunking.
+
+See docs/farm.md. The format: github.com/OpenJobDescription/openjd-specifications, Template Schemas.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Step = dict[str, Any]
+
+# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10 or 5, engine, folder.
+RENDER = """import sys
+
+import bpy
+
+frames, engine, folder = sys.argv[sys.argv.index("--") + 1 :]
+first, _, last = frames[1:].partition("-")
+scene = bpy.context.scene
+scene.frame_start = int(frames[0] + first)
+scene.frame_end = int(last or frames[0] + first)
+scene.frame_step = 1
+eevee = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+if engine != "SCENE":
+    scene.render.engine = {"EEVEE": eevee, "WORKBENCH": "BLENDER_WORKBENCH"}.get(engine, engine)
+if scene.render.is_movie_format:
+    scene.render.image_settings.file_format = "PNG"
+scene.render.use_overwrite, scene.render.use_placeholder = True, False
+scene.render.filepath = folder + "/frames/"
+bpy.ops.render.render(animation=True)
+"""
+ENGINES = ("SCENE", "CYCLES", "EEVEE", "WORKBENCH")
+
+
+@dataclass(frozen=True)
+class FarmJob:
+    """What a farm is to do.
+
+    name: of the job.
+    scene: path of the scene. All output goes into the template's folder.
+    frames: first and last.
+    chunk: frames of a task.
+    preview: whether frames are previewed; they are rendered if not.
+    command: the words that start Crowd LOD's commands; the first is a parameter of the job.
+    """
+
+    name: str
+    scene: str
+    frames: tuple[int, int]
+    chunk: int
+    preview: bool
+    command: tuple[str, ...]
+
+
+def template(job: FarmJob) -> dict[str, Any]:
+    """Return the template of `job`, for JSON: parameters and steps with what they depend on."""
+    steps = _preview_steps(job) if job.preview else _render_steps(job)
+    return {
+        "specificationVersion": "jobtemplate-2023-09",
+        "extensions": ["TASK_CHUNKING"],
+        "name": job.name[:128],
+        "parameterDefinitions": _parameters(job),
+        "steps": steps,
+    }
+
+
+def _parameters(job: FarmJob) -> list[dict[str, Any]]:
+    first, last = job.frames
+    found = [
+        _path("Scene", "FILE", "IN", None, "The scene with the crowd"),
+        _path("OutputDir", "DIRECTORY", "OUT", ".", "The folder for plan, frames and report"),
+        {"name": "FirstFrame", "type": "INT", "default": first},
+        {"name": "LastFrame", "type": "INT", "default": last},
+        {"name": "Chunk", "type": "INT", "default": job.chunk, "minValue": 1, "description": "Frames of a task"},
+        {
+            "name": "CrowdLod",
+            "type": "STRING",
+            "default": job.command[0],
+            "description": "Starts Crowd LOD: its command, or a Blender in which the extension is enabled",
+        },
+    ]
+    if not job.preview:
+        found += [
+            _path("BakedFile", "FILE", "OUT", "baked.blend", "The file that the frames are rendered from"),
+            {"name": "Engine", "type": "STRING", "default": "SCENE", "allowedValues": list(ENGINES)},
+            {"name": "Blender", "type": "STRING", "default": "blender", "description": "Any Blender; it needs no extension"},
+        ]
+    return found
+
+
+def _path(name: str, kind: str, flow: str, default: str | None, about: str) -> dict[str, Any]:
+    """Return a parameter that is a path; a default lies below the template's folder."""
+    found = {"name": name, "type": "PATH", "objectType": kind, "dataFlow": flow, "description": about}
+    return found if default is None else found | {"default": default}
+
+
+def values(job: FarmJob) -> dict[str, Any]:
+    """Return the values of the parameters without a default, as bundles have them in parameter_values.json."""
+    return {"parameterValues": [{"name": "Scene", "value": job.scene}]}
+
+
+def _render_steps(job: FarmJob) -> list[Step]:
+    scene, folder, baked = "{{Param.Scene}}", "{{Param.OutputDir}}", "{{Param.BakedFile}}"
+    frames = ("--frames", "{{Param.FirstFrame}}:{{Param.LastFrame}}")
+    bake = ("build", scene, "--bake", "--render-only", *frames, "--plan", f"{folder}/plan", "--out", baked)
+    render = _step(
+        "Render",
+        ["{{Param.Blender}}", "--background", baked, "--python-exit-code", "1", "--python", "{{Task.File.Render}}"],
+        ["--", "{{Task.Param.Frames}}", "{{Param.Engine}}", folder],
+        after="Bake",
+    )
+    render["script"]["embeddedFiles"] = [{"name": "Render", "type": "TEXT", "filename": "render.py", "data": RENDER}]
+    return [
+        _step("Plan", job.command, ("plan", scene, *frames, "--out", f"{folder}/plan")),
+        _step("Bake", job.command, bake, after="Plan"),
+        _chunked(render),
+        _step("Assemble", job.command, ("assemble", folder, *frames), after="Render"),
+    ]
+
+
+def _preview_steps(job: FarmJob) -> list[Step]:
+    scene, folder = "{{Param.Scene}}", "{{Param.OutputDir}}"
+    frames = ("--frames", "{{Param.FirstFrame}}:{{Param.LastFrame}}", "--step", "1")
+    part = ("preview", scene, *frames, "--part", "{{Task.Param.Frames}}", "--out", folder)
+    return [
+        _chunked(_step("Preview", job.command, part)),
+        _step("Assemble", job.command, ("assemble", folder, "--scene", scene), after="Preview"),
+    ]
+
+
+def _step(name: str, command: Sequence[str], words: Sequence[str], after: str = "") -> Step:
+    first, *rest = command
+    # of Crowd LOD's own command the first word is a parameter
+    first = first if first.startswith("{{") else "{{Param.CrowdLod}}"
+    step: Step = {"name": name, "script": {"actions": {"onRun": {"command": first, "args": [*rest, *words]}}}}
+    if after:
+        step["dependencies"] = [{"dependsOn": after}]
+    return step
+
+
+def _chunked(step: Step) -> Step:
+    """Return the step with a task for each chunk of frames."""
+    chunks = {"defaultTaskCount": "{{Param.Chunk}}", "rangeConstraint": "CONTIGUOUS"}
+    frames = {"name": "Frames", "type": "CHUNK[INT]", "range": "{{Param.FirstFrame}}-{{Param.LastFrame}}", "chunks": chunks}
+    return step | {"parameterSpace": {"taskParameterDefinitions": [frames]}}

@@ -1,0 +1,117 @@
+"""Commands for render farms: job writes what a farm takes, assemble puts rendered frames together.
+
+See docs/farm.md.
+"""
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
+from ...crowd_lod.planning.frame_range import evenly, parse_frames, told_frames
+from ...crowd_lod.reporting import file_checks, files, tables
+from ...crowd_lod.reporting.farm_job import FarmJob, template, values
+from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
+from ..blender import image_data
+from .scene_files import open_scene
+
+FLAMENCO = Path(__file__).with_name("flamenco_job.js")
+MOST_SHOWN = 24  # frames on the contact sheet
+WIDTH = 480  # pixels of one of them, at least
+PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
+COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
+
+
+def write_job(args, command: Sequence[str]) -> dict[str, Any]:
+    """Run the command job: write an Open Job Description template, and a job type for Flamenco."""
+    if args.chunk < 1:
+        raise CrowdError(f"A task has {args.chunk} frames: give --chunk a whole number from 1 on.")
+    scene = open_scene(args.scene)
+    if scene.crowd_lod.characters is None:
+        raise CrowdError(f"The scene {scene.name} has no crowd: choose its characters in the Crowd panel, and save it.")
+    path = Path(bpy.data.filepath)
+    if not path.is_file():
+        raise CrowdError("A farm opens the scene as a file: save it, or write the sample with the command sample.")
+    frames = [scene.frame_start, scene.frame_end] if args.frames is None else parse_frames(args.frames)
+    if args.frames is not None and len(frames) != frames[-1] - frames[0] + 1:
+        raise CrowdError(f"A job takes all frames of a range: give --frames as A:B, not {args.frames}.")
+    folder = files.absolute(args.out or Path(f"{path.stem}_job"))
+    name = f"{path.stem}: {'preview' if args.preview else 'render'} of a crowd"
+    span = frames[0], frames[-1]
+    job = FarmJob(name, printable(path), span, args.chunk, args.preview, _command())
+    with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
+        (part / "template.json").write_text(json.dumps(template(job), indent=2) + "\n", encoding="utf-8")
+        (part / "parameter_values.json").write_text(json.dumps(values(job), indent=2) + "\n", encoding="utf-8")
+        shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
+    out, tasks = printable(folder), -(-(frames[-1] - frames[0] + 1) // args.chunk)
+    said = f"Frames {told_frames(range(span[0], span[1] + 1))} in {tasks:,} tasks of {args.chunk} frames."
+    return {"out": out, "frames": list(span), "tasks": tasks, "summary": f"{said}\n{out}"}
+
+
+def _command() -> tuple[str, ...]:
+    """Return the words that start Crowd LOD's commands on a machine like this one."""
+    if bpy.app.binary_path:
+        return bpy.app.binary_path, "--background", "--command", "crowd_lod"
+    return (str(Path(sys.executable).with_name("crowd-lod")),)
+
+
+def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str]) -> dict[str, Any]:
+    """Write contact sheet, table and report of the `frames` that were rendered into `folder`/frames.
+
+    CrowdError if one is missing or was not written to its end.
+    """
+    found = {number: path for path in sorted(folder.glob("frames/*")) if (number := _number(path)) is not None}
+    missing = [number for number in frames if number not in found]
+    if missing:
+        raise CrowdError(
+            f"Frames {told_frames(missing)} are not in {printable(folder / 'frames')}: render them, then assemble again."
+        )
+    for number in frames:
+        file_checks.check(found[number])
+    plan, rows = folder / "plan" / "plan.json", []
+    if plan.is_file():
+        try:
+            told = {row["frame"]: row for row in json.loads(plan.read_text(encoding="utf-8"))["frames"]}
+            rows = [told[number] for number in frames if number in told]
+        except (OSError, ValueError, LookupError, TypeError):
+            raise CrowdError(f"The plan {printable(plan)} is damaged: run the step Plan again.") from None
+    with files.staged(folder) as part:
+        shrunk = [tables.shrink(image_data.load_pixels(found[number]), WIDTH) for number in evenly(list(frames), MOST_SHOWN)]
+        image_data.save_png(part / "contact_sheet.png", tables.contact_sheet(shrunk, columns=4 if len(shrunk) > 3 else len(shrunk)))
+        if rows:
+            (part / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
+        (part / "report.html").write_text(_page(folder.name, frames, rows, command), encoding="utf-8")
+    out = printable(folder)
+    return {"out": out, "frames": list(frames), "summary": f"{len(frames)} frames are assembled.\n{out}"}
+
+
+def _number(path: Path) -> int | None:
+    """Return the frame number that the name of a picture ends with."""
+    match = re.search(r"(-?\d+)$", path.stem)
+    return int(match[1]) if match and path.suffix.lower() in PICTURES else None
+
+
+def _page(name: str, frames: Sequence[int], rows: Sequence[dict], command: Sequence[str]) -> str:
+    figures = [(f"{len(frames)}", "frames rendered")]
+    parts = []
+    if rows:
+        figures.append((f"{max(row['visible'] for row in rows):,}", "agents visible at most"))
+        share = sum(row["triangles"] for row in rows) / max(sum(row["full_triangles"] for row in rows), 1)
+        figures.append((f"{share:.0%}", "of all triangles"))
+        names = [column for column in COLUMNS if column in rows[0]]
+        head = [column.replace("_", " ").capitalize() for column in names]
+        parts = [
+            '<h2>Frames</h2><p><a href="plan/report.html">The plan of the shot</a> has more of them.</p>',
+            table_of(head, [[f"{row[column]:,}" for column in names] for row in rows]),
+        ]
+    sheet = '<section><a href="contact_sheet.png"><img src="contact_sheet.png" alt="The rendered frames"></a></section>'
+    footer = f"<footer>By <code>{escape(' '.join(command))}</code>.</footer>"
+    return document(f"{escape(name)}: frames", STYLE, [f"<h1>{escape(name)}: frames</h1>", cards(figures), sheet, *parts, footer])

@@ -1,0 +1,145 @@
+"""A farm's job: the template is valid and runs, chunks in parallel, one of which fails and is tried again."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import pytest
+from crowd_lod_extension.operators.blender import image_data
+from crowd_lod_extension.operators.cli import commands, farm
+
+OPENJD = Path(sys.executable).with_name("openjd")
+# Blender as a module in the place of Blender's own program: it opens the file and runs the script. Once it fails.
+BLENDER = """#!{python}
+import runpy, sys
+from pathlib import Path
+
+once = Path(__file__).with_name("failed")
+if "3-4" in sys.argv and not once.exists():
+    once.touch()
+    sys.exit(3)
+import bpy
+
+bpy.ops.wm.open_mainfile(filepath=sys.argv[sys.argv.index("--background") + 1])
+runpy.run_path(sys.argv[sys.argv.index("--python") + 1])
+"""
+
+
+def run(*words):
+    return commands._run([str(word) for word in words], "crowd-lod")
+
+
+@pytest.fixture
+def job(levelled, tmp_path):
+    levelled.crowd_lod.count = 40
+    levelled.render.engine, levelled.cycles.samples, levelled.render.resolution_percentage = "CYCLES", 1, 50
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
+    assert run("job", tmp_path / "crowd.blend", "--frames", "1:5", "--chunk", 2, "--out", tmp_path / "job") == 0
+    return tmp_path / "job"
+
+
+@pytest.mark.once
+@pytest.mark.skipif(os.name == "nt", reason="the stand-in for Blender's program is a script")
+def test_the_job_runs_and_a_chunk_that_fails_is_tried_again(job, tmp_path, capfd):
+    blender = tmp_path / "blender"
+    blender.write_text(BLENDER.format(python=sys.executable))
+    blender.chmod(0o755)
+
+    def start(step, *words):
+        given = ("-p", f"Scene={tmp_path / 'crowd.blend'}", "-p", f"Blender={blender}")
+        return subprocess.Popen([OPENJD, "run", job / "template.json", "--step", step, *given, *words], stdout=subprocess.DEVNULL)
+
+    def render(*chunks):
+        return start("Render", "--tasks", json.dumps([{"Frames": chunk} for chunk in chunks]))
+
+    assert start("Bake", "--run-dependencies").wait() == 0
+    assert [each.wait() != 0 for each in (render("1-2", "5-5"), render("3-4"))] == [False, True]
+    assert run("assemble", job, "--frames", "1:5") == 1
+    assert "Frames 3:4 are not in" in capfd.readouterr().err and not (job / "report.html").exists()
+    assert render("3-4").wait() == 0
+    assert start("Assemble").wait() == 0
+    assert sorted(path.name for path in (job / "frames").iterdir()) == [f"000{k}.png" for k in range(1, 6)]
+    assert image_data.load_pixels(job / "frames" / "0003.png").shape == (45, 80, 4)
+    page = (job / "report.html").read_text()
+    assert "contact_sheet.png" in page and "plan/report.html" in page and (job / "plan" / "report.html").exists()
+
+
+def test_both_kinds_of_job_are_valid_and_name_what_they_depend_on(job, tmp_path):
+    assert run("job", tmp_path / "crowd.blend", "--preview", "--out", tmp_path / "preview") == 0
+    for folder, steps in ((job, {"Plan", "Bake", "Render", "Assemble"}), (tmp_path / "preview", {"Preview", "Assemble"})):
+        said = subprocess.run([OPENJD, "check", folder / "template.json"], capture_output=True, text=True)
+        assert said.returncode == 0, said.stdout + said.stderr
+        told = json.loads((folder / "template.json").read_text())
+        assert {step["name"] for step in told["steps"]} == steps
+        assert sum("dependencies" in step for step in told["steps"]) == len(steps) - 1
+    given = json.loads((job / "parameter_values.json").read_text())["parameterValues"]
+    assert given == [{"name": "Scene", "value": str(tmp_path / "crowd.blend")}]
+
+
+@pytest.mark.parametrize(
+    "words, said",
+    [
+        (("--chunk", "0"), "A task has 0 frames"),
+        (("--frames", "1,5"), "give --frames as A:B"),
+        (("--frames", "5:1"), "run backwards"),
+    ],
+)
+def test_what_cannot_be_a_job_is_told(job, tmp_path, words, said, capfd):
+    assert run("job", tmp_path / "crowd.blend", *words, "--out", tmp_path / "other") == 1
+    assert said in capfd.readouterr().err and not (tmp_path / "other").exists()
+
+
+# Flamenco's own side, as its manual describes it: author makes tasks and commands, jobs and tasks collect them.
+AUTHOR = """
+const author = {
+    Task: (name, type) => ({ name, type, commands: [], after: [],
+        addCommand(command) { this.commands.push(command) }, addDependency(task) { this.after.push(task.name) } }),
+    Command: (name, args) => ({ name, args }),
+};
+function frameChunker(frames, size) {
+    const [first, last] = frames.split("-").map(Number), chunks = [];
+    for (let k = first; k <= last; k += size) {
+        const end = Math.min(k + size - 1, last);
+        chunks.push(k === end ? String(k) : k + "-" + end);
+    }
+    return chunks;
+}
+function compiled(settings) {
+    const job = { settings, tasks: [], addTask(task) { this.tasks.push(task) } };
+    compileJob(job);
+    return JSON.stringify(job.tasks);
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def flamenco():
+    from py_mini_racer import MiniRacer
+
+    engine = MiniRacer()
+    engine.eval(AUTHOR + farm.FLAMENCO.read_text(encoding="utf-8"))
+    return lambda **settings: json.loads(engine.eval(f"compiled({json.dumps(settings)})"))
+
+
+def test_flamencos_job_has_the_same_steps_in_the_same_order(flamenco):
+    tasks = flamenco(frames="1-5", chunk_size=2, output="/out/", engine="CYCLES", blendfile="/crowd.blend")
+    after = {task["name"]: task["after"] for task in tasks}
+    renders = ["render-1-2", "render-3-4", "render-5"]
+    assert after == {"plan": [], "bake": ["plan"], **{name: ["bake"] for name in renders}, "assemble": renders}
+    assert {task["type"] for task in tasks} == {"misc", "blender"}
+    words = {task["name"]: task["commands"][0]["args"] for task in tasks}
+    assert words["render-3-4"]["blendfile"] == "/out/baked.blend" and words["render-3-4"]["args"][-1] == "3..4"
+    assert words["render-3-4"]["args"][:2] == ["--engine", "CYCLES"]
+    assert words["plan"]["args"] == ["--background", "--command", "crowd_lod", "plan", "/crowd.blend", "--frames", "1:5", "--out", "/out/plan"]  # fmt: skip
+    # our own parser takes what follows the command
+    for name in ("plan", "bake", "assemble"):
+        assert commands.parser("crowd-lod").parse_args(words[name]["args"][3:])
+
+
+@pytest.mark.parametrize("settings, said", [({"frames": "5-1"}, "no range"), ({"frames": "1-5", "chunk_size": 0}, "at least 1")])
+def test_flamencos_job_refuses_what_makes_no_sense(flamenco, settings, said):
+    with pytest.raises(Exception, match=said):
+        flamenco(**{"chunk_size": 1, "output": "/out", "engine": "SCENE", "blendfile": "/crowd.blend", **settings})
