@@ -47,7 +47,7 @@ class Instances:
     """The agents and prototypes of a shot.
 
     agents: (a,) intp, increasing: those that any frame shows.
-    prototypes: (p,) int64, increasing: those that any frame shows.
+    prototypes: (p,) intp, increasing: those that any frame shows.
     """
 
     agents: np.ndarray
@@ -67,10 +67,15 @@ class Instances:
 
 def instances_of(frames: Sequence[Shown]) -> Instances:
     """Return the agents and prototypes that any of `frames` shows."""
-    agents, prototypes = np.empty(0, np.intp), np.empty(0, np.int64)
-    for frame in frames:
-        agents, prototypes = np.union1d(agents, frame.agents), np.union1d(prototypes, frame.prototype)
-    return Instances(agents, prototypes)
+    return Instances(_any([frame.agents for frame in frames]), _any([frame.prototype for frame in frames]))
+
+
+def _any(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the numbers that any of `parts` has, increasing, intp."""
+    found = np.zeros(1 + max(int(part.max(initial=-1)) for part in parts), bool)
+    for part in parts:
+        found[part] = True
+    return np.flatnonzero(found)
 
 
 def turned(heading: np.ndarray, pitch: np.ndarray, roll: np.ndarray, turn: float) -> np.ndarray:

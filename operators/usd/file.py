@@ -1,5 +1,6 @@
 """The file: one point instancer with all prototypes, and materials."""
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -7,6 +8,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import printable
 from ...crowd_lod.planning.instances import Instances
 from ..blender import scene_data
 from .materials import Materials
@@ -28,7 +31,7 @@ class CrowdFile:
     PROTOTYPES = f"{AGENTS}/Prototypes"
 
     def __init__(self, usd, scene: bpy.types.Scene, path: Path, hidden: Path, cast: tuple[Instances, Sequence[str]]):
-        self.usd, self.scene = usd, scene
+        self.usd, self.scene, self.path = usd, scene, path
         instances, names = cast
         self._homes = {
             prototype: f"{self.PROTOTYPES}/{usd.Tf.MakeValidIdentifier(name)}"
@@ -141,4 +144,10 @@ class CrowdFile:
         speed = self.scene.render.fps / self.scene.render.fps_base
         self.stage.SetTimeCodesPerSecond(speed)
         self.stage.SetFramesPerSecond(speed)
-        self.stage.GetRootLayer().Save()
+        try:
+            self.stage.GetRootLayer().Save()
+        except self.usd.Tf.ErrorException as error:
+            reason = (re.findall(r" : '(.*?)'", str(error)) or ["it does not say why"])[0].rpartition(": ")[2]
+            raise CrowdError(
+                f"OpenUSD could not write {printable(self.path)} ({reason}): free space there, or choose another folder."
+            ) from None

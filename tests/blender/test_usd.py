@@ -8,6 +8,7 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.planning.instances import turned
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.build import render_setup
@@ -16,6 +17,7 @@ from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, traje
 from crowd_lod_extension.operators.lod_meshes.deviation import Posed
 from crowd_lod_extension.operators.usd.export import POSES, UsdExport, export_usd
 from crowd_lod_extension.operators.usd.openusd import openusd
+from mathutils import Matrix, Quaternion
 
 FRAMES = (3, 11, 30)
 HALF = 2e-3  # metres and parts by which orientations in half floats turn what is as large as a person
@@ -39,9 +41,14 @@ def opened(usd, path):
     return stage, usd.UsdGeom.PointInstancer(stage.GetDefaultPrim().GetChild("Agents"))
 
 
+def transforms(instancer, time, base):
+    """Of all agents at `time`, by the values of the frame `base`."""
+    return instancer.ComputeInstanceTransformsAtTime(time, base, instancer.ExcludeProtoXform, instancer.IgnoreMask)
+
+
 def in_usd(instancer, number):
     """By agent: its matrix and its prototype's path, as OpenUSD computes them."""
-    found = instancer.ComputeInstanceTransformsAtTime(number, number, instancer.ExcludeProtoXform, instancer.IgnoreMask)
+    found = transforms(instancer, number, number)
     targets, which = instancer.GetPrototypesRel().GetTargets(), instancer.GetProtoIndicesAttr().Get(number)
     ids = list(instancer.GetIdsAttr().Get(number))
     shown = list(instancer.ComputeMaskAtTime(number)) or [True] * len(ids)
@@ -72,10 +79,17 @@ def name_of(group, level):
 
 @pytest.mark.parametrize("animated", [False, True])
 def test_every_agent_stands_as_blender_puts_it_in_the_build_and_shows_its_lod(usd, built, tmp_path, animated):
-    built.crowd_lod.groups[0].scale = (0.8, 1.2)
+    built.crowd_lod.groups[0].scale, built.render.frame_map_new = (0.8, 1.2), 150
+    built.crowd_lod.forward = "-Y"
+    marker = built.timeline_markers.new("cut", frame=15)
+    marker.camera = bpy.data.objects.new("Other", built.camera.data)
+    built.collection.objects.link(marker.camera)
+    marker.camera.location, marker.camera.rotation_euler = (25, 0, 3), (1.4, 0, 1.57)
+    built.timeline_markers.new("begin", frame=0).camera = built.camera
     list(render_setup.build(built))
     _, path = exported(built, tmp_path, animated=animated)
-    _, instancer = opened(usd, path)
+    stage, instancer = opened(usd, path)
+    camera = usd.UsdGeom.Camera(stage.GetPrimAtPath("/Crowd/Camera"))
     for number in FRAMES:
         here, there = in_usd(instancer, number), in_build(built, number)
         assert here.keys() == there.keys() and len(here) > 20
@@ -83,6 +97,16 @@ def test_every_agent_stands_as_blender_puts_it_in_the_build_and_shows_its_lod(us
             np.testing.assert_allclose(here[agent][0], matrix, atol=HALF)
             np.testing.assert_allclose(here[agent][0][:3, 3], matrix[:3, 3], atol=1e-6)
             assert name_of(group, level).fullmatch(here[agent][1].name), (agent, level, group, here[agent][1])
+        np.testing.assert_allclose(np.array(camera.ComputeLocalToWorldTransform(number)).T, built.camera.matrix_world, atol=1e-5)
+    assert built.camera.name == "Other"
+
+
+def test_turns_are_those_of_the_builds_node_group():
+    angles = np.random.default_rng(3).uniform(-np.pi, np.pi, (40, 3))
+    for (heading, pitch, roll), (x, y, z, w) in zip(angles, turned(*angles.T, 0.7), strict=True):
+        z_y_x = Matrix.Rotation(heading, 3, "Z") @ Matrix.Rotation(-pitch, 3, "Y") @ Matrix.Rotation(roll, 3, "X")
+        expected = z_y_x @ Matrix.Rotation(0.7, 3, "Z")
+        np.testing.assert_allclose(Quaternion((w, x, y, z)).to_matrix(), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("animated", [False, True])
@@ -108,12 +132,19 @@ def test_prototypes_are_blenders_own_meshes_of_the_lods_in_the_agents_phase(usd,
     assert told.off == 0 if animated else most - 1e-6 <= told.off <= 1 / (2 * POSES)
 
 
-def test_blender_imports_the_agents_of_the_build_and_openusd_finds_no_fault(usd, built, tmp_path):
+@pytest.mark.parametrize("kind", ["PERSP", "ORTHO"])
+def test_blender_imports_camera_and_agents_as_in_the_build_and_openusd_finds_no_fault(usd, built, tmp_path, kind):
     camera = built.camera.data
+    camera.type, camera.ortho_scale = kind, 30
     camera.lens, camera.shift_x, camera.sensor_fit, camera.clip_start = 35, 0.1, "HORIZONTAL", 0.25
+    camera.dof.use_dof, camera.dof.focus_distance, camera.dof.aperture_fstop = True, 7, 1.4
     there = {number: in_build(built, number) for number in FRAMES}
     view = {number: (built.frame_set(number), np.array(built.camera.matrix_world))[1] for number in FRAMES}
+    lens = np.array(built.camera.calc_matrix_camera(bpy.context.evaluated_depsgraph_get(), x=160, y=90))
     _, path = exported(built, tmp_path)
+    stage, _ = opened(usd, path)
+    film = usd.UsdGeom.Camera(stage.GetPrimAtPath("/Crowd/Camera")).GetCamera(FRAMES[-1])
+    np.testing.assert_allclose(np.array(film.frustum.ComputeProjectionMatrix()).T, lens, atol=1e-5)
     checker = importlib.import_module("pxr.UsdUtils").ComplianceChecker()
     checker.CheckCompliance(str(path))
     assert not [*checker.GetErrors(), *checker.GetFailedChecks(), *checker.GetWarnings()]
@@ -131,8 +162,11 @@ def test_blender_imports_the_agents_of_the_build_and_openusd_finds_no_fault(usd,
         assert len(here) == len(expected) > 20
         assert np.abs(here[:, None] - expected).max(axis=(2, 3)).min(axis=0).max() < HALF
         np.testing.assert_allclose(film.matrix_world, view[number], atol=1e-5)
-        assert film.data.lens == pytest.approx(35) and film.data.shift_x == pytest.approx(0.1)
-        assert film.data.sensor_width == pytest.approx(36) and film.data.clip_start == pytest.approx(0.25)
+        own, dof = film.data, film.data.dof
+        assert own.type == kind and own.shift_x == pytest.approx(0.1, rel=1e-5) and own.clip_start == pytest.approx(0.25)
+        # Blender takes the aperture of an orthographic camera for metres, others for tenths as OpenUSD does
+        assert kind == "ORTHO" or own.lens / own.sensor_width == pytest.approx(35 / 36)
+        assert (dof.use_dof, dof.focus_distance) == (True, pytest.approx(7)) and dof.aperture_fstop == pytest.approx(1.4)
 
 
 @pytest.mark.parametrize(
@@ -192,3 +226,34 @@ def test_the_button_writes_materials_with_their_images_beside_the_file(usd, buil
     layer = np.empty((len(item.data.loops), 2), np.float32)
     item.data.uv_layers.active.uv.foreach_get("vector", layer.ravel())
     np.testing.assert_allclose(uv, layer, atol=1e-6)
+
+
+def test_while_the_shutter_is_open_agents_go_on_as_in_the_build(usd, built, tmp_path):
+    render, part = built.render, 0.25
+    render.use_motion_blur, render.motion_blur_shutter, built.crowd_lod.seed = True, 0.6, 3
+    _, path = exported(built, tmp_path)
+    stage, instancer = opened(usd, path)
+    camera = usd.UsdGeom.Camera(stage.GetPrimAtPath("/Crowd/Camera"))
+    assert (camera.GetShutterOpenAttr().Get(), camera.GetShutterCloseAttr().Get()) == pytest.approx((-0.3, 0.3))
+    trajectory, ids = trajectory_of(built), np.array(instancer.GetIdsAttr().Get())
+    for number in FRAMES:
+        then, now = trajectory.at(number + part), trajectory.at(number)
+        found = np.array(transforms(instancer, number + part, number))[:, 3, :3]
+        expected = np.stack([then.x, then.y, then.z], axis=1)[ids]
+        straight = np.abs(np.hypot(then.x - now.x, then.y - now.y)[ids]) < 1
+        assert straight.mean() > 0.9
+        np.testing.assert_allclose(found[straight], expected[straight], atol=5e-3)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows sets no limit to a file's size")
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(built, tmp_path):
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        with pytest.raises(CrowdError, match="could not write .*crowd.usdc .File too large.: free space"):
+            exported(built, tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert not list(tmp_path.iterdir())
