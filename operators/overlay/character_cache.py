@@ -101,7 +101,8 @@ def bake_some() -> float | None:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:
             try:
-                actions_named(scene)
+                for group in scene.crowd_lod.groups:
+                    actions_named(scene, group.name)
             except CrowdError:  # the state machine is being mended: the overlay says so, and then asks again
                 continue
             _bake_on(scene, casting)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import image_data
 from crowd_lod_extension.operators.build import render_setup
 from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, trajectory_of
@@ -165,3 +166,29 @@ def test_esc_leaves_no_file_and_the_scene_as_it_was(built, tmp_path):
     steps.close()
     assert not list(tmp_path.iterdir())
     assert names == {block.name for kind in (bpy.data.objects, bpy.data.meshes, bpy.data.scenes) for block in kind}
+
+
+def test_the_button_writes_materials_with_their_images_beside_the_file(usd, built, tmp_path):
+    item = built.crowd_lod.levels.children[0].children[0].objects[0]
+    material, pixels = item.material_slots[0].material, np.array([[(255, 0, 0, 255), (0, 255, 0, 255)]] * 2, np.uint8)
+    tree = material.node_tree
+    node, shader = tree.nodes.new("ShaderNodeTexImage"), tree.get_output_node("ALL").inputs["Surface"].links[0].from_node
+    node.image = image_data.write_image("cloth", pixels)
+    tree.links.new(node.outputs["Color"], shader.inputs["Base Color"])
+    shader.inputs["Roughness"].default_value = 0.25
+    built.crowd_lod.usd_file, built.crowd_lod.frames = str(tmp_path / "crowd.usda"), "3:4"
+    assert bpy.ops.crowd_lod.export_usd() == {"FINISHED"}
+
+    stage = usd.Usd.Stage.Open(str(tmp_path / "crowd.usda"))
+    home = stage.GetPrimAtPath("/Crowd/Materials").GetChild(usd.Tf.MakeValidIdentifier(material.name))
+    file = home.GetChild("Image").GetAttribute("inputs:file").Get()
+    np.testing.assert_array_equal(image_data.load_pixels(file.resolvedPath), pixels)
+    assert home.GetChild("Surface").GetAttribute("inputs:roughness").Get() == 0.25
+    assert len([*tmp_path.iterdir()]) == 2
+    mesh = next(each for each in stage.Traverse() if each.IsA(usd.UsdGeom.Mesh) and "LOD_0" in str(each.GetPath()))
+    bound = {str(usd.UsdShade.MaterialBindingAPI(each).ComputeBoundMaterial()[0].GetPath()) for each in (mesh, *mesh.GetChildren())}
+    assert str(home.GetPath()) in bound
+    uv = np.array(mesh.GetAttribute("primvars:st").Get())
+    layer = np.empty((len(item.data.loops), 2), np.float32)
+    item.data.uv_layers.active.uv.foreach_get("vector", layer.ravel())
+    np.testing.assert_allclose(uv, layer, atol=1e-6)
