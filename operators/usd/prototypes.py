@@ -46,8 +46,8 @@ def library_of_poses(scene: bpy.types.Scene, trajectory: Trajectory, poses: int,
     animated: a character for each of a group's phase classes instead.
     """
     played, posed = trajectory.gaits.actions, []
-    for name, objects, _ in characters_of(scene):
-        performance = performance_of(name, objects, filter(None, played))
+    for group, (name, objects, _) in zip(trajectory.groups, characters_of(scene), strict=True):
+        performance = performance_of(name, objects, [action.name for action in group.actions])
         still = all(performance.only(action).still for action in played)
         posed.append(1 if still else 0 if animated else poses)
     return Library(np.array(posed, np.intp))
@@ -86,7 +86,7 @@ def write_prototypes(
             continue
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-            performance = performance_of(name, objects, filter(None, gaits.actions))
+            performance = performance_of(name, objects, [action.name for action in trajectory.groups[g].actions])
             numbers = np.unique(mine % first[-1])
             for done, number in enumerate(numbers.tolist()):
                 prototypes = mine[mine % first[-1] == number].tolist()
