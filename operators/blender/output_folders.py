@@ -11,7 +11,7 @@ from ...crowd_lod.reporting import files
 
 
 def output_folder(text: str) -> Path:
-    """Return the folder that a setting names, from the root.
+    """Return the folder, or file, that a setting names, from the root.
 
     text: a path; one that begins with "//" is beside the .blend file. While that has no place yet,
         it is in a folder of this Blender session, which Blender removes when it ends.
@@ -19,7 +19,8 @@ def output_folder(text: str) -> Path:
     CrowdError if the path is relative and the working folder was deleted.
     """
     if _unsaved(text):
-        return Path(bpy.app.tempdir, bpy.path.clean_name(text[2:]))
+        name, ending = os.path.splitext(text[2:])
+        return Path(bpy.app.tempdir, bpy.path.clean_name(name) + ending)
     return files.absolute(Path(bpy.path.abspath(text)))
 
 

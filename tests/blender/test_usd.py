@@ -3,6 +3,7 @@
 import importlib
 import re
 import sys
+from pathlib import Path
 
 import bpy
 import numpy as np
@@ -226,6 +227,13 @@ def test_the_button_writes_materials_with_their_images_beside_the_file(usd, buil
     layer = np.empty((len(item.data.loops), 2), np.float32)
     item.data.uv_layers.active.uv.foreach_get("vector", layer.ravel())
     np.testing.assert_allclose(uv, layer, atol=1e-6)
+
+
+def test_in_a_file_without_a_place_the_button_writes_to_a_temporary_folder(scene):
+    scene.crowd_lod.count, scene.crowd_lod.frames, scene.crowd_lod.level_count = 20, "1", 1
+    assert scene.crowd_lod.usd_file.startswith("//") and not bpy.data.filepath
+    assert bpy.ops.crowd_lod.export_usd() == {"FINISHED"}
+    assert Path(bpy.app.tempdir, "crowd.usdc").stat().st_size > 1000
 
 
 def test_while_the_shutter_is_open_agents_go_on_as_in_the_build(usd, built, tmp_path):
