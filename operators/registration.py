@@ -36,6 +36,7 @@ from .ui import (
     shot_panels,
     swatches,
 )
+from .usd import export_button
 
 MODULES = (
     exception_list,
@@ -60,6 +61,7 @@ MODULES = (
     open_report,
     viewport_image,
     buttons,
+    export_button,
     agent_picker,
     presets,
     popovers,

@@ -106,17 +106,20 @@ class Gaits:
         return replace(after, phase_class=classes)
 
 
-def gaits_of(groups: Sequence[Group], paces: Paces, classes: int) -> Gaits:
+def gaits_of(groups: Sequence[Group], paces: Paces, classes: int, shown: np.ndarray | None = None) -> Gaits:
     """Return the gaits of `groups` at the `paces` of a state machine.
 
     classes: the number of phases that agents share.
-    CrowdError if an action was not measured for a group.
+    shown: the groups that have agents; None for all. Others need not know the actions.
+    CrowdError if an action was not measured for a group that has agents.
     """
-    rates = np.empty((len(groups), len(paces.speeds)))
+    needed = np.unique(np.arange(len(groups)) if shown is None else shown)
+    rates, plays = np.zeros((len(groups), len(paces.speeds))), np.ones((len(groups), len(paces.speeds)), bool)
     for p, name in enumerate(paces.actions or ("",) * len(paces.speeds)):
-        per_metre, per_second = cycles_of(groups, name).T
-        rates[:, p] = per_metre * paces.speeds[p] + per_second
-    return Gaits(classes, paces, rates)
+        able = np.array([g in needed or group.knows(name) for g, group in enumerate(groups)])
+        per_metre, per_second = cycles_of([group for group, known in zip(groups, able, strict=True) if known], name).T
+        rates[able, p], plays[:, p] = per_metre * paces.speeds[p] + per_second, able
+    return Gaits(classes, paces, rates, None if plays.all() else plays)
 
 
 def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
@@ -128,7 +131,8 @@ def cycles_of(groups: Sequence[Group], action: str = "") -> np.ndarray:
     Both are 0 for one with neither stride nor period.
     """
     played = [group.action(action) for group in groups]
-    return np.array([(1 / a.stride, 0.0) if a.stride > 0 else (0.0, 1 / a.period if a.period > 0 else 0.0) for a in played])
+    found = [(1 / a.stride, 0.0) if a.stride > 0 else (0.0, 1 / a.period if a.period > 0 else 0.0) for a in played]
+    return np.array(found).reshape(-1, 2)
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,7 @@ class Walk(Trajectory):
             # who stands beyond the map is taken onto it, but from infinity nobody comes back
             if np.isinf(place).any():
                 self.start = replace(self.start, **{axis: np.where(np.isinf(place), np.nan, place)})
-        self.gaits = gaits_of(self.groups, self.machine.paces, self.classes)
+        self.gaits = gaits_of(self.groups, self.machine.paces, self.classes, self.start.group)
         pace = pace_of(self.start.x, self.start.y, self.start.state, self.machine, self.world)
         self.start = replace(self.start, pace=pace)
         # on several floors the height is part of each step

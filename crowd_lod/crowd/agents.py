@@ -107,6 +107,10 @@ class Group:
         """Metres from the group's origin up to the point that stands on the ground."""
         return self.lowest if self.on_ground else 0.0
 
+    def knows(self, name: str) -> bool:
+        """Return whether the action `name` was measured; its own, "", always."""
+        return name in ("", *(action.name for action in self.actions))
+
     def action(self, name: str) -> Action:
         """Return the action that the group plays where a state names `name`; its own for "".
 

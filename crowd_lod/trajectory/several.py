@@ -165,7 +165,7 @@ class Several(Trajectory):
         for each, pace in zip(self.members, self._moved_up["pace"], strict=True):
             playing = np.ix_(np.unique(each.start.group), range(pace, pace + len(_speeds(each))))
             played[playing] = True
-        gaits = gaits_of(self.groups, paces, own[0].classes)
+        gaits = gaits_of(self.groups, paces, own[0].classes, np.empty(0, np.intp))
         return Gaits(gaits.classes, paces, gaits.rates, played)
 
     def _needless(self) -> frozenset[LeftOut]:

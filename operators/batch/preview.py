@@ -126,7 +126,8 @@ def _planned_shot(stage: bpy.types.Scene, wanted: Preview, folder: Path) -> Gene
     """
     settings = stage.crowd_lod
     frames = range(wanted.frames[0], wanted.frames[-1] + 1)
-    if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= MOST_PLANNED / max(settings.count, 1):
+    most = MOST_PLANNED / max(len(trajectory_of(stage).start), 1)
+    if settings.shot_plan or policy_of(settings).count < 2 or not 1 < len(frames) <= most:
         return None
     planned = yield from plan_shot(stage, Wanted(frames, folder, settings.avoid_pops, budget_of(settings)))
     write_levels(folder, planned)

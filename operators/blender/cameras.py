@@ -201,8 +201,14 @@ def _focused(film: Camera, data: bpy.types.Camera, depsgraph: bpy.types.Depsgrap
     """
     dof = data.dof
     aperture = (1.0 if film.kind == "ORTHO" else data.lens * 1e-3) / (2 * max(dof.aperture_fstop, 1e-5))
-    focus = dof.focus_distance if dof.focus_object is None else _focus(dof, depsgraph, film.origin, film.Z)
+    focus = focus_distance(data, depsgraph, film.origin, film.Z)
     return lens_blur(film, aperture * max(1.0, 1 / max(dof.aperture_ratio, 1e-5)), max(focus, 1e-5))
+
+
+def focus_distance(data: bpy.types.Camera, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:
+    """Return metres from `origin` (3,) along `ahead` (3,) to what the camera focuses on."""
+    dof = data.dof
+    return dof.focus_distance if dof.focus_object is None else _focus(dof, depsgraph, origin, ahead)
 
 
 def _focus(dof: bpy.types.CameraDOFSettings, depsgraph: bpy.types.Depsgraph, origin: np.ndarray, ahead: np.ndarray) -> float:

@@ -1,9 +1,11 @@
-"""The folders that settings name for output."""
+"""The folders that settings name for output, and files in them."""
 
+import os
 from pathlib import Path
 
 import bpy
 
+from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.reporting import files
 
@@ -29,3 +31,17 @@ def place_of(text: str) -> str:
 
 def _unsaved(text: str) -> bool:
     return text.startswith("//") and not bpy.data.filepath
+
+
+def output_file(path: Path, *endings: str) -> Path:
+    """Return the path of a file to be written, absolute, checked before any work is done.
+
+    CrowdError if it ends in none of `endings`, or its folder does not exist.
+    """
+    if path.suffix not in endings:
+        raise CrowdError(f"The file {printable(path.name)} must end in {' or '.join(endings)}.")
+    path = files.absolute(path)
+    parent = os.path.dirname(os.path.realpath(path))
+    if not os.path.isdir(parent):
+        raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
+    return path

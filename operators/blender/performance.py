@@ -94,8 +94,8 @@ class Performance:
         return all(part.first == part.last for part in self.parts)
 
     def only(self, name: str) -> "Performance":
-        """Return the performance of one action alone."""
-        return Performance([self.parts[self.names.index(name)]])
+        """Return the performance of one action alone; of the character's own if it plays none of that `name`."""
+        return Performance([next((part for part in self.parts if part.name == name), self.parts[0])])
 
     def find(self, moment: float) -> tuple[Part, float]:
         """Return the part that plays at `moment`, and its frame."""

@@ -86,7 +86,7 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
     try:
         for g, (name, objects, _) in enumerate(characters):
-            performance = performance_of(name, objects, filter(None, played))
+            performance = performance_of(name, objects, [action.name for action in measured[g].actions])
             homes, own, reason = [home_of(level, g, name) for level in levels[:count]], [], ""
             if all(performance.only(action).still for action in played):
                 posed[g] = 1
@@ -151,7 +151,8 @@ def make_cast(
         for g, (name, objects, _) in enumerate(characters):
             homes = [home_of(level, g, name) for level in levels[:count]]
             with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-                performance = performance_of(name, objects, filter(None, trajectory.gaits.actions))
+                named = [action.name for action in trajectory.groups[g].actions]
+                performance = performance_of(name, objects, named)
                 group = _Actors(g, name, homes, stage, actors, performance, models[g])
                 for number in range(first[g], first[g + 1]):
                     of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]

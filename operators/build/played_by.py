@@ -28,8 +28,13 @@ def inputs(homes: Sequence[bpy.types.Collection], trajectory: Trajectory) -> lis
 
     homes: the collections of the LODs.
     """
-    names = [name for name in trajectory.gaits.actions if name]
-    if not names:
+    if not any(trajectory.gaits.actions):
         return numbers(trajectory)
-    acts = [performance.performance_of(home.get(GROUP, home.name), list(home.objects), names) for home in homes]
+    names = {group.name: [action.name for action in group.actions] for group in trajectory.groups}
+    groups = [home.get(GROUP, home.name) for home in homes]
+    acts = [
+        performance.performance_of(group, list(home.objects), names[group])
+        for group, home in zip(groups, homes, strict=True)
+        if group in names
+    ]
     return [*numbers(trajectory), actions(trajectory), *(performance.digest(act.parts) for act in acts)]

@@ -68,8 +68,8 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
     items = [item for _, objects, _ in characters_of(scene) for item in objects]
-    names = [name for name in trajectory.gaits.actions if name]
-    named = [digest(performance_of(name, objects, names).parts) for name, objects, _ in characters_of(scene)] if names else []
+    acts = zip(trajectory.groups, characters_of(scene), strict=True)
+    named = [digest(performance_of(g.name, own, [a.name for a in g.actions]).parts) for g, (_, own, _) in acts if g.actions]
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
         "the characters": text_digest(cast_digest(items), *named) if named else cast_digest(items),

@@ -24,7 +24,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"Crowd LOD {__version__}, Blender {bpy.app.version_string}")
     commands = made.add_subparsers(required=True, metavar="COMMAND")
-    for add in (_preview, _build, _verify, _job, _assemble, _plan, _explain, _compare, _sample, _new_scene, _simulate):
+    for add in (_preview, _build, _export, _verify, _job, _assemble, _plan, _explain, _compare, _sample, _new_scene, _simulate):
         add(commands, program)
     about = "tables of error, run time and extreme cases"
     report = commands.add_parser("report", help=about, description=about.capitalize() + ".")
@@ -78,6 +78,22 @@ def _build(commands, program: str) -> None:
         "--view-layer", action="append", metavar="NAME", help="show the crowd only there; repeat for more (default: all)"
     )
     command.add_argument("--out", type=_path, metavar="FILE", help="the .blend file (default: SCENE_built.blend)")
+    _with_strict_plan(command)
+    command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
+
+
+def _export(commands, program: str) -> None:
+    command = _command(
+        commands,
+        program,
+        "export",
+        "write the crowd of a shot as USD: a point instancer, LODs in poses, materials, the camera",
+        "export plaza --frames 1:48 --out plaza.usdc",
+    )
+    _scene(command, program)
+    command.add_argument("--frames", metavar="A:B|LIST", help="a range 1:120 or a list 1,40,80 (default: the scene's)")
+    command.add_argument("--animated", action="store_true", help="let prototypes move, instead of agents that change their pose")
+    command.add_argument("--out", type=_path, metavar="FILE", help="the .usdc, .usda or .usd file (default: SCENE.usdc)")
     _with_strict_plan(command)
     command.add_argument("--seed", type=int, metavar="N", help="another crowd of the same kind")
 

@@ -25,12 +25,14 @@ from ..batch.preview_stage import COLOR_MODES, Preview
 from ..batch.shot_survey import forget_parts
 from ..batch.verify import Verify, verify
 from ..blender import console, frame_stepping, scene_data
+from ..blender.output_folders import output_file
 from ..build import bake, render_setup, view_layers
 from ..build.buttons import check_blur, prepared
 from ..build.cost_estimate import estimate
 from ..build.hidden_characters import told_of_characters
 from ..build.phase_characters import Cast
 from ..crowd.record_points import with_record
+from ..usd import export as usd
 from . import farm, new_scene, shared_runs, simulate
 from .arguments import parser
 from .explain import explain
@@ -324,6 +326,21 @@ def _build(args, command: list[str]) -> dict:
     }
 
 
+def _export(args, command: list[str]) -> dict:
+    stem = stem_of(args)
+    path = output_file(args.out or Path(f"{stem}.usdc"), *usd.ENDINGS)
+    scene = open_scene(args.scene)
+    _set(scene.crowd_lod, args)
+    _follow_plan(scene.crowd_lod, args)
+    frames = scene_data.frames_of(scene) if args.frames is None else parse_frames(args.frames)
+    wanted = usd.UsdExport(frames, path, args.animated, args.strict)
+    found = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
+    size, out = path.stat().st_size, printable(path)
+    told = {"agents": found.agents, "prototypes": found.prototypes, "phase_off": found.off, "bytes": size}
+    said = f"{len(frames)} frames, {size / 1e6:,.1f} MB: {found.sentence}"
+    return {"out": out, "frames": frames, **told, "notes": found.notes, "summary": f"{said}\n{out}"}
+
+
 def _sample(args, command: list[str]) -> dict:
     path = blend_path(args.out or Path(f"{args.name}.blend"))
     with files.staged_file(path) as part:
@@ -335,6 +352,7 @@ def _sample(args, command: list[str]) -> dict:
 COMMANDS = {
     "preview": _preview,
     "build": _build,
+    "export": _export,
     "verify": _verify,
     "job": farm.write_job,
     "assemble": _assemble,

@@ -1,7 +1,6 @@
 """Files of scenes: a command's own opening, saving and progress."""
 
 import contextlib
-import os
 import threading
 from collections.abc import Generator
 from pathlib import Path
@@ -12,8 +11,9 @@ from ... import sample_scenes
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
 from ...crowd_lod.progress import Made
-from ...crowd_lod.reporting import files, interrupt
+from ...crowd_lod.reporting import interrupt
 from ..blender import console
+from ..blender.output_folders import output_file
 
 
 def open_scene(name: str | None) -> bpy.types.Scene:
@@ -57,13 +57,7 @@ def blend_path(path: Path) -> Path:
 
     CrowdError if it does not end in .blend, or its folder does not exist.
     """
-    if path.suffix != ".blend":
-        raise CrowdError(f"The file {printable(path.name)} must end in .blend.")
-    path = files.absolute(path)
-    parent = os.path.dirname(os.path.realpath(path))
-    if not os.path.isdir(parent):
-        raise CrowdError(f"The file {printable(path)} cannot be written: there is no folder {printable(parent)}.")
-    return path
+    return output_file(path, ".blend")
 
 
 def save(part: Path, path: Path, compress: bool = False) -> None:

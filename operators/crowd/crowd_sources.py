@@ -23,7 +23,7 @@ from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import image_data, scene_cache, stored_values
 from . import hand_edits, start_source, terrain_source, tracks_source
 from .points_source import points_of_crowd
-from .scene_world import area_of, heights_of, machine_of, world_of
+from .scene_world import area_of, heights_of, machine_of, names_in, world_of
 
 # Trajectories by the digest of all they depend on.
 _trajectories: dict[bytes, Trajectory] = scene_cache.kept({})
@@ -288,7 +288,7 @@ def chosen_groups(crowd, groups: tuple[Group, ...]) -> np.ndarray:
     CrowdError if the crowd names a group that is not there.
     """
     names = [group.name for group in groups]
-    chosen = {name.strip() for name in crowd.group_names.split(",")} - {""}
+    chosen = names_in(crowd)
     for name in sorted(chosen - set(names)):
         raise CrowdError(
             f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: its Groups may name "

@@ -108,7 +108,7 @@ def measuring_groups(
         known = {group.name: group for group in groups_of(settings)}
     measured, characters = [], characters_of(scene)
     for g, (name, objects, origin) in enumerate(characters):
-        performance, on_ground, acts = performance_of(name, objects, actions_named(scene)), stands(settings, name), []
+        performance, on_ground, acts = performance_of(name, objects, actions_named(scene, name)), stands(settings, name), []
         if name in reaches and len(performance.parts) == 1:
             low, center, radius = reaches[name]
         else:

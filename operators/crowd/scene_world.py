@@ -21,14 +21,19 @@ def machine_of(settings) -> machines.StateMachine:
     return machines.parse(settings.machine.as_string(), settings.machine.name)
 
 
-def actions_named(scene: bpy.types.Scene) -> tuple[str, ...]:
-    """Return the names of the actions that states of the scene's crowds name, in order.
+def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
+    """Return the names of the actions that states name for agents of a character group, in order.
 
-    CrowdError if a state machine is bad.
+    They are those of the crowds that have agents of the `group`. CrowdError if a state machine is bad.
     """
-    crowds = (scene.crowd_lod, *scene.crowd_lod.crowds)
-    texts = [crowd.machine for crowd in crowds if crowd.machine and crowd.source == "MACHINE"]
+    crowds = [crowd for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.machine and crowd.source == "MACHINE"]
+    texts = [crowd.machine for crowd in crowds if group in (names_in(crowd) or {group})]
     return tuple(sorted({name for text in texts for name in _actions(text.as_string(), text.name)} - {""}))
+
+
+def names_in(crowd) -> set[str]:
+    """Return the names of the groups that the crowd's agents are drawn from; none where they are all."""
+    return {name.strip() for name in crowd.group_names.split(",")} - {""}
 
 
 @lru_cache(maxsize=16)

@@ -95,7 +95,7 @@ class Ladder:
     """
 
     def __init__(self, name: str, objects: list[bpy.types.Object], ratios: list[float], settings, place: Sequence[float]):
-        actions = actions_named(settings.id_data)
+        actions = actions_named(settings.id_data, name)
         self.name, self.objects, self.ratios, self.method = name, objects, ratios, settings.way
         self.looks = Looks() if settings.choice == "BY_TOLERANCE" and settings.shading_counts else None
         self.kinds = dict(COLUMNS) | ({"shaded": float} if self.looks else {})

@@ -348,7 +348,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
     Yields the progress, 0 to 1.
     """
     settings = scene.crowd_lod
-    characters, actions = characters_of(scene), actions_named(scene)
+    characters = characters_of(scene)
     if settings.levels is None:
         raise CrowdError(f"The scene {scene.name} has no LOD meshes to measure: press Make LOD Meshes.")
     known = {group.name: group for group in groups_of(settings)}
@@ -358,7 +358,7 @@ def measure_levels(scene: bpy.types.Scene) -> Iterator[float]:
             raise CrowdError(
                 f"The character group {name} has no LOD meshes in {settings.levels.name}: press Make LOD Meshes again."
             )
-        meshes = meshes_of(settings.levels, g, name)
+        meshes, actions = meshes_of(settings.levels, g, name), actions_named(scene, name)
         found = yield from share(measure(known[name], objects, meshes, actions), g / len(characters), (g + 1) / len(characters))
         if settings.shading_counts:
             looks, others = Looks(), zip(meshes[1:], found.worst[1:], strict=True)

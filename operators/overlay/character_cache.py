@@ -101,7 +101,8 @@ def bake_some() -> float | None:
         casting = _castings.get(scene.session_uid)
         if casting is not None and not casting.ready:
             try:
-                actions_named(scene)
+                for group in scene.crowd_lod.groups:
+                    actions_named(scene, group.name)
             except CrowdError:  # the state machine is being mended: the overlay says so, and then asks again
                 continue
             _bake_on(scene, casting)
@@ -123,7 +124,7 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
     name = home.get(GROUP) or (groups[number].name if number < len(groups) else home.name)
     try:
         find = partial(_homes, scene.session_uid, number)
-        casting.baking = casting.baking or baking(name, find, actions_named(scene))
+        casting.baking = casting.baking or baking(name, find, actions_named(scene, name))
         casting.progress = (number + next(casting.baking)) / of
     except StopIteration as end:
         casting.characters += (end.value,)
@@ -152,7 +153,6 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
     when an object enters or leaves a painting or edit mode.
     """
     digest, looks, told = hashlib.sha256(), Looks(), set()
-    names = actions_named(scene)
     for home in (home for level in scene.crowd_lod.levels.children for home in level.children):
         items = [item for item in home.all_objects if item.type == "MESH"]
         digest.update(repr((home.session_uid, home.get(GROUP), tuple(home.instance_offset))).encode())
@@ -171,15 +171,17 @@ def _key(scene: bpy.types.Scene) -> tuple[bytes, Looks]:
                 digest.update(repr((action[0].session_uid, action[1], tuple(action[0].frame_range))).encode())
                 for curve in curves_of(player):
                     digest.update(b"".join(read_columns(curve.keyframe_points, KEYS)))
+        group = home.get(GROUP, home.name)
+        names = actions_named(scene, group)
         if names:
-            digest.update(repr(_named(home, items, names)).encode())
+            digest.update(repr(_named(group, items, names)).encode())
     return digest.digest(), looks
 
 
-def _named(home: bpy.types.Collection, items: list[bpy.types.Object], names: tuple[str, ...]) -> list | str:
-    """Return what the actions `names` of a group are; or why it has none such, which baking will tell."""
+def _named(group: str, items: list[bpy.types.Object], names: tuple[str, ...]) -> list | str:
+    """Return what the actions `names` of the `group` are; or why it has none such, which baking will tell."""
     try:
-        return performance.digest(performance.performance_of(home.get(GROUP, home.name), items, names).parts)
+        return performance.digest(performance.performance_of(group, items, names).parts)
     except CrowdError as error:
         return str(error)
 

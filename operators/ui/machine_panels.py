@@ -1,5 +1,7 @@
 """The state machine editor: lists of states, of the rules of one of them, and of labels. It only draws."""
 
+import textwrap
+
 import bpy
 import numpy as np
 
@@ -14,6 +16,8 @@ from .machine_settings import MOST_TARGETS, color_of, rows_of
 from .step_panel import Step
 from .swatches import swatch
 
+MOST_LETTERS = 180  # of a mistake; the message of Populate is longer
+ARROWS = "→↗↑↖←↙↓↘"  # from +x, counter-clockwise
 # Of each scene the frame whose agents were counted last, and how many are in each of its states.
 _counted: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
@@ -58,16 +62,16 @@ class CROWDLOD_UL_rules(_List, bpy.types.UIList):
         found, state = draft_of(context.scene), selected(context.scene, "states")
         row.alert = found.faulty("states", state, "on", name)
         row.active = found.has_rule(state, name)
-        split = row.split(factor=0.4)
+        split = row.split(factor=0.42)
         color = found.label(name).get("color", "#808080")
         if name == "*":
             label(split, "others", "BLANK1")
         else:
             split.label(text=name, icon_value=swatch(color_of(color)), translate=False)
-        split = split.split(factor=0.55)
+        split = split.split(factor=0.57)
         label(split, _following(found.targets(state, name), state))
         speed, heading = found.speed(state, name)
-        label(split, f"{speed:.3g}, {heading:.4g}°" if speed else "stands")
+        label(split, f"{speed:.3g} {ARROWS[round(heading / 45) % 8]}" if speed else "stands")
 
 
 class CROWDLOD_UL_labels(_List, bpy.types.UIList):
@@ -91,7 +95,7 @@ def _problem(context, layout) -> None:
     """Draw the mistake of the text, or a line that it has none."""
     sentence = problem_of(context.scene) or lacking(context.scene)
     if sentence:
-        paragraph(layout, sentence, "ERROR", letters_of(context))
+        paragraph(layout, textwrap.shorten(sentence, MOST_LETTERS, placeholder=" ..."), "ERROR", letters_of(context))
 
 
 def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
@@ -160,12 +164,14 @@ class CROWDLOD_PT_rules(_Editor, bpy.types.Panel):
         label(layout, state)
         _list(context, layout, "rules", found.rows(state), 6)
         column = layout.column(align=True)
-        column.alert = found.faulty("states", state, "on", row)
         greyed(column, row != "*").prop(editor, "own_rule")
-        part = greyed(column, found.has_rule(state, row))
-        part.prop(editor, "speed")
-        part.prop(editor, "heading")
-        _draw_targets(context, part, found.targets(state, row), "next")
+        walk = greyed(column, found.has_rule(state, row))
+        walk.alert = any(found.faulty("states", state, "on", row, field) for field in ("move", "speed", "heading"))
+        walk.prop(editor, "speed")
+        walk.prop(editor, "heading")
+        following = greyed(column, found.has_rule(state, row))
+        following.alert = found.faulty("states", state, "on", row, "next")
+        _draw_targets(context, following, found.targets(state, row), "next")
 
 
 def _draw_targets(context, column, targets: list, name: str) -> None:

@@ -217,6 +217,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         description="How likely an agent starts in this state, beside the other states' weights",
         min=0,
         soft_max=10,
+        step=50,
         **_number_field("states", "start"),
     )
     action: StringProperty(
@@ -233,6 +234,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     timer_least: FloatProperty(
         name="Seconds Min",
         description="Least time in the state",
+        step=50,
         min=SHORTEST,
         soft_max=60,
         get=lambda self: _timer_at(self)[0],
@@ -241,6 +243,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     timer_most: FloatProperty(
         name="Max",
         description="Greatest time in the state: each agent draws its own",
+        step=50,
         min=SHORTEST,
         soft_max=60,
         get=lambda self: _timer_at(self)[1],
@@ -248,7 +251,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     )
     then_state: StringProperty(name="Then", description="The state that follows when the time is over", **_single(True))
     then_weights: FloatVectorProperty(
-        name="Weight", description="How likely this state follows", size=MOST_TARGETS, min=0, **_weights(True)
+        name="Weight", description="How likely this state follows", size=MOST_TARGETS, min=0, step=50, **_weights(True)
     )
     own_rule: BoolProperty(
         name="Own Rule",
@@ -260,6 +263,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         name="Speed",
         description="Metres per second in this state on this label",
         min=0,
+        step=5,
         soft_max=5,
         get=lambda self: _speed_at(self)[0],
         set=_set_speed,
@@ -274,7 +278,7 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
     )
     next_state: StringProperty(name="Next", description="The state that follows on this label", **_single(False))
     next_weights: FloatVectorProperty(
-        name="Weight", description="How likely this state follows", size=MOST_TARGETS, min=0, **_weights(False)
+        name="Weight", description="How likely this state follows", size=MOST_TARGETS, min=0, step=50, **_weights(False)
     )
     label_name: StringProperty(name="Name", description="Name of the label", **_name_field("labels"))
     label_color: FloatVectorProperty(

@@ -33,6 +33,7 @@ WORK = (
     "build",
     "bake",
     "remove_build",
+    "export_usd",
     "verify",
     "reset",
 )

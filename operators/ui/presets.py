@@ -18,7 +18,7 @@ from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings,
 from .level_settings import LevelSettings
 from .overlay_settings import OverlaySettings
 from .properties import CrowdLodSettings
-from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifySettings
+from .shot_settings import ExportSettings, FrameSettings, PlanSettings, PreviewSettings, VerifySettings
 
 STEPS: dict[str, tuple[type, ...]] = {
     "crowd": (CharacterSettings, CrowdSettings),
@@ -29,6 +29,7 @@ STEPS: dict[str, tuple[type, ...]] = {
     "plan": (FrameSettings, PlanSettings),
     "preview": (PreviewSettings,),
     "verify": (VerifySettings,),
+    "export": (ExportSettings,),
 }
 STEPS["all"] = tuple(part for parts in list(STEPS.values()) for part in parts)
 # what the user looks at, not how the crowd is

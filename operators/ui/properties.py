@@ -6,7 +6,7 @@ from ..blender.labelled_properties import CollectionProperty, FloatProperty, Int
 from .crowd_settings import BehaviorSettings, CameraSettings, CharacterSettings, CrowdLodCrowd, CrowdSettings, SimulationSettings
 from .level_settings import CrowdLodAction, CrowdLodGroup, LevelSettings
 from .overlay_settings import OverlaySettings
-from .shot_settings import FrameSettings, PlanSettings, PreviewSettings, VerifySettings
+from .shot_settings import ExportSettings, FrameSettings, PlanSettings, PreviewSettings, VerifySettings
 
 
 class CrowdLodSettings(
@@ -20,6 +20,7 @@ class CrowdLodSettings(
     PlanSettings,
     PreviewSettings,
     VerifySettings,
+    ExportSettings,
     OverlaySettings,
     bpy.types.PropertyGroup,
 ):

@@ -187,6 +187,17 @@ class CROWDLOD_PT_view_layers(Step, bpy.types.Panel):
             layout.prop(place, "exclude", text=name, invert_checkbox=True, translate=False)
 
 
+class CROWDLOD_PT_export(Step, bpy.types.Panel):
+    bl_label = "Export"
+    bl_parent_id = "CROWDLOD_PT_build"
+    step = "export"
+
+    def body(self, context, layout, settings) -> None:
+        layout.prop(settings, "usd_file")
+        layout.prop(settings, "usd_animated")
+        button(layout, "crowd_lod.export_usd", icon="EXPORT")
+
+
 class CROWDLOD_PT_verify(Step, bpy.types.Panel):
     bl_label = "Verify"
     step, main = "verify", ("crowd_lod.verify", "Verify")
@@ -206,5 +217,6 @@ CLASSES = (
     CROWDLOD_PT_build,
     CROWDLOD_PT_cost,
     CROWDLOD_PT_view_layers,
+    CROWDLOD_PT_export,
     CROWDLOD_PT_verify,
 )

@@ -132,3 +132,20 @@ class VerifySettings:
         options={"PATH_SUPPORTS_BLEND_RELATIVE"},
         description="Folder for the pictures that are compared, and their report",
     )
+
+
+class ExportSettings:
+    """The USD file of a shot."""
+
+    usd_file: StringProperty(
+        name="USD File",
+        default="//crowd.usdc",
+        subtype="FILE_PATH",
+        options={"PATH_SUPPORTS_BLEND_RELATIVE"},
+        description="File for the crowd of the shot: .usdc, .usda or .usd",
+    )
+    usd_animated: BoolProperty(
+        name="Moving Prototypes",
+        description="Each of 16 phases of an action is a prototype that moves, instead of poses between which agents change: exact "
+        "phases and blurred limbs, but a larger file",
+    )

@@ -60,6 +60,17 @@ def levelled(scene):
     return scene
 
 
+@pytest.fixture
+def ready(kept, request):
+    """Those two with their LODs."""
+    path = kept / "waiting.blend"
+    if not path.exists():
+        levelled(request.getfixturevalue("waiting"))
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    return bpy.context.scene
+
+
 def itself(scene, group, action, phase):
     """The points (v, 3) of the character `group` that plays `action` at `phase`, evaluated alone, about its origin."""
     _, objects, origin = characters_of(scene)[group]
@@ -105,23 +116,23 @@ def worst(scene, number):
     return off, len(actions)
 
 
-def test_live_build_and_bake_show_the_action_of_each_state(waiting):
-    scene = levelled(waiting)
+def test_live_build_and_bake_show_the_action_of_each_state(ready):
+    scene = ready
     scene.crowd_lod.thresholds[:2] = (0.98, 0.99)  # all at LOD 0
     list(render_setup.build(scene))
-    for number in (3, 50, 97):
+    for number in (3, 97):
         scene.frame_set(number)
         off, actions = worst(scene, number)
         assert actions == 4 and off < 1e-4 * 1.2
-    assert [action.name for action in {o.animation_data.action for o in scene.crowd_lod.characters.all_objects if o.animation_data}]
-    finished(bake.bake(scene, [3, 50]))
+    assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
+    finished(bake.bake(scene, [50]))
     scene.frame_set(50)
     off, actions = worst(scene, 50)
     assert actions == 4 and off < 1e-4 * 1.2
 
 
-def test_the_overlay_has_the_frames_of_each_action(waiting):
-    scene = levelled(waiting)
+def test_the_overlay_has_the_frames_of_each_action(ready):
+    scene = ready
     for group, (name, _, _) in enumerate(characters_of(scene)):
         homes = [level.children[group] for level in scene.crowd_lod.levels.children]
         character = finished(skinned_characters.baking(name, lambda homes=homes: homes, ("idle",)))
@@ -287,8 +298,8 @@ def test_a_share_is_live_and_stays_when_the_crowd_is_populated_again(waiting):
     assert (trajectory_of(waiting).start.group == alike).all()
 
 
-def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_hold_them(waiting):
-    scene = levelled(waiting)
+def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_hold_them(ready):
+    scene = ready
     scene.crowd_lod.thresholds[:2], scene.crowd_lod.groups["adult"].scale = (0.98, 0.99), (0.5, 2.0)
     list(render_setup.build(scene))
     scene.frame_set(50)
@@ -319,6 +330,21 @@ def test_agents_have_sizes_of_their_own_in_build_bake_and_overlay_and_spheres_ho
         if not baked:
             finished(bake.bake(scene, [50]))
             scene.frame_set(50)
+
+
+def test_only_groups_of_the_crowd_that_names_an_action_need_it(waiting):
+    bpy.data.actions.remove(bpy.data.actions["idle child"])
+    with pytest.raises(CrowdError, match="the file has none for the character group child"):
+        measure_groups(waiting)
+    waiting.crowd_lod.group_names = "adult"
+    scene = levelled(waiting)  # the child has no agents
+    other = scene.crowd_lod.crowds.add()
+    other.name, other.count, other.size, other.group_names = "others", 30, (40, 40), "child"
+    trajectory = trajectory_of(scene)
+    assert [sorted({trajectory.gaits.actions[k] for k, _ in own}) for own in trajectory.gaits.plays] == [["", "idle"], [""]]
+    list(render_setup.build(scene))
+    scene.frame_set(50)
+    assert len(instances(scene)) == len(frame_of(scene, bpy.context.evaluated_depsgraph_get()).buckets.order)
 
 
 def test_a_scale_of_one_leaves_no_trace(waiting):

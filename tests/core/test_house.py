@@ -32,7 +32,7 @@ FLOORS = {
         *("", "crowd", "animation", "trajectory", "tracks", "behaviour", "culling", "levels", "sorting"),
         *("simplification", "planning", "validation", "reporting"),
     ),
-    "operators": ("blender", "crowd", "lod_meshes", "overlay", "build", "batch", "cli", "ui", ""),
+    "operators": ("blender", "crowd", "lod_meshes", "overlay", "build", "batch", "usd", "cli", "ui", ""),
 }
 
 

@@ -87,6 +87,7 @@ def quicken(scene: bpy.types.Scene, folder: str = "") -> None:
     settings.verify_count, settings.verify_width, settings.verify_samples = 1, 32, 1
     for name in ("folder", "plan_folder", "verify_folder"):
         setattr(settings, name, folder or getattr(settings, name))
+    settings.usd_file = f"{folder}/crowd.usdc" if folder else settings.usd_file
 
 
 def change(chance: random.Random) -> None:

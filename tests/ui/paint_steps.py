@@ -94,7 +94,7 @@ def wall():
     """A mesh lays the label over the map, is moved, and moved back by undo."""
     with robot.over():
         bpy.ops.object.mode_set(mode="OBJECT")
-        x, y, _ = settings().center
+        x, y = settings().center[0] - settings().size[0] / 4, settings().center[1]
         bpy.ops.mesh.primitive_cube_add(size=2, location=(x, y, 0))
         bpy.ops.ed.undo_push(message="cube")
     cube = bpy.context.object.name
@@ -107,7 +107,7 @@ def wall():
         bpy.ops.ed.undo_push(message="move")
     yield from robot.picture("41_wall_moved")
     found["undone"] = yield from walls_after(lambda: robot.key("Z", ctrl=True))
-    found["place"] = bpy.data.objects[cube].location.x - settings().center[0]
+    found["place"] = bpy.data.objects[cube].location.x - x
     return found
 
 

@@ -22,7 +22,7 @@ from small_plaza import REST, opened, saved  # noqa: E402
 
 FOLDER, PORT = sys.argv[sys.argv.index("--") + 1 :]
 FOLDER, PORT = Path(FOLDER), int(PORT)
-KINDS_OF_DATA = {"Collection": "collections", "Image": "images", "Text": "texts", "Object": "objects"}
+KINDS_OF_DATA = {"Collection": "collections", "Mesh": "meshes", "Image": "images", "Text": "texts", "Object": "objects"}
 drawn: set[str] = set()  # panels, since the last answer
 
 

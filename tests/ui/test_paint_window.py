@@ -5,7 +5,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def seen(used):
-    return used("paint_steps.py")
+    return used("paint_steps.py", small=True)
 
 
 def test_a_stroke_writes_the_labels_color_and_no_other(seen):

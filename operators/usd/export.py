@@ -1,0 +1,146 @@
+"""Exports the crowd of a shot as USD."""
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import number as figure
+from ...crowd_lod.planning.index_cache import approach
+from ...crowd_lod.planning.instances import Instances, Shown, instances_of, shown, turned
+from ...crowd_lod.planning.planned import noted, told_unplanned
+from ...crowd_lod.progress import share
+from ...crowd_lod.reporting import files
+from ..batch.shot_plan import ready
+from ..blender import frame_stepping, scene_data
+from ..build.frame_update import columns_of, held_by
+from ..crowd import lights
+from ..crowd.record_points import on_record
+from ..crowd.scene_crowd import frame_of, trajectory_of
+from .file import CrowdFile
+from .openusd import openusd
+from .prototypes import library_of_poses, names_of, write_prototypes
+from .shot_camera import Filmed, filmed, write_camera
+
+ENDINGS = (".usdc", ".usda", ".usd")
+POSES = 32  # of an action in a cycle, that static prototypes show
+READY, PLANNED, POSED = 0.2, 0.5, 0.7  # of the progress
+
+
+@dataclass(frozen=True)
+class UsdExport:
+    """What to export.
+
+    frames: increasing, of the timeline.
+    path: of the file, absolute; it ends in .usd, .usdc or .usda.
+    animated: prototypes move with their phase class, instead of agents that change from pose to pose.
+    strict: a frame without the LODs of the scene's shot plan is an error.
+    """
+
+    frames: Sequence[int]
+    path: Path
+    animated: bool = False
+    strict: bool = False
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was exported: the counts, and a sentence on each thing that differs from the plan."""
+
+    agents: int
+    prototypes: int
+    off: float
+    notes: tuple[str, ...]
+
+    @property
+    def sentence(self) -> str:
+        """The result in words."""
+        return " ".join((f"{self.agents:,} agents and {self.prototypes:,} prototypes are written.", *self.notes))
+
+
+@on_record(lambda scene, wanted: wanted.frames)
+def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, None, Exported]:
+    """Write the crowd of `scene` as USD: yield the progress, return what was written.
+
+    LOD meshes that are missing are made. Nothing else in the scene changes. Closed early, it leaves no file.
+    """
+    usd = openusd()
+    with files.staged(wanted.path.parent, wanted.path.name) as hidden:
+        yield from share(ready(scene), 0.0, READY)
+        trajectory = trajectory_of(scene)
+        library = library_of_poses(scene, trajectory, POSES, wanted.animated)
+        plans, films, unplanned = yield from share(_plans(scene, wanted, library), READY, PLANNED)
+        cast = instances_of([*plans.values()])
+        with CrowdFile(usd, scene, wanted.path, hidden, (cast, names_of(trajectory, library, cast.prototypes))) as file:
+            seconds = [trajectory.seconds(scene_data.remapped(scene.render, frame)) for frame in wanted.frames]
+            posing = write_prototypes(scene, (trajectory, library, cast.prototypes), wanted.frames, seconds, file.mesh)
+            yield from share(posing, PLANNED, POSED)
+            yield from share(_instances(scene, (library, cast), plans, file), POSED, 0.95)
+            if films:
+                write_camera(usd, file.stage, file.CAMERA, scene, films)
+            file.save((wanted.frames[0], wanted.frames[-1]))
+        yield 0.99
+    off = max(plan.off for plan in plans.values())
+    notes = [f"Agents show one of {POSES} poses, up to {figure(off)} of a cycle beside their phase."] if off else []
+    if len(films) < len(wanted.frames):
+        notes.append("USD has no panoramic cameras: the file has none for them.")
+    return Exported(len(cast.agents), len(cast.prototypes), off, tuple(filter(None, (*notes, told_unplanned(unplanned)))))
+
+
+def _plans(
+    scene: bpy.types.Scene, wanted: UsdExport, library: Library
+) -> Generator[float, None, tuple[dict[int, Shown], dict[int, Filmed], list[tuple[int, str]]]]:
+    """Plan all frames: who is shown as what, and what films; with what `told_unplanned` asks for."""
+    trajectory, frames = trajectory_of(scene), wanted.frames
+    plans: dict[int, Shown] = {}
+    films: dict[int, Filmed] = {}
+    unplanned = []
+    with frame_stepping.stepped(scene) as at:
+        for done, number in enumerate(frames):
+            time = scene_data.remapped(scene.render, number)
+            yield from share(approach(trajectory, time), done / len(frames), (done + 0.9) / len(frames))
+            film, around, shutter = lights.read_moment(scene, time, at)
+            frame = frame_of(scene, None, time, film, trajectory, around, shutter)
+            unplanned.append(noted(number, frame.unplanned, wanted.strict))
+            plans[number] = shown(frame, library)
+            films[number] = filmed(scene, time, at((), time))
+            yield (done + 1) / len(frames)
+    if not any(len(plan.agents) for plan in plans.values()):
+        raise CrowdError(f"The camera sees no agent in the frames {frames[0]} to {frames[-1]}: there is nothing to export.")
+    return plans, {number: film for number, film in films.items() if film is not None}, unplanned
+
+
+def _instances(
+    scene: bpy.types.Scene, cast: tuple[Library, Instances], plans: dict[int, Shown], file: CrowdFile
+) -> Generator[float, None, None]:
+    """Write where the agents of `cast` are in each frame."""
+    trajectory, (library, instances), agents = trajectory_of(scene), cast, cast[1].agents
+    turn, speed = float(scene_data.rotation(scene.crowd_lod.forward)), scene.render.fps / scene.render.fps_base
+    for done, (number, plan) in enumerate(plans.items()):
+        time = scene_data.remapped(scene.render, number)
+        yield from share(approach(trajectory, time), done / len(plans), (done + 0.9) / len(plans))
+        held = held_by(scene, trajectory, number, trajectory.at(time))
+        columns = columns_of(trajectory, held.crowd, held, agents, library)
+        level = np.zeros(len(agents), np.float32)
+        lean = [columns.get(name, level) for name in ("pitch", "roll")]
+        which, hidden = instances.at(plan)
+        velocity = None
+        for part, crowd in held.ends:
+            if part:  # the later one counts
+                then = columns_of(trajectory, crowd, held, agents, library)["position"]
+                velocity = (then - columns["position"]) * np.float32(speed / part)
+        file.agents(
+            number,
+            positions=columns["position"],
+            orientations=turned(columns["heading"], *lean, turn),
+            prototypes=which,
+            hidden=hidden,
+            scales=columns["size"] + 1 if "size" in columns else None,
+            velocities=velocity,
+            looks=columns["looks"],
+        )
+        yield (done + 1) / len(plans)

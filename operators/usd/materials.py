@@ -1,0 +1,97 @@
+"""Materials of a USD file: UsdPreviewSurface by the base color, or the image behind it."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from ..blender import image_data
+from ..blender.material_colors import Looks
+
+# what an image's file must end in for others to read it (OpenUSD's compliance checker)
+READ_BY_ALL = (".png", ".jpg", ".jpeg", ".exr")
+
+
+class Materials:
+    """Writes each material once.
+
+    usd: of openusd.openusd. stage: the open stage. home: the path of its materials in it.
+    place: where the file will be; hidden: where it is until then. Images in no file of their own
+        are written beside it.
+    """
+
+    def __init__(self, usd, stage, home: str, place: Path, hidden: Path):
+        self.usd, self.stage, self.home, self.place, self.hidden = usd, stage, home, place, hidden
+        self._looks, self._made, self._files = Looks(), {}, {}
+
+    def of(self, material: bpy.types.Material | None) -> Any:
+        """Return the UsdShade.Material of `material`."""
+        if material not in self._made:
+            self._made[material] = self._write(material)
+        return self._made[material]
+
+    def _write(self, material: bpy.types.Material | None) -> Any:
+        shade, types = self.usd.UsdShade, self.usd.Sdf.ValueTypeNames
+        path = f"{self.home}/{self.name(material.name if material else 'Grey')}"
+        made = shade.Material.Define(self.stage, path)
+        surface = shade.Shader.Define(self.stage, f"{path}/Surface")
+        surface.CreateIdAttr("UsdPreviewSurface")
+        made.CreateSurfaceOutput().ConnectToSource(surface.ConnectableAPI(), "surface")
+        *color, layer = self._looks.of(material)
+        base = surface.CreateInput("diffuseColor", types.Color3f)
+        file = self._file(self._looks.found[int(layer)]) if layer >= 0 else ""
+        if file:
+            reader, image = (shade.Shader.Define(self.stage, f"{path}/{each}") for each in ("UV", "Image"))
+            reader.CreateIdAttr("UsdPrimvarReader_float2")
+            reader.CreateInput("varname", types.String).Set("st")
+            image.CreateIdAttr("UsdUVTexture")
+            image.CreateInput("file", types.Asset).Set(file)
+            image.CreateInput("st", types.Float2).ConnectToSource(reader.ConnectableAPI(), "result")
+            for axis in "ST":
+                image.CreateInput(f"wrap{axis}", types.Token).Set("repeat")
+            reader.CreateOutput("result", types.Float2)
+            image.CreateOutput("rgb", types.Float3)
+            base.ConnectToSource(image.ConnectableAPI(), "rgb")
+        else:
+            base.Set(self.usd.Gf.Vec3f(*map(float, color)))
+        for name, value in _shine(material).items():
+            surface.CreateInput(name, types.Float).Set(value)
+        return made
+
+    def name(self, name: str) -> str:
+        """Return a name for a material that USD takes, and that no other has."""
+        valid = self.usd.Tf.MakeValidIdentifier(name)
+        while self.stage.GetPrimAtPath(f"{self.home}/{valid}"):
+            valid += "_"
+        return valid
+
+    def _file(self, image: bpy.types.Image) -> str:
+        """Return the path of the image's file as the USD file names it; write one if it has none."""
+        if image not in self._files:
+            own = Path(bpy.path.abspath(image.filepath, library=image.library))
+            kept = image.source == "FILE" and not image.packed_file and not image.is_dirty and own.is_file()
+            self._files[image] = self._named(own) if kept and own.suffix.lower() in READ_BY_ALL else self._saved(image)
+        return self._files[image]
+
+    def _named(self, file: Path) -> str:
+        try:
+            return f"./{Path(os.path.relpath(file, self.place.parent)).as_posix()}"
+        except ValueError:  # on another drive
+            return file.as_posix()
+
+    def _saved(self, image: bpy.types.Image) -> str:
+        name = f"{self.place.stem}_{bpy.path.clean_name(Path(image.name).stem)}_{len(self._files)}.png"
+        image_data.save_png(self.hidden / name, image_data.read_pixels(image))
+        return f"./{name}"
+
+
+def _shine(material: bpy.types.Material | None) -> dict[str, float]:
+    """Return roughness and metallic of the material's shader, where it has them as numbers."""
+    node = None
+    if material is not None and material.node_tree is not None:
+        output = material.node_tree.get_output_node("ALL")
+        links = output.inputs["Surface"].links if output else ()
+        node = links[0].from_node if links else None
+    sockets = {name.lower(): node.inputs.get(name) for name in ("Roughness", "Metallic")} if node is not None else {}
+    return {name: float(each.default_value) for name, each in sockets.items() if each is not None and not each.is_linked}
