@@ -258,7 +258,11 @@ def _untitled(columns: dict[str, Any], table: Table) -> tuple[dict[str, Any], fl
     frames = np.unique(columns["frame"])
     rate = table.rate or (float(np.diff(frames).min()) / ANNOTATED if len(frames) > 1 else 0.0)
     note = f"Its columns have no titles and are taken for those of {'ETH and UCY' if table.width == 4 else 'an obsmat'}"
-    return columns, rate, (f"{note}, with rows each {ANNOTATED:g} seconds where no Frame Rate is set." if not table.rate else f"{note}.",)
+    return (
+        columns,
+        rate,
+        (f"{note}, with rows each {ANNOTATED:g} seconds where no Frame Rate is set." if not table.rate else f"{note}.",),
+    )
 
 
 def _step(columns: dict[str, Any]) -> float:

@@ -87,7 +87,7 @@ class _OfCrowd(Step):
 
 
 class CROWDLOD_PT_crowd_behavior(_OfCrowd, bpy.types.Panel):
-    bl_label = "Behavior"
+    bl_label = "Behavior of Crowd"
 
     def crowd(self, layout, crowd, index: int) -> None:
         draw_behavior(layout, crowd)
@@ -95,14 +95,14 @@ class CROWDLOD_PT_crowd_behavior(_OfCrowd, bpy.types.Panel):
 
 
 class CROWDLOD_PT_crowd_ground(_OfCrowd, bpy.types.Panel):
-    bl_label = "Ground"
+    bl_label = "Ground of Crowd"
 
     def crowd(self, layout, crowd, index: int) -> None:
         draw_ground(layout, crowd)
 
 
 class CROWDLOD_PT_crowd_simulation(_OfCrowd, bpy.types.Panel):
-    bl_label = "Simulation"
+    bl_label = "Simulation of Crowd"
 
     def crowd(self, layout, crowd, index: int) -> None:
         draw_simulation(layout, crowd, index)
