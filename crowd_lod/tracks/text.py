@@ -121,12 +121,21 @@ def _layout(head: bytes, where: str) -> Table:
     if not titles:
         columns = OBSMAT if width == 8 else {name: place for name, place in PLAIN.items() if place < width}
     rates = [found for text in comments if (found := RATE.search(text))]
-    units = [unit_of(titles[columns["x"]])] if titles else []
+    units = [_unit(titles, columns, where)] if titles else []
     units += [unit_of(f"in {found[1]}") for text in comments for found in IN.finditer(text)]
     if "frame" in columns:
         columns = {name: place for name, place in columns.items() if name != "time"}
     unit = next(filter(None, units), "")
     return Table(at, split, width, columns, float(rates[-1][1]) if rates else 0.0, unit, bool(titles))
+
+
+def _unit(titles: list[str], columns: dict[str, int], where: str) -> str:
+    """Return the unit that the titles of places name, or "". CrowdError if they name several."""
+    named = {axis: unit for axis in "xyz" if axis in columns and (unit := unit_of(titles[columns[axis]]))}
+    if len(set(named.values())) > 1:
+        told = " and ".join(f"{axis} in {unit}" for axis, unit in named.items())
+        raise CrowdError(f"The table {where} has {told}: give all places in one unit.")
+    return next(iter(named.values()), "")
 
 
 def _splitter(row: str) -> int:
@@ -249,7 +258,11 @@ def _untitled(columns: dict[str, Any], table: Table) -> tuple[dict[str, Any], fl
     frames = np.unique(columns["frame"])
     rate = table.rate or (float(np.diff(frames).min()) / ANNOTATED if len(frames) > 1 else 0.0)
     note = f"Its columns have no titles and are taken for those of {'ETH and UCY' if table.width == 4 else 'an obsmat'}"
-    return columns, rate, (f"{note}, with rows each {ANNOTATED:g} seconds." if not table.rate else f"{note}.",)
+    return (
+        columns,
+        rate,
+        (f"{note}, with rows each {ANNOTATED:g} seconds where no Frame Rate is set." if not table.rate else f"{note}.",),
+    )
 
 
 def _step(columns: dict[str, Any]) -> float:

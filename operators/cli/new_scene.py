@@ -40,6 +40,7 @@ KEPT = {
 LENS = 28.0  # millimetres
 DOWN = 0.2  # part of the picture's height by which the horizon is above the middle
 BORDER = 0.95  # part of the picture that the crowd is framed in
+MOST_FRAME = 1_048_574  # that Blender's timeline holds
 MOST_RATE = 10_000  # frames a second, as the setting Frame Rate has it
 LOOKS, MOST_PLACES = 40, 400_000  # frames, and places of agents in them, that the camera is placed by
 
@@ -179,7 +180,13 @@ def _filled(scene: bpy.types.Scene) -> Generator[float, None, str]:
     said, _ = yield from share(populating(scene, bpy.context.evaluated_depsgraph_get()), 0.0, 0.5)
     if scene.crowd_lod.source == "FILE":
         trajectory = trajectory_of(scene)
-        scene.frame_start, scene.frame_end = trajectory.first_frame, _last(trajectory)
+        last = _last(trajectory)
+        if last > MOST_FRAME:
+            raise CrowdError(
+                f"The file plays until frame {last:,}, and Blender's timeline ends at {MOST_FRAME:,}: give rows of a shorter time, "
+                "or the right --fps."
+            )
+        scene.frame_start, scene.frame_end = trajectory.first_frame, last
     _film(scene, (yield from share(_places(scene), 0.5, 1.0)))
     if not any(item.type == "LIGHT" for item in scene.objects):
         _add(scene, "Sun", bpy.data.lights.new("Sun", "SUN")).rotation_euler = (radians(50), 0, radians(30))

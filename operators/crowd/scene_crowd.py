@@ -402,7 +402,7 @@ def populating(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Genera
     _place_levels(scene)
     settings.trouble = troubles.sentence
     said = [] if troubles.found else [troubles.sentence]
-    agents = f"{len(trajectory.start):,} agents in {len(groups)} character group{'s' * (len(groups) > 1)}."
+    agents = f"{len(trajectory.start):,} agent{'s' * (len(trajectory.start) != 1)} in {len(groups)} character group{'s' * (len(groups) > 1)}."
     sources = [part.told for part in trajectory.parts]
     return " ".join(filter(None, (agents, *sources, *warnings, *said))), warnings
 

@@ -70,7 +70,7 @@ def told_of_frames(crowd) -> str:
         tracks = None
     if tracks is None:
         return "Populate tells the file's frames"
-    return f"{len(tracks.ids):,} agents, frames {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} a second"
+    return f"{len(tracks.ids):,} agents, {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} fps"
 
 
 def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:

@@ -49,7 +49,7 @@ class CROWDLOD_OT_remove_crowd(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         settings = context.scene.crowd_lod
-        index = min(settings.crowd_index, len(settings.crowds) - 1)
+        index = _selected(settings)
         name = settings.crowds[index].name
         settings.crowds.remove(index)
         settings.crowd_index = max(index - 1, 0)
@@ -69,12 +69,48 @@ class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
         if not len(settings.crowds):
             label(layout, "One plan covers all crowds", "INFO")
             return
-        crowd = settings.crowds[min(settings.crowd_index, len(settings.crowds) - 1)]
-        draw_source(layout, crowd)
-        if crowd.source == "MACHINE":
-            draw_behavior(layout, crowd)
+        draw_source(layout, settings.crowds[_selected(settings)])
+
+
+class _OfCrowd(Step):
+    """A sub-panel of the selected further crowd; `crowd(layout, crowd, index)` draws it."""
+
+    bl_parent_id = "CROWDLOD_PT_crowds"
+
+    @classmethod
+    def poll(cls, context) -> bool:
+        return len(context.scene.crowd_lod.crowds) > 0
+
+    def body(self, context, layout, settings) -> None:
+        index = _selected(settings)
+        self.crowd(layout, settings.crowds[index], index + 1)
+
+
+class CROWDLOD_PT_crowd_behavior(_OfCrowd, bpy.types.Panel):
+    bl_label = "Behavior of Crowd"
+
+    def crowd(self, layout, crowd, index: int) -> None:
+        draw_behavior(layout, crowd)
+        layout.prop(crowd, "first_frame")
+
+
+class CROWDLOD_PT_crowd_ground(_OfCrowd, bpy.types.Panel):
+    bl_label = "Ground of Crowd"
+
+    def crowd(self, layout, crowd, index: int) -> None:
         draw_ground(layout, crowd)
-        draw_simulation(layout, crowd, settings.crowd_index + 1)
+
+
+class CROWDLOD_PT_crowd_simulation(_OfCrowd, bpy.types.Panel):
+    bl_label = "Simulation of Crowd"
+
+    def crowd(self, layout, crowd, index: int) -> None:
+        draw_simulation(layout, crowd, index)
+
+
+def _selected(settings) -> int:
+    """Return the index of the further crowd whose settings are shown."""
+    return min(settings.crowd_index, len(settings.crowds) - 1)
 
 
 def draw_source(layout, crowd) -> None:
@@ -116,9 +152,15 @@ def draw_start(layout, crowd) -> None:
 
 
 def draw_ground(layout, crowd) -> None:
-    """Draw what the agents of a crowd stand on besides a height map."""
+    """Draw what the agents of a crowd stand on."""
     for name in ("terrain", "terrain_object"):
         layout.prop(crowd, name)
+    terrain = crowd.terrain is not None or crowd.terrain_object is not None
+    column = greyed(layout, not terrain)
+    label(column, "Height Map")
+    column.template_ID(crowd, "height_image", open="image.open")
+    greyed(column, crowd.height_image is not None).prop(crowd, "height_scale")
+    greyed(layout, terrain or crowd.height_image is not None).prop(crowd, "tilt")
 
 
 def draw_behavior(layout, crowd) -> None:
@@ -138,4 +180,12 @@ def draw_simulation(layout, crowd, index: int) -> None:
         made.crowd = index
 
 
-CLASSES = (CROWDLOD_UL_crowds, CROWDLOD_OT_add_crowd, CROWDLOD_OT_remove_crowd, CROWDLOD_PT_crowds)
+CLASSES = (
+    CROWDLOD_UL_crowds,
+    CROWDLOD_OT_add_crowd,
+    CROWDLOD_OT_remove_crowd,
+    CROWDLOD_PT_crowds,
+    CROWDLOD_PT_crowd_behavior,
+    CROWDLOD_PT_crowd_ground,
+    CROWDLOD_PT_crowd_simulation,
+)

@@ -111,12 +111,6 @@ class CROWDLOD_PT_heights(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         draw_ground(layout, settings)
-        terrain = settings.terrain is not None or settings.terrain_object is not None
-        column = greyed(layout, not terrain)
-        label(column, "Height Map")
-        column.template_ID(settings, "height_image", open="image.open")
-        greyed(column, settings.height_image is not None).prop(settings, "height_scale")
-        greyed(layout, terrain or settings.height_image is not None).prop(settings, "tilt")
 
 
 class CROWDLOD_PT_simulation(Step, bpy.types.Panel):

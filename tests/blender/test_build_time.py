@@ -86,6 +86,7 @@ def test_a_bake_films_a_cut_with_each_frames_own_camera(cut):
             assert values["id"][values["frame"] == number].tobytes() == live[number][bucket, "id"]
 
 
+@pytest.mark.once
 def test_a_preview_of_a_cut_has_each_frames_own_camera_and_its_view_from_above(cut, tmp_path):
     plan = finished(preview(cut, Preview([10, 11], tmp_path / "cut", 96), []))
     seen = []

@@ -86,6 +86,7 @@ def test_without_a_window_old_blender_says_that_it_cannot_draw_the_overlay(tmp_p
     assert "use Blender 5.1 or later" in capfd.readouterr().err and not (tmp_path / "out").exists()
 
 
+@pytest.mark.once
 def test_the_same_command_twice_gives_the_same_figures(levelled, tmp_path, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "crowd.blend"))
 
@@ -97,6 +98,7 @@ def test_the_same_command_twice_gives_the_same_figures(levelled, tmp_path, capfd
     assert figures() == figures()  # into the same folder, over what is there
 
 
+@pytest.mark.once
 def test_preview_of_a_saved_file_with_true_materials(scene, tmp_path, capfd):
     file = tmp_path / "my scene.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(file))
@@ -278,6 +280,7 @@ def test_bad_scenes_are_one_sentence_and_exit_code_1(scene, tmp_path, capfd, spo
     assert (sorted(os.listdir(tmp_path)), file.read_bytes()) == before
 
 
+@pytest.mark.once
 def test_bad_arguments_are_one_sentence_and_exit_code_1(tmp_path, capfd):
     (tmp_path / "letter.blend").write_text("Dear Blender")
     (tmp_path / "file").write_text("")
@@ -393,6 +396,7 @@ def test_results_are_printed_in_any_encoding(tmp_path):
         assert (code, out, said) == (0, f"{tmp_path}/{shown}\n", "")
 
 
+@pytest.mark.once
 @posix
 def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
     file, folder = tmp_path / "crowd.blend", tmp_path / "there"

@@ -141,6 +141,8 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
     bpy.ops.wm.save_as_mainfile(filepath=str(empty), copy=True)
     spoilt = tmp_path / "spoilt.csv"
     spoilt.write_text("id,frame,x\n1,1,1\n")
+    long = tmp_path / "long.csv"
+    long.write_text("id,frame,x,y\n1,0,0,0\n1,1000000000000,1,0\n")
     before = sorted(tmp_path.iterdir())
     out, source = ("--out", tmp_path / "shot.blend"), ("--source", "Scatter")
     for words, said in (
@@ -154,6 +156,7 @@ def test_bad_input_is_one_sentence_and_writes_no_file(people, tmp_path, capfd):
         (("--characters", people), "Give either a file of trajectories, TRACKS, or --source"),
         ((tmp_path / "none.txt", "--characters", people), "There is no file .*none.txt: give another path"),
         ((spoilt, "--characters", people), "spoilt.csv .*y"),
+        ((long, "--characters", people), "plays until frame .*, and Blender's timeline ends at 1,048,574"),
         ((people, "--characters", people), "people.blend"),
         ((people, "--characters", people, "--fps", "0"), "The frame rate is 0; give a number above 0"),
     ):

@@ -108,6 +108,7 @@ def offline(tmp_path, monkeypatch):
     return make_wheel(tmp_path / "index"), make_wheel(tmp_path / "wheels")
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("spoil", [cut, empty, flip, replace_inside, os.unlink])
 def test_a_spoilt_wheel_is_fetched_anew(offline, spoil):
     whole, here = offline

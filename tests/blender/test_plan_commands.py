@@ -97,6 +97,7 @@ def test_compare_sets_two_plans_side_by_side(planned, tmp_path, capfd):
     assert "cannot be read" in capfd.readouterr().err
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "words",
     [

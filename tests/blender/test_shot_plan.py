@@ -229,6 +229,7 @@ def test_remove_plan_takes_distances_again(zoomed, tmp_path):
     assert not frame_at(zoomed, 6).planned and (tmp_path / "plan" / "plan.npz").exists()
 
 
+@pytest.mark.once
 def test_preview_plans_first(zoomed, tmp_path):
     wanted = Preview(frames=[1, 6, 12], folder=tmp_path / "preview", width=64)
     plan = finished(preview(zoomed, wanted, []))

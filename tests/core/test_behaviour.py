@@ -221,6 +221,7 @@ def trajectory(seed=1):
     return Walk(populate(500, seed, 1, machine, world), machine, world, (walker(),), 1 / 24, 10, every=8)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("make", [trajectory, lively, lambda: lively(edge="reflect")])
 def test_trajectory_does_not_depend_on_the_order_of_frames(make):
     times = [100, 10, 55.5, 12.25, 99, 55, 100, 3, 11, 55.5]
@@ -290,6 +291,7 @@ def test_timers_end_after_their_seconds():
     np.testing.assert_allclose(left, expected, atol=5 * np.sqrt(0.25 / 20_000) + 1e-3)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("after, fps", [(3600, 10), (3600, 1000 / 30), (1000.1, 60)])
 def test_a_long_timer_ends_on_time(after, fps):
     """Who goes when the timer ends is as far as the time since then: to a microsecond, by whatever steps."""
@@ -301,6 +303,7 @@ def test_a_long_timer_ends_on_time(after, fps):
     np.testing.assert_allclose(shot.at(int((after - 0.5) * fps)).x, shot.start.x, atol=0)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("after", [1e6, 1e7])
 def test_a_timer_of_a_million_seconds_runs_at_sixty_frames_a_second(after):
     machine = machine_of({"a": {"start": 1, "after": after, "then": "a", "on": {"*": {"move": [1, 0]}}}}, "wrap")

@@ -176,6 +176,7 @@ def test_budget_that_is_kept_anyway_changes_nothing(engine):
         assert (own.weight, own.bound) == (plan.weight, plan.bound)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("engine", ENGINES)
 def test_every_kind_of_budget_is_kept_at_once(engine):
     shot = plaza(engine=engine)

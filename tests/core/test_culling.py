@@ -107,6 +107,7 @@ def test_fisheye_keeps_its_cone_and_nothing_far_beside_it(cone):
     assert beside.any()
 
 
+@pytest.mark.once
 def test_extremes():
     rows = list(table(10_000_000 if FULL else 100_000))
     assert len(rows) >= 20

@@ -56,6 +56,7 @@ def distance(samples, points, triangles):
     return np.array(found)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("ratio", [0.5, 0.2])
 def test_an_elbow_straight_at_rest_keeps_its_shape_when_it_bends(ratio):
     points, triangles = tube()

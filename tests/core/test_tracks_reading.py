@@ -170,6 +170,7 @@ BAD = {
     "a broken id": ("id,frame,x,y\n1.5,0,0,0\n", "has the id 1.5"),
     "twice": (GOOD + "1,1,0.05,0\n", "The agent 1 is in frame 1 of .* more than once"),
     "centimeters": ("id,frame,x,y\n7,0,0,0\n7,1,5,0\n7,2,10,0\n", r"The agent 7 of .* moves at 125 m/s from frame 0 to 2.*cm \(1.2 m/s\)"),
+    "two units": ("id,frame,x [mm],y/cm\n7,0,0,0\n", "has x in mm and y in cm"),
     "a wrong rate": ("id,frame,x,y\n7,0,0,0\n7,1,5000,0\n", "moves at 125,000 m/s.*set Frame Rate"),
     "a short database": (b"SQLite format 3\0" + bytes(200), "not one of JuPedSim's, or damaged"),
 }  # fmt: skip
