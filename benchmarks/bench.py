@@ -297,6 +297,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument(
         "--quick", action="store_true", help="fewer sizes and repeats, no growth: under a minute (--worth: a quarter of an hour)"
     )
+    parser.add_argument("--jobs", type=int, default=1, metavar="N", help="with --worth: so many renders at a time (default: 1)")
     parser.add_argument("--worth", action="store_true", help="instead, what renders take with and without Crowd LOD: an hour")
     parser.add_argument("--shots", action="store_true", help="instead, shot plans beside thresholds and hysteresis: ten minutes")
     parser.add_argument(
@@ -310,7 +311,9 @@ def main(arguments: list[str] | None = None) -> None:
     if args.worth:
         import worth
 
-        return worth.main(files.absolute(args.out), args.quick)
+        if args.jobs < 1:
+            parser.error("--jobs takes a whole number from 1 on")
+        return worth.main(files.absolute(args.out), args.quick, args.jobs)
     if args.shots:
         import shots
 

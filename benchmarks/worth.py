@@ -2,7 +2,7 @@
 
 Beside what *Estimate Cost* says before.
 
-./crowd-lod bench --worth [--quick] [--out DIR]
+./crowd-lod bench --worth [--quick] [--jobs N] [--out DIR]
 
 Each crowd of ROWS is rendered in each of the ways of ways.py, every render a process of its own: processor seconds, peak memory, and
 the file that is rendered; all less those of the same ground without a crowd, as parts of what everyone takes. Then: what was
@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -98,15 +99,20 @@ def rendered(folder: Path, engine: str, way: str, agents: int, repeats: int) -> 
     return {key: round(float(np.median([each[key] for each in found])), 2) for key in ("cpu_s", "peak_mb")} | {"ended": ""}
 
 
-def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, float], repeats: int) -> list[dict]:
+def costs(folder: Path, engine: str, crowd: dict, agents: int, files: dict[str, float], repeats: int, jobs: int) -> list[dict]:
     """A row for each way: what it takes, and its parts of what everyone takes.
 
     Both less nobody.
+
+    jobs: ways that are rendered at a time, each in processes of its own.
     """
-    rows = []
-    for way in shown_by(engine):
+
+    def costs_of(way: str) -> dict:
         row = {"engine": engine, "crowd": name_of(crowd), "agents": agents, "way": way}
-        rows.append(row | rendered(folder, engine, way, agents, repeats) | {"file_mb": files[f"{way}_{agents}"]})
+        return row | rendered(folder, engine, way, agents, repeats) | {"file_mb": files[f"{way}_{agents}"]}
+
+    with ThreadPoolExecutor(jobs) as pool:
+        rows = list(pool.map(costs_of, shown_by(engine)))
     nobody, whole = (next(row for row in rows if row["way"] == way) for way in (NOBODY, EVERYONE))
     for row in rows:
         known = row["way"] != NOBODY and not (row["ended"] or nobody["ended"] or whole["ended"])
@@ -151,21 +157,22 @@ def judged(rows: list[dict]) -> list[dict]:
     return found
 
 
-def main(out: Path, quick: bool) -> None:
+def main(out: Path, quick: bool, jobs: int) -> None:
     if bpy.app.version < (5, 0, 0):  # a render that is told of by a handler never ends there
         raise SystemExit(
             f"crowd-lod bench: --worth needs Blender 5, and this is {bpy.app.version_string}: run it with Python 3.13."
         )
     machine = (
         f"{machine_name()}; {'one render each' if quick else f'medians of {REPEATS} renders by Cycles to {REPEATED:,} agents'}"
+        f"{f', {jobs} at a time' if jobs > 1 else ''}"
     )
     print(machine, flush=True)
     with outputs.staged(out) as stage:
-        write(stage, measure(QUICK if quick else ROWS, 1 if quick else REPEATS), machine)
+        write(stage, measure(QUICK if quick else ROWS, 1 if quick else REPEATS, jobs), machine)
     print(f"\n{out}")
 
 
-def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int) -> dict[str, list[dict]]:
+def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int, jobs: int) -> dict[str, list[dict]]:
     """The tables: of the LODs, the ways, the predictions and the goals."""
     results = {"builds": [], "ways": [], "predicted": [], "goals": []}
     for engine, crowd, sizes in asked:
@@ -177,7 +184,7 @@ def measure(asked: list[tuple[str, dict, tuple[int, ...]]], repeats: int) -> dic
             results["builds"] += [{"engine": engine, "crowd": name_of(crowd), **row} for row in made["builds"]]
             for agents in sizes:
                 again = repeats if engine == "CYCLES" and agents <= REPEATED else 1
-                rows = costs(Path(scratch), engine, crowd, agents, made["files"], again)
+                rows = costs(Path(scratch), engine, crowd, agents, made["files"], again, jobs)
                 show(f"{engine}, {name_of(crowd)}, {agents:,} agents, {PICTURE[engine]['width']} pixels wide", rows)
                 results["ways"] += rows
                 results["predicted"].append(beside(rows, made["predicted"][str(agents)], made["files"]))
