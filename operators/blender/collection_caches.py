@@ -10,6 +10,7 @@ depsgraph. See docs/notes/undo.md.
 import bpy
 
 CHANGES = "crowd_lod_changes"  # of a collection of the build: how often something below it changed
+MOST = 2**30  # it begins anew there
 
 
 @bpy.app.handlers.persistent
@@ -28,4 +29,5 @@ def note_change(*collections: bpy.types.Collection) -> None:
     Blender without Crowd LOD's handlers.
     """
     for collection in collections:
-        collection[CHANGES] = collection.get(CHANGES, 0) + 1
+        before = collection.get(CHANGES)  # anybody may have set it to anything
+        collection[CHANGES] = (before if isinstance(before, int) else 0) % MOST + 1
