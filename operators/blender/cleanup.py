@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from .collection_caches import renew
 from .console import quiet
 
 
@@ -17,6 +18,7 @@ def scratch() -> Iterator[None]:
         yield
     finally:
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block not in before])
+        renew()  # no collection may remember what is gone
 
 
 @contextmanager
@@ -27,6 +29,7 @@ def all_or_nothing() -> Iterator[None]:
         yield
     except BaseException:
         bpy.data.batch_remove([block for block in bpy.data.user_map() if block.session_uid not in before])
+        renew()
         raise
 
 

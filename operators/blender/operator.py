@@ -7,7 +7,7 @@ import bpy
 
 from ...crowd_lod.errors import FAULTS, sentence
 from ...crowd_lod.progress import finished
-from . import sidebars
+from . import collection_caches, sidebars
 from .labelled_properties import CONTEXT
 
 TICK = 0.1  # seconds of work between two drawings of the window
@@ -131,6 +131,7 @@ class Stepwise(Reporting):
     def _end(self, context) -> None:
         at_work.clear()
         self._steps.close()
+        collection_caches.renew()  # the work removed data-blocks that collections may remember
         context.window_manager.event_timer_remove(self._timer)
         context.window_manager.progress_end()
         context.workspace.status_text_set(None)
