@@ -9,26 +9,6 @@ from typing import Any
 
 Step = dict[str, Any]
 
-# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10 or 5, engine, folder.
-RENDER = """import sys
-
-import bpy
-
-frames, engine, folder = sys.argv[sys.argv.index("--") + 1 :]
-first, _, last = frames[1:].partition("-")
-scene = bpy.context.scene
-scene.frame_start = int(frames[0] + first)
-scene.frame_end = int(last or frames[0] + first)
-scene.frame_step = 1
-eevee = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
-if engine != "SCENE":
-    scene.render.engine = {"EEVEE": eevee, "WORKBENCH": "BLENDER_WORKBENCH"}.get(engine, engine)
-if scene.render.is_movie_format:
-    scene.render.image_settings.file_format = "PNG"
-scene.render.use_overwrite, scene.render.use_placeholder = True, False
-scene.render.filepath = folder + "/frames/"
-bpy.ops.render.render(animation=True)
-"""
 ENGINES = ("SCENE", "CYCLES", "EEVEE", "WORKBENCH")
 
 
@@ -41,6 +21,7 @@ class FarmJob:
     frames: first and last.
     chunk: frames of a task.
     preview: whether frames are previewed; they are rendered if not.
+    script: what plain Blender runs to render: it is handed frames such as 1-10 or 5, engine, folder.
     command: the words that start Crowd LOD's commands; the first is a parameter of the job.
     """
 
@@ -49,6 +30,7 @@ class FarmJob:
     frames: tuple[int, int]
     chunk: int
     preview: bool
+    script: str
     command: tuple[str, ...]
 
 
@@ -109,7 +91,7 @@ def _render_steps(job: FarmJob) -> list[Step]:
         ["--", "{{Task.Param.Frames}}", "{{Param.Engine}}", folder],
         after="Bake",
     )
-    render["script"]["embeddedFiles"] = [{"name": "Render", "type": "TEXT", "filename": "render.py", "data": RENDER}]
+    render["script"]["embeddedFiles"] = [{"name": "Render", "type": "TEXT", "filename": "render.py", "data": job.script}]
     return [
         _step("Plan", job.command, ("plan", scene, *frames, "--out", f"{folder}/plan")),
         _step("Bake", job.command, bake, after="Plan"),

@@ -29,6 +29,27 @@ WIDTH = 480  # pixels of one of them, at least
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
+# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10 or 5, engine, folder.
+RENDER = """import sys
+
+import bpy
+
+frames, engine, folder = sys.argv[sys.argv.index("--") + 1 :]
+first, _, last = frames[1:].partition("-")
+scene = bpy.context.scene
+scene.frame_start = int(frames[0] + first)
+scene.frame_end = int(last or frames[0] + first)
+scene.frame_step = 1
+eevee = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
+if engine != "SCENE":
+    scene.render.engine = {"EEVEE": eevee, "WORKBENCH": "BLENDER_WORKBENCH"}.get(engine, engine)
+if scene.render.is_movie_format:
+    scene.render.image_settings.file_format = "PNG"
+scene.render.use_overwrite, scene.render.use_placeholder = True, False
+scene.render.filepath = folder + "/frames/"
+bpy.ops.render.render(animation=True)
+"""
+
 
 def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     """Run the command job: write an Open Job Description template, and a job type for Flamenco."""
@@ -46,7 +67,7 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     folder = files.absolute(args.out or Path(f"{path.stem}_job"))
     name = f"{path.stem}: {'preview' if args.preview else 'render'} of a crowd"
     span = frames[0], frames[-1]
-    job = FarmJob(name, printable(path), span, args.chunk, args.preview, _command())
+    job = FarmJob(name, printable(path), span, args.chunk, args.preview, RENDER, _command())
     with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
         (part / "template.json").write_text(json.dumps(template(job), indent=2) + "\n", encoding="utf-8")
         (part / "parameter_values.json").write_text(json.dumps(values(job), indent=2) + "\n", encoding="utf-8")

@@ -46,7 +46,6 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
         scene.render.threads_mode, scene.render.threads = "FIXED", args.threads
     if args.into is not None and args.part is None:
         return Sharing(into=args.into)
-    key = key_of(args, command)
     if args.part is not None:
         if args.jobs > 1:
             raise CrowdError("A part is made by one process: leave out --jobs, or --part.")
@@ -57,9 +56,9 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
             raise CrowdError(
                 f"Frames {told_frames(strange)} of --part are not among the run's: name frames of {told_frames(frames)}."
             )
-        into = args.into or _parts(folder, args, command, key)
+        into = args.into or _parts(folder, args, command, key_of(args, command))
         return Sharing(part=tuple(part), into=into, parent=os.getppid() if args.into else 0)
-    jobs = allowed(args.jobs)
+    key, jobs = key_of(args, command), allowed(args.jobs)
     if jobs < args.jobs:
         _say(args, f"Memory is free for {jobs} process{'es' * (jobs > 1)}, not for {args.jobs}.")
     own, others = files.killed_runs(folder, key)
