@@ -272,10 +272,11 @@ def _remove(hidden: Path) -> None:
             hidden.rename(gone)
             # where a file is, Blender, still writing while Ctrl-C cleans up, can make no folder
             hidden.touch()
-        shutil.rmtree(gone, ignore_errors=True)
-        shutil.rmtree(hidden, ignore_errors=True)
-        with suppress(OSError):
-            hidden.unlink()
+        # each may be a file: of two runs that remove the folder at once, one renames the other's file
+        for path in (gone, hidden):
+            shutil.rmtree(path, ignore_errors=True)
+            with suppress(OSError):
+                path.unlink()
         # Blender adds to the name while it writes
         for part in hidden.parent.glob(f"{hidden.name}.*"):
             with suppress(OSError):

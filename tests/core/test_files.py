@@ -299,3 +299,10 @@ def test_many_runs_at_once_leave_the_files_of_one(tmp_path):
     assert [run.wait(60) for run in runs] == [0] * 4
     found = content(tmp_path)
     assert len(found) == 50 and len(set(found.values())) == 1 and found["0"].endswith(" 9")
+
+
+def test_a_hidden_folder_that_another_run_is_removing_leaves_nothing(tmp_path):
+    hidden = tmp_path / ".crowd-lod-a"
+    hidden.touch()  # the other run has moved the folder aside and put a file in its place
+    files._remove(hidden)
+    assert content(tmp_path) == {}
