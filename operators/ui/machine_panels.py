@@ -11,6 +11,7 @@ from ..crowd import map_areas
 from ..crowd.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
 from ..overlay import viewport_overlay
 from .area_list import draw_areas
+from .crowd_list import MOVERS
 from .drawing import greyed, label, letters_of, paragraph
 from .machine_settings import MOST_TARGETS, color_of, rows_of
 from .step_panel import Step
@@ -124,8 +125,10 @@ class _Editor(Step):
             _problem(context, layout)
             return
         rows_of(context, "states", found.states)
-        self.editor(context, layout, context.scene.crowd_lod_editor, found)
+        self.editor(context, greyed(layout, settings.source == "MACHINE"), context.scene.crowd_lod_editor, found)
         _problem(context, layout)
+        if settings.source in MOVERS:
+            label(layout, MOVERS[settings.source], "INFO")
 
 
 class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
@@ -236,7 +239,7 @@ class CROWDLOD_PT_areas(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
-        draw_areas(layout, context, settings)
+        draw_areas(greyed(layout, settings.source == "MACHINE"), context, settings)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))
 
