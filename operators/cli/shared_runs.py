@@ -66,6 +66,8 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
         _say(args, f"Going on with {own} of {len(frames)} frames from a run that was ended.")
     if others:
         _say(args, f"{others} frames of another run into this folder, which was ended, are not used: it had other arguments.")
+    if jobs > 1:
+        scene.render.threads_mode, scene.render.threads = "FIXED", _threads(jobs)
     return Sharing(key=key, jobs=jobs, worker=worker_of(args, command, jobs))
 
 
@@ -106,16 +108,20 @@ def worker_of(args, command: Sequence[str], jobs: int) -> Callable[[Path, Sequen
     """Return the function that gives the command of a process of --jobs; see Sharing.worker."""
     words = without(command, ASIDE)[1:]
     words = [word for k, word in enumerate(words) if k != _place(words, args)]
-    threads = max(1, (os.cpu_count() or 1) // jobs)
 
     def worker(file: Path, frames: Sequence[int]) -> list[str]:
         into = file.parent.parent
         own = [words[0], str(file), *words[1:], "--part", ",".join(map(str, frames)), "--into", str(into)]
         if args.plan is None and (into / plan_file.NAME).exists():
             own += "--plan", str(into)
-        return [*launcher(), *own, "--threads", str(threads), "--quiet"]
+        return [*launcher(), *own, "--threads", str(_threads(jobs)), "--quiet"]
 
     return worker
+
+
+def _threads(jobs: int) -> int:
+    """Return how many threads each of so many processes renders with."""
+    return max(1, (os.cpu_count() or 1) // jobs)
 
 
 def _place(words: Sequence[str], args) -> int:
