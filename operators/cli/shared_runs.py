@@ -45,6 +45,7 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
     if args.threads is not None:
         scene.render.threads_mode, scene.render.threads = "FIXED", args.threads
     if args.into is not None and args.part is None:
+        _refuse_others(folder, key_of(args, command))
         return Sharing(into=args.into)
     if args.part is not None:
         if args.jobs > 1:
@@ -144,15 +145,20 @@ def _parts(folder: Path, args, command: Sequence[str], key: str) -> Path:
     run = {"key": key, "command": without(command, OF_PART), "scene": printable(Path(args.scene).absolute())}
     path = folder / PARTS / RUN
     if path.exists():
-        if read_run(folder)["key"] != key:
-            raise CrowdError(
-                f"The folder {printable(folder)} holds parts of another run, or of another state of the scene: choose another "
-                f"with --out, or remove {printable(folder / PARTS)}."
-            )
+        _refuse_others(folder, key)
         return path.parent
     with files.staged_file(path) as part:
         part.write_text(json.dumps(run, indent=2), encoding="utf-8")
     return path.parent
+
+
+def _refuse_others(folder: Path, key: str) -> None:
+    """Raise CrowdError if the parts in `folder` are not of the run with this key."""
+    if read_run(folder)["key"] != key:
+        raise CrowdError(
+            f"The folder {printable(folder)} holds parts of another run, or of another state of the scene, of Blender or of "
+            f"Crowd LOD: make all parts of one state, in a folder of their own, or remove {printable(folder / PARTS)}."
+        )
 
 
 def read_run(folder: Path) -> dict[str, Any]:

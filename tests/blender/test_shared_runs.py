@@ -39,6 +39,18 @@ def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
+def test_parts_of_a_scene_that_was_changed_since_are_not_assembled(file, tmp_path, capfd):
+    (name, *options), out = PREVIEW, tmp_path / "out"
+    assert run(name, file, *options, "--part", "1,9,20", "--out", out) == 0
+    before = contents(out / "parts")
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    bpy.context.scene.camera.location.x += 1  # neither crowd nor LODs know of it
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    assert run("assemble", out, "--quiet") == 1
+    assert "of another state of the scene" in capfd.readouterr().err
+    assert os.listdir(out) == ["parts"] and contents(out / "parts") == before
+
+
 @pytest.mark.once
 def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
     name, *options = PREVIEW
