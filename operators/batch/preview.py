@@ -85,7 +85,9 @@ def preview(
             told = []
             if sharing.part is None:  # while other processes make frames
                 first = yield from standing(run.at_first(), ready)
-                told = yield from lod_table.tables(stage, trajectory.groups, first.camera, first.begins, folder, (ready, ready + LODS))
+                told = yield from lod_table.tables(
+                    stage, trajectory.groups, first.camera, first.begins, folder, (ready, ready + LODS)
+                )
                 ready += LODS
             found = yield from share(made(parts, wanted.frames, sharing, shots.prepare, run.shoot, helpers), ready, 0.95)
         rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]

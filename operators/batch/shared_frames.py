@@ -95,7 +95,9 @@ class Sharing:
                 words = self.worker(parts.folder / frame_parts.RECORDS / OPENED, missing)
                 for _ in range(min(self.jobs, len(missing)) - 1):
                     with interrupt.held():
-                        process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+                        process = subprocess.Popen(
+                            words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                        )
                         stack.enter_context(interrupt.unfinished(partial(_end, process)))
                     helpers.append(process)
             yield helpers
