@@ -15,6 +15,7 @@ import numpy as np
 from mathutils import Vector
 
 from ...crowd_lod.errors import CrowdError
+from .props import group_of
 from .rig_dependencies import action_range, armatures_of, curves_of, players_of, read_columns, span_of
 
 # of a rig's size: an action that ends farther from where it began moves the character
@@ -201,7 +202,8 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
 
 def called(group: str, name: str) -> list[str]:
     """Return the names that an action may have in the file for the group to play it as `name`, the first best."""
-    return [f"{group} {name}", f"{name} {group}", name]
+    owners = dict.fromkeys((group, group_of(group)))
+    return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
 def _part(group: str, objects: list[bpy.types.Object], name: str) -> Part:
