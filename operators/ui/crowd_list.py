@@ -146,15 +146,15 @@ def draw_start(layout, crowd) -> None:
 
 def draw_ground(layout, crowd) -> None:
     """Draw what the agents of a crowd stand on; grayed where their heights are those of points."""
-    layout = greyed(layout, crowd.source != "POINTS")
+    whole = greyed(layout, crowd.source != "POINTS")
     for name in ("terrain", "terrain_object"):
-        layout.prop(crowd, name)
+        whole.prop(crowd, name)
     terrain = crowd.terrain is not None or crowd.terrain_object is not None
-    column = greyed(layout, not terrain)
+    column = greyed(whole, not terrain)
     label(column, "Height Map")
     column.template_ID(crowd, "height_image", open="image.open")
     greyed(column, crowd.height_image is not None).prop(crowd, "height_scale")
-    greyed(layout, terrain or crowd.height_image is not None).prop(crowd, "tilt")
+    greyed(whole, terrain or crowd.height_image is not None).prop(crowd, "tilt")
     if crowd.source == "POINTS":
         label(layout, "The points have their heights", "INFO")
 

@@ -116,6 +116,12 @@ def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
         button.kind, button.by = kind, by
 
 
+def _mover(layout, settings) -> None:
+    """Say who moves the agents, where that is not the state machine and the panel is grayed."""
+    if settings.source in MOVERS:
+        label(layout, MOVERS[settings.source], "INFO")
+
+
 class _Editor(Step):
     bl_parent_id = "CROWDLOD_PT_behaviour"
 
@@ -127,8 +133,7 @@ class _Editor(Step):
         rows_of(context, "states", found.states)
         self.editor(context, greyed(layout, settings.source == "MACHINE"), context.scene.crowd_lod_editor, found)
         _problem(context, layout)
-        if settings.source in MOVERS:
-            label(layout, MOVERS[settings.source], "INFO")
+        _mover(layout, settings)
 
 
 class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
@@ -240,6 +245,7 @@ class CROWDLOD_PT_areas(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
         draw_areas(greyed(layout, settings.source == "MACHINE"), context, settings)
+        _mover(layout, settings)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))
 
