@@ -181,8 +181,12 @@ class Crowd:
     pace: (n,) uint8, index of the pace at which the agent walks (Gaits.paces).
     present: (n,) bool, whether the agent is there; None if all are. An agent that is not stands
         where it will enter, or where it left.
+    played: (n,) uint8, index of the pace that the agent shows: `pace`, or a step of the cross-fade
+        to it; None where no states cross-fade.
+    faded: (n,) float32, the part of the agent's cross-fade that is over, 1 without one; None
+        likewise.
 
-    These are 49 bytes per agent. The last five may be left out. Then no timer runs, the keys are
+    These are 49 bytes per agent, and 5 more with cross-fades. All from `wait` on may be left out. Then no timer runs, the keys are
     those of seed 0, no way is reflected, and all have the first pace and are there.
     """
 
@@ -198,6 +202,8 @@ class Crowd:
     mirror: np.ndarray = UNSET
     pace: np.ndarray = UNSET
     present: np.ndarray | None = None
+    played: np.ndarray | None = None
+    faded: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         n = len(self.x)
@@ -221,6 +227,11 @@ class Crowd:
     def columns(self) -> dict[str, np.ndarray]:
         """The columns by their names, without those that are None."""
         return {name: column for name, column in vars(self).items() if column is not None}
+
+    @property
+    def playing(self) -> np.ndarray:
+        """The paces (n,) uint8 that agents show."""
+        return self.pace if self.played is None else self.played
 
     @property
     def there(self) -> int:
