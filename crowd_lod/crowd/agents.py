@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import CrowdError
 from . import morton_order, random_streams
 from .maps import LabelMap
+from .paces import mixed_in
 from .state_machine import StateMachine
 
 MOST_AGENTS = 10_000_000
@@ -119,10 +120,8 @@ class Group:
         own = Action("", self.stride, self.period)
         found = next((action for action in (own, *self.actions) if action.name == name), None)
         if found is None:
-            raise CrowdError(
-                f"The state machine names the action {name}, which was not measured for the character group {self.name}: "
-                "press Populate."
-            )
+            what = "has cross-fades, which were" if mixed_in(name) else f"names the action {name}, which was"
+            raise CrowdError(f"The state machine {what} not measured for the character group {self.name}: press Populate.")
         return found
 
     def __post_init__(self) -> None:

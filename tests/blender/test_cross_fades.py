@@ -177,7 +177,9 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
     rig = bpy.data.objects["adult rig"]
     rig.animation_data.nla_tracks.new().strips.new("walk", 1, rig.animation_data.action)
     name_actions(waiting, FADING)
-    with pytest.raises(CrowdError, match="A state fades from or to the own action of the character group adult, whose animation is not one"):
+    with pytest.raises(
+        CrowdError, match="A state fades from or to the own action of the character group adult, whose animation is not one"
+    ):
         measure_groups(waiting)
     rig.animation_data.nla_tracks[0].mute = True
     measure_groups(waiting)
