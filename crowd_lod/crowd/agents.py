@@ -14,12 +14,14 @@ from . import morton_order, random_streams
 from .maps import LabelMap
 from .paces import mixed_in
 from .state_machine import StateMachine
+from .variants import Draw
 
 MOST_AGENTS = 10_000_000
 MOST_GROUPS = 255
 # Agents of a crowd that lies in memory as it stands: a smaller one fits in the processor's cache in
 # any order.
 IN_PLACE = 40_000
+Shares = int | Sequence[float] | Draw  # how agents are drawn from groups, see populate
 UNSET: Any = None  # a column that Crowd is to fill itself
 CLASSES = 16  # phases of their action that agents share, see animation/phase_classes.py
 
@@ -62,6 +64,8 @@ class Group:
     scale: the least and the greatest of its agents, see `varied`.
     actions: those besides its own action that states name. What is said of the action above and
         below holds over all actions, but stride and period.
+    variant_of: the group that this is with props, "" if it has none (see variants.py).
+    chance: that an agent of the group is this variant of it.
 
     These are measured over the action, if the LOD meshes were measured:
     deviations: metres, for each LOD the largest distance found between its surface and the
@@ -94,6 +98,8 @@ class Group:
     actions: tuple[Action, ...] = ()
     share: float = 1.0
     scale: tuple[float, float] = (1.0, 1.0)
+    variant_of: str = ""
+    chance: float = 1.0
 
     @property
     def reach(self) -> float:
@@ -279,15 +285,14 @@ def bounding_sphere(points: np.ndarray, reach: np.ndarray | float = 0.0) -> tupl
     return float(center), float((away + reach).max())
 
 
-def populate(
-    count: int, seed: int, groups: int | Sequence[float], machine: StateMachine, world: LabelMap, classes: int = CLASSES
-) -> Crowd:
+def populate(count: int, seed: int, groups: Shares, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
     """Return the crowd's first frame: `count` agents at random positions.
 
     The same arguments give the same crowd, bit for bit.
     Position: uniform on the labels where `machine` lets agents start.
     State: by the start weights of `machine`.
-    Group: uniform, of as many as `groups` says, or by the weights in it. Phase, of `classes`: uniform.
+    Group: uniform, of as many as `groups` says, or by the weights in it; then its variant. Phase, of
+    `classes`: uniform.
     Heading: that of the first move; uniform for agents that stand.
     Agents of one group follow one another, so that the culling need not look up the sphere of each
     agent (see `runs`). From IN_PLACE agents on, each group follows a Morton curve.
@@ -305,17 +310,20 @@ def populate(
     return peopled((x, y, np.full(count, world.area.z)), None, random, (seed, groups, classes), machine, world)
 
 
-def _groups(groups: int | Sequence[float], count: int, random: np.random.Generator) -> np.ndarray:
-    """Return a group for each of `count` agents, (n,) uint8; see populate."""
+def _groups(groups: Shares, count: int, random: np.random.Generator, seed: int) -> np.ndarray:
+    """Return a group for each of `count` agents, (n,) uint8, increasing; see populate."""
+    if isinstance(groups, Draw):
+        drawn = groups.groups[_groups(groups.weights, count, random, seed)]
+        return np.sort(groups.dressed(drawn, random_streams.keys(seed, count)))
     if isinstance(groups, int):
-        return random.integers(groups, size=count, dtype=np.uint8)
+        return np.sort(random.integers(groups, size=count, dtype=np.uint8))
     upto = np.cumsum(groups)
     if not 0 < upto[-1] < np.inf:
         raise CrowdError("The shares of the crowd's character groups sum to nothing: give one a share above 0.")
-    return np.searchsorted(upto[:-1] / upto[-1], random.random(count), side="right").astype(np.uint8)
+    return np.sort(np.searchsorted(upto[:-1] / upto[-1], random.random(count), side="right").astype(np.uint8))
 
 
-def check_counts(count: int, groups: int | Sequence[float] = 1) -> None:
+def check_counts(count: int, groups: Shares = 1) -> None:
     """Raise CrowdError if a count of agents or of groups is out of range; groups: see populate."""
     groups = groups if isinstance(groups, int) else len(groups)
     if not 1 <= count <= MOST_AGENTS:
@@ -328,7 +336,7 @@ def peopled(
     points: Sequence[np.ndarray],
     heading: np.ndarray | None,
     random: np.random.Generator,
-    numbers: tuple[int, int | Sequence[float], int],
+    numbers: tuple[int, Shares, int],
     machine: StateMachine,
     world: LabelMap,
 ) -> Crowd:
@@ -341,7 +349,7 @@ def peopled(
     (x, y, z), (seed, groups, classes) = points, numbers
     count = len(x)
     state = np.searchsorted(np.cumsum(machine.start)[:-1], random.random(count), side="right").astype(np.uint8)
-    group = np.sort(_groups(groups, count, random))
+    group = _groups(groups, count, random, seed)
     phase = (random.random(count, dtype=np.float32) * np.float32(classes)).astype(np.uint8)
     label = world.at(x, y)
     first_move, pace = machine.velocity[state, label], machine.paces.of[state, label]

@@ -10,9 +10,11 @@ import numpy as np
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 # Streams of draws from one key, far apart: what follows on a label, what follows a timer, how long
-# the timer runs, and from an agent's first key its looks, whether it is of a share that is chosen, and its size.
+# the timer runs, and from an agent's first key its looks, whether it is of a share that is chosen, its
+# size, and its props.
 STATE, THEN, TIME = np.uint64(0), np.uint64(0x14057B7EF767814F), np.uint64(0x5851F42D4C957F2D)
 LOOKS, CHOSEN, SIZE = np.uint64(0x2545F4914F6CDD1D), np.uint64(0x9FB21C651E98DF25), np.uint64(0xD1342543DE82EF95)
+PROPS = np.uint64(0xDA942042E4DD58B5)
 
 
 def keys(seed: int, count: int) -> np.ndarray:
@@ -34,7 +36,7 @@ def moved_on(key: np.ndarray, events: np.ndarray) -> np.ndarray:
 def uniform(key: np.ndarray, stream: np.uint64) -> np.ndarray:
     """Return (n,) float64 in [0, 1), of 53 bits, one for each key (n,) uint64.
 
-    stream: which draw of the key: STATE, THEN, TIME, LOOKS, CHOSEN or SIZE.
+    stream: which draw of the key: STATE, THEN, TIME, LOOKS, CHOSEN, SIZE or PROPS.
     """
     return (_mixed(key ^ stream) >> np.uint64(11)) * 2.0**-53
 

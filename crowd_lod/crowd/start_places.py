@@ -10,7 +10,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from . import leave_outs
-from .agents import CLASSES, Crowd, check_counts, peopled
+from .agents import CLASSES, Crowd, Shares, check_counts, peopled
 from .maps import Area, LabelMap
 from .state_machine import StateMachine
 
@@ -272,9 +272,7 @@ def allowed(places: Places, machine: StateMachine, world: LabelMap) -> np.ndarra
     return inside & machine.spawn[world.at(x, y)]
 
 
-def settle(
-    places: Places, seed: int, groups: int | Sequence[float], machine: StateMachine, world: LabelMap, classes: int = CLASSES
-) -> Crowd:
+def settle(places: Places, seed: int, groups: Shares, machine: StateMachine, world: LabelMap, classes: int = CLASSES) -> Crowd:
     """Return the crowd's first frame: an agent at each of the places, mixed.
 
     Headings are those of the places; where they have none, as `populate` gives them. All else is as

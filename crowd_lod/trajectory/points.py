@@ -11,6 +11,7 @@ from ..crowd.agents import CLASSES, Crowd, Group
 from ..crowd.leave_outs import ALL, LeftOut, needless_of_places
 from ..crowd.maps import Area
 from ..crowd.paces import Paces
+from ..crowd.variants import Draw
 from ..crowd.velocity_bounds import VelocityBounds
 from ..errors import CrowdError
 from .trajectory import States, Trajectory
@@ -48,32 +49,40 @@ class Drawn:
     """What is drawn at random for agents, by their ids alone.
 
     ids: those of the snapshot.
-    chosen: the groups that were drawn from.
+    draw: what groups were drawn from, all as likely, and variants.
     key, group, phase_class: columns of the Crowd.
     """
 
     ids: np.ndarray | None
     seed: int
-    chosen: tuple[int, ...]
+    draw: Draw
     key: np.ndarray
     group: np.ndarray
     phase_class: np.ndarray
 
-    def holds(self, found: Snapshot, seed: int, chosen: Sequence[int]) -> bool:
+    def holds(self, found: Snapshot, seed: int, draw: Draw) -> bool:
         """Return whether it holds for the agents `found`."""
         alike = len(self.key) == len(found.x) and _same(self.ids, found.ids)
-        return alike and (self.seed, self.chosen) == (seed, tuple(chosen))
+        return alike and (self.seed, self.draw) == (seed, draw)
 
 
-def drawn_for(found: Snapshot, seed: int, chosen: Sequence[int]) -> Drawn:
-    """Draw for the agents `found`.
-
-    chosen: indices of the groups to draw from.
-    """
-    key = random_streams.keys(seed, len(found.x)) if found.ids is None else random_streams.keys_of(seed, found.ids)
-    which = (random_streams.uniform(key, random_streams.THEN) * len(chosen)).astype(np.intp)
+def drawn_for(found: Snapshot, seed: int, draw: Draw) -> Drawn:
+    """Draw for the agents `found` from the groups of `draw`, all as likely, and their variants."""
+    key = _keys(found, seed)
+    which = (random_streams.uniform(key, random_streams.THEN) * len(draw)).astype(np.intp)
     classes = _classes(random_streams.uniform(key, random_streams.STATE))
-    return Drawn(found.ids, seed, tuple(chosen), key, np.array(chosen, np.uint8)[which], classes)
+    return Drawn(found.ids, seed, draw, key, draw.dressed(draw.groups[which], key), classes)
+
+
+def dressed(found: Snapshot, seed: int, draw: Draw) -> Snapshot:
+    """Return the agents `found` with the variants of their groups, where these are known and have some."""
+    if found.group is None or all(len(own) == 1 for own in draw.variants):
+        return found
+    return replace(found, group=draw.dressed(found.group, _keys(found, seed)))
+
+
+def _keys(found: Snapshot, seed: int) -> np.ndarray:
+    return random_streams.keys(seed, len(found.x)) if found.ids is None else random_streams.keys_of(seed, found.ids)
 
 
 class Points(Trajectory):
@@ -148,7 +157,7 @@ class Points(Trajectory):
 
     def digests(self) -> dict[str, bytes]:
         """Return which points they are, not where: they follow the object, and no shot plan is made for them."""
-        return {"the points": repr((self.name, self.drawn.seed, self.drawn.chosen)).encode()}
+        return {"the points": repr((self.name, self.drawn.seed, tuple(self.drawn.draw.groups.tolist()))).encode()}
 
 
 def _classes(phase: np.ndarray) -> np.ndarray:

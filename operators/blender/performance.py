@@ -18,6 +18,7 @@ from mathutils import Vector
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from .pose_mixing import AT_REST, Mixture, Played
+from .props import group_of
 from .rig_dependencies import action_range, armatures_of, curves_of, players_of, read_columns, span_of
 
 # of a rig's size: an action that ends farther from where it began moves the character
@@ -225,7 +226,8 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
 
 def called(group: str, name: str) -> list[str]:
     """Return the names that an action may have in the file for the group to play it as `name`, the first best."""
-    return [f"{group} {name}", f"{name} {group}", name]
+    owners = dict.fromkeys((group, group_of(group)))
+    return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
 def _mixed(group: str, name: str, one: Part, other: Part) -> Part:

@@ -18,6 +18,7 @@ from ..blender import mesh_data
 from ..blender.ownership import OWNED
 from ..blender.performance import Performance, performance_of
 from ..blender.render_evaluation import as_rendered
+from ..crowd.characters import check_measured
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
 from ..lod_meshes.deviation import SOLID
 from . import rigs
@@ -83,6 +84,7 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     Closed early, it leaves nothing behind."""
     characters, levels, played = characters_of(scene), settings.levels.children, trajectory_of(scene).gaits.actions
     count, measured = policy_of(settings).count, groups_of(settings)
+    check_measured(characters, measured)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
     try:
         for g, (name, objects, _) in enumerate(characters):

@@ -67,9 +67,10 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
     bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
-    items = [item for _, objects, _ in characters_of(scene) for item in objects]
-    acts = zip(trajectory.groups, characters_of(scene), strict=True)
-    named = [digest(performance_of(g.name, own, [a.name for a in g.actions]).parts) for g, (_, own, _) in acts if g.actions]
+    cast = {name: objects for name, objects, _ in characters_of(scene)}
+    items = [item for objects in cast.values() for item in objects]
+    acts = [(group, cast[group.name]) for group in trajectory.groups if group.actions and group.name in cast]
+    named = [digest(performance_of(g.name, own, [a.name for a in g.actions]).parts) for g, own in acts]
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
         "the characters": text_digest(cast_digest(items), *named) if named else cast_digest(items),

@@ -9,11 +9,12 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.behaviour.walk import Walk
-from ...crowd_lod.crowd import start_places
+from ...crowd_lod.crowd import random_streams, start_places
 from ...crowd_lod.crowd.agents import Crowd, Group, populate, varied
 from ...crowd_lod.crowd.maps import LabelMap
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
+from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.progress import aside
 from ...crowd_lod.tracks.cast import groups_of_agents
@@ -22,6 +23,7 @@ from ...crowd_lod.trajectory.several import Several
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import image_data, scene_cache, stored_values
 from . import hand_edits, start_source, terrain_source, tracks_source
+from .characters import props_outdated
 from .points_source import points_of_crowd
 from .scene_world import area_of, heights_of, machine_of, names_in, world_of
 
@@ -107,13 +109,14 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
 
 
 def outdated(scene: bpy.types.Scene) -> list[str]:
-    """Return a sentence for each crowd whose places or terrain are not what Populate would read now.
+    """Return a sentence for each crowd whose places or terrain are not what Populate would read now, and one on props.
 
     The answer may be a second old: the sidebar asks whenever it is drawn.
     """
     now, (looked, found) = clock.monotonic(), _outdated.get(scene.session_uid, (-LOOK, []))
     if now >= looked + LOOK:
         found = [note for crowd in crowds_of(scene.crowd_lod) for ask in ASKED for note in ask(crowd)]
+        found += props_outdated(scene)
         _outdated[scene.session_uid] = now, found
     return found
 
@@ -187,7 +190,7 @@ def _member(
     if is_live(crowd):
         asked = crowd.seed, crowd.group_names, groups, seconds
         known = before[2] if before is not None and before[0] == asked else stored_values.check(crowd)
-        found = points_of_crowd(crowd, depsgraph, groups, chosen_groups(crowd, groups), seconds, known)
+        found = points_of_crowd(crowd, depsgraph, groups, draw_of(crowd, groups), seconds, known)
         latest[index] = asked, (), found
         return found
     # the pixels are compared, not trusted; all that is made of them is made again only where they
@@ -204,7 +207,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     """Return the trajectory of a crowd that its state machine moves."""
     machine = machine_of(crowd)
     world = world_of(crowd, machine)
-    own = chosen_groups(crowd, groups)
+    draw = draw_of(crowd, groups)
     heights = terrain_source.terrain_of(crowd, world.area.z) or heights_of(crowd, world.area)
     numbers = (crowd.count, crowd.seed, crowd.first_frame, crowd.tilt)
     key = (
@@ -212,7 +215,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
         world.area,
         world.labels.shape,
         groups,
-        tuple(own.tolist()),
+        draw,
         *numbers,
         seconds,
         start_source.places_asked(crowd),
@@ -221,9 +224,7 @@ def _walk(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
 
     def made() -> Trajectory:
         lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
-        start, seated = _start(crowd, machine, world, shares_of(groups, own))
-        if len(own) < len(groups):
-            start = replace(start, group=own[start.group])
+        start, seated = _start(crowd, machine, world, draw)
         if isinstance(heights, Terrain) and not seated:
             start = replace(start, z=heights.start(start.x, start.y, start.z))
         return Walk(start, machine, world, lean, seconds, crowd.first_frame, heights=heights, tilts=crowd.tilt, seated=seated)
@@ -235,24 +236,23 @@ def _recorded(crowd, groups: tuple[Group, ...], seconds: float) -> Trajectory:
     """Return the trajectory of a crowd that follows a file."""
     tracks = tracks_source.tracks_of_crowd(crowd, 1 / seconds)
     tracks_source.check_places(tracks, crowd)
-    area, own = area_of(crowd), chosen_groups(crowd, groups)
+    area, draw = area_of(crowd), draw_of(crowd, groups)
     heights = terrain_source.terrain_of(crowd, area.z) or heights_of(crowd, area)
     numbers = crowd.seed, crowd.first_frame, tuple(crowd.center), crowd.tilt, seconds
-    key = tracks.digest, area, groups, tuple(own.tolist()), *numbers
+    key = tracks.digest, area, groups, draw, *numbers
 
     def made() -> Trajectory:
         lean = leaning(groups, heights) if crowd.tilt and heights is not None else groups
-        shown = groups_of_agents(tracks, [group.name for group in groups], own, crowd.seed)
+        shown = groups_of_agents(tracks, [group.name for group in groups], draw.groups, crowd.seed)
+        shown = draw.dressed(shown, random_streams.keys_of(crowd.seed, tracks.ids))
         place = crowd.first_frame, crowd.seed, tuple(crowd.center)
         return Recorded(tracks, lean, shown, seconds, *place, heights=heights, tilts=crowd.tilt)
 
     return _kept(repr(key).encode() + (b"" if heights is None else heights.digest()), made)
 
 
-def _start(crowd, machine: StateMachine, world: LabelMap, groups: int | Sequence[float]) -> tuple[Crowd, bool]:
+def _start(crowd, machine: StateMachine, world: LabelMap, groups: Draw) -> tuple[Crowd, bool]:
     """Return the crowd's first frame, and whether all stay at their places.
-
-    groups: see populate.
 
     CrowdError if there is no place where agents who walk may start.
     """
@@ -282,25 +282,26 @@ def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
     return _trajectories[digest]
 
 
-def chosen_groups(crowd, groups: tuple[Group, ...]) -> np.ndarray:
-    """Return the indices (k,) uint8 of the groups that the crowd's agents are drawn from, increasing.
+def draw_of(crowd, groups: Sequence[Group]) -> Draw:
+    """Return how the crowd's agents are drawn from the groups that it names, or from all, and from their variants.
 
-    CrowdError if the crowd names a group that is not there.
+    A variant may be named, too: who is named without its group stands alone. CrowdError if there is no such group.
     """
-    names = [group.name for group in groups]
     chosen = names_in(crowd)
-    for name in sorted(chosen - set(names)):
+    for name in sorted(chosen - {group.name for group in groups}):
         raise CrowdError(
             f"The crowd {crowd.name or 1} asks for the character group {name}, and there is none: its Groups may name "
-            f"{', '.join(names)}; with none, all are used."
+            f"{', '.join(group.name for group in groups)}; with none, all are used."
         )
-    return np.array([g for g, name in enumerate(names) if name in chosen or not chosen], np.uint8)
-
-
-def shares_of(groups: Sequence[Group], own: np.ndarray) -> int | tuple[float, ...]:
-    """Return how agents are drawn from the groups `own` (k,): their number, or their shares if these differ."""
-    shares = tuple(groups[g].share for g in own)
-    return len(shares) if len(set(shares)) == 1 and shares[0] > 0 else shares
+    found: dict[str, list[int]] = {}
+    for g, group in enumerate(groups):
+        of_all = not chosen or group.variant_of in chosen
+        if of_all or group.name in chosen:
+            found.setdefault(group.variant_of if of_all and group.variant_of else group.name, []).append(g)
+    shares = tuple(groups[own[0]].share for own in found.values())
+    alike = len(set(shares)) == 1 and shares[0] > 0
+    variants = tuple(tuple((g, groups[g].chance) for g in own) for own in found.values())
+    return Draw(len(shares) if alike else shares, variants)
 
 
 def leaning(groups: tuple[Group, ...], heights: Ground) -> tuple[Group, ...]:

@@ -5,8 +5,9 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS, Group
 from ...crowd_lod.crowd.maps import FARTHEST
+from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.trajectory.points import Points, Snapshot, drawn_for
+from ...crowd_lod.trajectory.points import Points, Snapshot, drawn_for, dressed
 from ..blender import scene_data
 
 WHOLE = "INT", "INT8"  # types of attributes
@@ -20,18 +21,18 @@ class NoPoints(CrowdError):
 
 
 def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
-    crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...], chosen: np.ndarray, seconds: float, before: Points | None
+    crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...], draw: Draw, seconds: float, before: Points | None
 ) -> Points:
     """Return the crowd of the settings `crowd` as `depsgraph` has evaluated its object.
 
     CrowdError if the object yields no usable points.
 
-    chosen: (k,) uint8, indices of the groups that agents are of.
+    draw: the groups that agents are of.
     before: what was returned last; returned again if nothing has changed.
     """
-    scene, seed = crowd.id_data, crowd.seed
+    scene, seed, chosen = crowd.id_data, crowd.seed, draw.groups
     names = tuple(groups[g].name for g in chosen)
-    found = read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names)
+    found = dressed(read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names), seed, draw)
     if found.ids is None and crowd.points_count not in (0, len(found.x)):
         raise CrowdError(
             f"The object {crowd.points.name} has {len(found.x):,} points, and had {crowd.points_count:,} at Populate: give its "
@@ -39,12 +40,12 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
         )
     time = scene_data.time_of(depsgraph.scene_eval)
     same = before is not None and before.found.same(found)
-    if same and before.drawn.holds(found, seed, chosen.tolist()) and (before.time, before.name) == (time, crowd.points.name):
+    if same and before.drawn.holds(found, seed, draw) and (before.time, before.name) == (time, crowd.points.name):
         return before
     drawn = before.drawn if before is not None else None
-    if drawn is None or not drawn.holds(found, seed, chosen.tolist()):
+    if drawn is None or not drawn.holds(found, seed, draw):
         check_ids(crowd.points, found.ids)
-        drawn = drawn_for(found, seed, chosen.tolist())
+        drawn = drawn_for(found, seed, draw)
     return Points(found, drawn, time, groups, seconds, crowd.points.name)
 
 

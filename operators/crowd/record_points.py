@@ -20,7 +20,7 @@ from ...crowd_lod.trajectory.points import Snapshot
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
 from . import needs
-from .crowd_sources import chosen_groups, crowds_of, is_live
+from .crowd_sources import crowds_of, draw_of, is_live
 from .points_source import NoPoints, check_ids, read_points
 from .scene_crowd import characters_of
 
@@ -120,7 +120,7 @@ def take_points(scene: bpy.types.Scene, item: bpy.types.Object, path: Path) -> G
 
 def _looked_at(crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...]) -> Snapshot | None:
     """Return the points now; None if there are none."""
-    chosen = chosen_groups(crowd, groups)
+    chosen = draw_of(crowd, groups).groups
     names = tuple(groups[g].name for g in chosen)
     try:
         found = read_points(crowd.points, depsgraph, crowd.id_data.crowd_lod.forward, chosen, names)

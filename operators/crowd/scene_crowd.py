@@ -7,7 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ...crowd_lod.crowd.agents import MOST_GROUPS, Action, Group
+from ...crowd_lod.crowd.agents import Action, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
@@ -19,13 +19,13 @@ from ...crowd_lod.progress import aside, finished, share
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_data, stored_values
 from ..blender.cameras import read_cameras, read_shutter
-from ..blender.character_objects import is_stage, may_have_faces, parts
 from ..blender.operator import Stepwise
-from ..blender.ownership import OWNED
 from ..blender.performance import Part, Performance, performance_of
-from . import crowd_sources, kept_meshes, map_areas, needs, terrain_source
+from ..blender.props import group_of
+from . import crowd_sources, kept_meshes, map_areas, needs
 from .action_troubles import told_of_actions
 from .character_extent import bounds, frames_of, lowest, posing, unknown, walked
+from .characters import all_characters, characters_of
 from .scene_world import actions_named, bias_of, check_maps
 from .settings_versions import VERSION
 from .shot_reference import use_of
@@ -47,46 +47,6 @@ OF_LEVELS = (
 )  # what is known of a group's LOD meshes
 
 
-def characters_of(scene: bpy.types.Scene) -> list[tuple[str, list[bpy.types.Object], tuple[float, float, float]]]:
-    """Return (name, objects, origin) of each character group, sorted by name.
-
-    A group is a child collection of the characters' collection, or one of its objects with all that
-    is parented to it. What is_stage is left out. CrowdError if there is no usable group.
-
-    objects: those with a shape.
-    origin: world metres.
-    """
-    stored_values.check(scene.crowd_lod)
-    top, ground = scene.crowd_lod.characters, terrain_source.grounds_of(crowd_sources.crowds_of(scene.crowd_lod))
-    if top is None:
-        raise CrowdError(
-            f"The scene {scene.name} has no characters: choose a collection in the Crowd panel whose children are the characters."
-        )
-    kept = [
-        child for child in top.children if not is_stage(child.all_objects) and not ground.issuperset(child.all_objects[:] or [top])
-    ]
-    groups = [(child.name, parts(child, list(child.all_objects)), tuple(child.instance_offset)) for child in kept]
-    own = set(top.objects)
-    for root in top.objects:
-        if root.parent not in own:
-            # LODs hang on the same armature
-            below = [item for item in root.children_recursive if not item.get(OWNED)]
-            if not is_stage([root, *below]) and root not in ground:
-                groups.append((root.name, parts(root, [root, *below]), tuple(root.matrix_world.translation)))
-    if not groups:
-        state = "holds lamps, cameras and empties alone" if top.all_objects else "is empty"
-        raise CrowdError(f"The collection {top.name} {state}: put the characters in it, one child collection or object each.")
-    names = [name for name, _, _ in groups]
-    for name, objects, _ in groups:
-        if names.count(name) > 1:
-            raise CrowdError(f"Two character groups in {top.name} are called {name}: rename one of them.")
-        if not any(map(may_have_faces, objects)):
-            raise CrowdError(f"The character group {name} in {top.name} holds no mesh with faces: give it one, or take it out.")
-    if len(groups) > MOST_GROUPS:
-        raise CrowdError(f"The collection {top.name} holds {len(groups)} character groups; use at most {MOST_GROUPS}.")
-    return sorted(groups, key=lambda group: group[0].casefold())
-
-
 def measure_groups(scene: bpy.types.Scene) -> tuple[Group, ...]:
     """Measure all groups in one go; see `measuring_groups`."""
     return finished(measuring_groups(scene))
@@ -106,26 +66,31 @@ def measuring_groups(
     known = {}
     with suppress(CrowdError):  # what is spoilt is measured anew
         known = {group.name: group for group in groups_of(settings)}
-    measured, characters = [], characters_of(scene)
-    for g, (name, objects, origin) in enumerate(characters):
+    measured, cast = {}, all_characters(scene)
+    for g, (name, objects, origin, variant_of, chance) in enumerate(cast):
         performance, on_ground, acts = performance_of(name, objects, actions_named(scene, name)), stands(settings, name), []
+        base = measured.get(variant_of)  # props are no feet
         if name in reaches and len(performance.parts) == 1:
             low, center, radius = reaches[name]
         else:
-            acts = yield from share(_acted(objects, performance), g / len(characters), (g + 1) / len(characters))
+            acts = yield from share(_acted(objects, performance), g / len(cast), (g + 1) / len(cast))
             # while two actions mix, feet may dip into the ground: nobody is lifted for that
             plain = (poses for part, poses in zip(performance.parts, acts, strict=True) if not part.mixed)
-            low = lowest([pose for poses in plain for pose in poses], origin[2])
+            low = base.lowest if base else lowest([pose for poses in plain for pose in poses], origin[2])
             center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *acts)
-        stride = _custom(settings.characters, name, "stride")
         first, *others = performance.parts
-        found = Group(name, center, radius, stride, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
-        actions = {part.name: _action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)}
-        for part in (part for part in others if part.mixed):  # a cross-fade goes at the rate of the action to come
-            actions[part.name] = replace(actions.get(part.mixed[1].name, found.action("")), name=part.name, way=0.0)
+        found = Group(name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
+        if base:
+            found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
+        else:
+            found = replace(found, stride=_custom(settings.characters, name, "stride"))
+            actions = {part.name: _action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)}
+            for part in (part for part in others if part.mixed):  # a cross-fade goes at the rate of the action to come
+                actions[part.name] = replace(actions.get(part.mixed[1].name, found.action("")), name=part.name, way=0.0)
+            found = replace(found, actions=tuple(actions.values()))
         kept = {key: getattr(known[name], key) for key in (*OF_LEVELS, "share", "scale")} if name in known else {}
-        measured.append(replace(found, actions=tuple(actions.values()), **kept))
-    return tuple(measured)
+        measured[name] = replace(found, chance=chance, **kept)
+    return tuple(measured.values())
 
 
 def _acted(objects: list[bpy.types.Object], performance: Performance) -> Generator[float, None, list[list[np.ndarray]]]:
@@ -144,8 +109,8 @@ def _action(part: Part, poses: list[np.ndarray], fps: float, size: float) -> Act
 
 
 def stands(settings, name: str) -> bool:
-    """Return whether the group `name` is to stand on its lowest point."""
-    entry = settings.groups.get(name)
+    """Return whether the group `name`, or that which it is a variant of, is to stand on its lowest point."""
+    entry = settings.groups.get(name) or settings.groups.get(group_of(name))
     return entry is None or entry.on_ground
 
 
@@ -162,7 +127,20 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
     for group in groups:
         entry = settings.groups.add()
         # see set_down
-        for name in ("name", "center", "radius", "stride", "period", "diagonal", "on_ground", "lowest", "share", "scale"):
+        for name in (
+            "name",
+            "center",
+            "radius",
+            "stride",
+            "period",
+            "diagonal",
+            "on_ground",
+            "lowest",
+            "share",
+            "scale",
+            "variant_of",
+            "chance",
+        ):
             setattr(entry, name, getattr(group, name))
         for name in ("vertices", "triangles", "deviations", "bounds", "rms", "worst"):
             values = getattr(group, name)
@@ -179,6 +157,9 @@ def store_groups(settings, groups: tuple[Group, ...]) -> None:
 def set_down(entry: bpy.types.PropertyGroup, _) -> None:
     """Update a group after on_ground changed: move its sphere and LODs to its feet."""
     entry.center += -entry.lowest if entry.on_ground else entry.lowest
+    for variant in entry.id_data.crowd_lod.groups:
+        if variant.variant_of == entry.name and variant.on_ground != entry.on_ground:
+            variant.on_ground = entry.on_ground
     if entry.lowest:
         with suppress(CrowdError):  # there are no characters; nothing shows LODs then
             _place_levels(entry.id_data)
@@ -209,13 +190,18 @@ def _custom(top: bpy.types.Collection, name: str, key: str) -> float:
 
 def groups_of(settings) -> tuple[Group, ...]:
     """Return the measured groups of the settings."""
-    return tuple(_group(g, count_of(settings)) for g in settings.groups)
+    return tuple(_group(g, lead_of(g), count_of(settings)) for g in settings.groups)
 
 
-def _group(entry, count: int) -> Group:
+def lead_of(entry: bpy.types.PropertyGroup) -> bpy.types.PropertyGroup:
+    """Return the entry of the settings that an entry of a group is a variant of; itself if of none."""
+    return entry.variant_of and entry.id_data.crowd_lod.groups.get(entry.variant_of) or entry
+
+
+def _group(entry, lead, count: int) -> Group:
     """Return the Group that `entry` of the settings holds, with at most `count` LODs.
 
-    CrowdError if its measurements are invalid.
+    lead: see lead_of. CrowdError if its measurements are invalid.
     """
     made = sum(n > 0 for n in entry.triangles[:count])
     measured = made if entry.diagonal else 0
@@ -238,12 +224,15 @@ def _group(entry, count: int) -> Group:
         shaded=tuple(shaded) if all(each >= 0 for each in shaded) else (),
         lowest=entry.lowest,
         on_ground=entry.on_ground,
-        share=round(entry.share, 6),
-        scale=(round(min(entry.scale), 6), round(max(entry.scale), 6)),
+        share=round(lead.share, 6),
+        scale=(round(min(lead.scale), 6), round(max(lead.scale), 6)),
+        variant_of=entry.variant_of,
+        chance=round(entry.chance, 6),
         actions=tuple(Action(action.name, action.stride, action.period) for action in entry.actions),
     )
     sizes = (
         group.share,
+        group.chance,
         *group.scale,
         *(value for action in group.actions for value in (action.stride, action.period)),
         group.radius,
@@ -293,7 +282,8 @@ def policy_of(settings, choice: str = "") -> LevelPolicy:
     choice: BY_RATIO or BY_TOLERANCE in place of the settings' own.
     """
     tolerant = (choice or settings.choice) == "BY_TOLERANCE"
-    own = [_thresholds(group, settings) if group.own_thresholds and not tolerant else () for group in settings.groups]
+    leads = [lead_of(group) for group in settings.groups]
+    own = [_thresholds(group, settings) if group.own_thresholds and not tolerant else () for group in leads]
     return LevelPolicy(
         thresholds=(0.0,) * (count_of(settings, choice) - 1) if tolerant else _thresholds(settings, settings),
         group_thresholds=tuple(own) if any(own) else (),

@@ -10,6 +10,7 @@ from ...crowd_lod.crowd.maps import FARTHEST, Area, HeightMap, LabelMap, edge_ma
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias
 from ..blender import image_data, stored_values
+from ..blender.props import group_of
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of a map of walls and areas
 
@@ -27,7 +28,7 @@ def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
     They are those of the crowds that have agents of the `group`. CrowdError if a state machine is bad.
     """
     crowds = [crowd for crowd in (scene.crowd_lod, *scene.crowd_lod.crowds) if crowd.machine and crowd.source == "MACHINE"]
-    texts = [crowd.machine for crowd in crowds if group in (names_in(crowd) or {group})]
+    texts = [crowd.machine for crowd in crowds if {group, group_of(group)} & (names_in(crowd) or {group})]
     return tuple(sorted({name for text in texts for name in _actions(text.as_string(), text.name)} - {""}))
 
 

@@ -17,6 +17,7 @@ from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_data
 from ..blender.cameras import cameras_at
 from ..blender.performance import own
+from ..crowd.characters import check_measured
 from ..crowd.scene_crowd import characters_of
 from ..crowd.scene_world import bias_of
 
@@ -73,8 +74,9 @@ def cast_of(characters: Sequence[tuple[str, list[bpy.types.Object], tuple]], tra
     """Return the Library that a build makes of `characters` (see characters_of) of a `trajectory`.
 
     A group that plays nothing but an action of one frame has one pose. For every other group, rigs
-    are assumed to be able to show its motion.
+    are assumed to be able to show its motion. CrowdError if they are others than the trajectory's.
     """
+    check_measured(characters, trajectory.groups)
     still = [own(objects).still and not any(trajectory.gaits.actions) for _, objects, _ in characters]
     return Library(np.array(still, np.intp))
 

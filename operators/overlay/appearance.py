@@ -46,7 +46,7 @@ def missing_groups(settings) -> tuple[str, ...]:
     """Return a sentence on populated groups that are no longer among the characters; () if all are."""
     top = settings.characters
     here = {*top.objects.keys(), *(child.name for child in top.children if child.all_objects)} if top is not None else set()
-    gone = [group.name for group in settings.groups if group.name not in here]
+    gone = [group.name for group in settings.groups if (group.variant_of or group.name) not in here]
     if not gone:
         return ()
     return (f"No longer among the characters: {', '.join(gone)}. Press Populate in the Crowd panel.",)

@@ -12,6 +12,7 @@ from ..blender.labelled_properties import (
     IntProperty,
     IntVectorProperty,
     PointerProperty,
+    StringProperty,
 )
 from ..crowd.outdated_estimate import outdate
 from ..crowd.renamed_settings import OLD, renamed
@@ -54,6 +55,8 @@ class CrowdLodGroup(bpy.types.PropertyGroup):
         default=(1, 1),
         description="Least and greatest size of its agents, drawn for each",
     )
+    variant_of: StringProperty(name="Variant Of", description="The group that this is with some of its props; empty without")
+    chance: FloatProperty(name="Chance", default=1, min=0, max=1, description="That an agent of the group has just these props")
     actions: CollectionProperty(type=CrowdLodAction, name="Actions", description="Those besides its own that states name")
     lowest: FloatProperty(
         name="Lowest Point", unit="LENGTH", description="Its height above the origin, over the whole action; 0 if near"

@@ -17,6 +17,7 @@ MANUAL = (
 WORK = (
     "characters_from_selection",
     "populate",
+    "mark_as_prop",
     "simulate",
     "make_levels",
     "measure_levels",

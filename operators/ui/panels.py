@@ -10,6 +10,8 @@ import bpy
 
 from ... import sample_scenes
 from ...crowd_lod.behaviour.walk import walks_of
+from ..blender.props import PROP
+from ..crowd.prop_button import props_in
 from ..lod_meshes.made_for import changed, forecast
 from ..overlay import viewport_overlay
 from . import steps
@@ -73,12 +75,16 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         rows = [(g.name, length(context, g.radius), length(context, g.stride)) for g in settings.groups]
         table(layout, ("Group", "Radius", "Stride"), rows or [("Press Populate", "", "")])
-        for group in settings.groups[:MOST_ROWS] if len(settings.groups) > 1 else ():
+        groups = [group for group in settings.groups if not group.variant_of]
+        for group in groups[:MOST_ROWS] if len(groups) > 1 else ():
             layout.prop(group, "share", text=f"{group.name} Share", translate=False)
-        for group in settings.groups[:MOST_ROWS]:
+        for group in groups[:MOST_ROWS]:
             layout.row().prop(group, "scale", text=f"{group.name} Scale", translate=False)
-        for group in [group for group in settings.groups if group.lowest][:MOST_ROWS]:
+        for group in [group for group in groups if group.lowest][:MOST_ROWS]:
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
+        for item in props_in(context.scene)[:MOST_ROWS]:
+            layout.prop(item, f'["{PROP}"]', text=f"{item.name} Chance", translate=False)
+        button(layout, "crowd_lod.mark_as_prop", icon="MOD_CLOTH")
 
 
 class CROWDLOD_PT_samples(Step, bpy.types.Panel):
@@ -207,7 +213,7 @@ class CROWDLOD_PT_own_thresholds(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         layout.use_property_split = False
-        for group in settings.groups[:MOST_ROWS]:
+        for group in [group for group in settings.groups if not group.variant_of][:MOST_ROWS]:
             layout.prop(group, "own_thresholds", text=group.name, translate=False)
             row = layout.row(align=True)
             row.active = group.own_thresholds

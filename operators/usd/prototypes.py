@@ -12,6 +12,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender.performance import Performance, performance_of
 from ..blender.render_evaluation import as_rendered
+from ..crowd.characters import check_measured
 from ..crowd.scene_crowd import characters_of, home_of, policy_of
 from ..lod_meshes.deviation import SOLID
 
@@ -46,6 +47,7 @@ def library_of_poses(scene: bpy.types.Scene, trajectory: Trajectory, poses: int,
     animated: a character for each of a group's phase classes instead.
     """
     played, posed = trajectory.gaits.actions, []
+    check_measured(characters_of(scene), trajectory.groups)
     for group, (name, objects, _) in zip(trajectory.groups, characters_of(scene), strict=True):
         performance = performance_of(name, objects, [action.name for action in group.actions])
         still = all(performance.only(action).still for action in played)
