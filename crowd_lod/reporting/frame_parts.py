@@ -17,6 +17,7 @@ from typing import Any
 from . import file_checks
 
 RECORDS = ".frames"  # the folder of the records, beside the pictures
+CLAIM = ".claim"  # the ending of a frame's mark that a process makes it
 
 
 @dataclass(frozen=True)
@@ -59,6 +60,22 @@ class FrameParts:
         file_checks.sync(part)
         part.replace(record)
         return json.loads(text)["told"]
+
+    def claim(self, number: int) -> bool:
+        """Take the frame `number` on for this process; return False if a process has done so before."""
+        record = self._record(number)
+        record.parent.mkdir(exist_ok=True)
+        try:
+            os.close(os.open(record.with_suffix(CLAIM), os.O_CREAT | os.O_EXCL))
+        except FileExistsError:
+            return False
+        record.unlink(missing_ok=True)  # of another state
+        return True
+
+    def release(self) -> None:
+        """Give up the claims of all processes."""
+        for claim in (self.folder / RECORDS).glob(f"*{CLAIM}"):
+            claim.unlink(missing_ok=True)
 
     def _record(self, number: int) -> Path:
         return self.folder / RECORDS / f"{number:04d}.json"

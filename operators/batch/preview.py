@@ -38,8 +38,8 @@ from .shot_plan import Planned, Wanted, budget_of, plan_shot, shot_json, write_l
 
 MOST_IN_SHEET = 24  # frames on the contact sheet
 BEHAVIOUR = 0.9  # of a frame's time, where the way to it is long
-# of the progress: LODs made or measured, the shot planned, all frames drawn
-LEVELS, PLANNED, DRAWN = 0.1, 0.1, 0.9
+# of the progress: LODs made or measured, the shot planned, the LODs' pictures and table
+LEVELS, PLANNED, LODS = 0.1, 0.1, 0.05
 MOST_PLANNED = 30_000_000  # agents times frames that a preview plans first; longer shots take Plan Shot
 LEFT_OUT = "The characters themselves are left out of the pictures (see Keep in Renders)."
 THUMBNAIL = 480  # pixels wide, at least
@@ -81,12 +81,18 @@ def preview(
         at = opened.enter_context(frame_stepping.stepped(scene))
         run = _Run(on, folder, shots, at, top_view.drawing_in(stage))
         parts = FrameParts(folder, state_of(stage, wanted))
-        found = yield from share(made(parts, wanted.frames, sharing, shots.prepare, run.shoot), ready, DRAWN)
+        with sharing.helped(parts, wanted.frames) as helpers:
+            told = []
+            if sharing.part is None:  # while other processes make frames
+                first = yield from standing(run.at_first(), ready)
+                told = yield from lod_table.tables(
+                    stage, trajectory.groups, first.camera, first.begins, folder, (ready, ready + LODS)
+                )
+                ready += LODS
+            found = yield from share(made(parts, wanted.frames, sharing, shots.prepare, run.shoot, helpers), ready, 0.95)
         rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
         if sharing.part is not None:
             return {"frames": rows}
-        first = run.first or run.planned(wanted.frames[0])
-        told = yield from lod_table.tables(stage, trajectory.groups, first.camera, first.begins, folder, (DRAWN, 0.95))
         notes = (
             *shots.notes,
             *filter(None, [told_unplanned(unplanned), leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)]),
@@ -143,7 +149,6 @@ class _Run:
     at: steps the scene.
     drawing: shows the crowd from above.
     view: the camera above, once it is known.
-    first: the plan of the first frame, once it is known.
     """
 
     on: Staged
@@ -152,7 +157,6 @@ class _Run:
     at: frame_stepping.At
     drawing: bpy.types.Object
     view: bpy.types.Object | None = None
-    first: Frame | None = None
 
     def pictures(self, number: int) -> tuple[Path, Path]:
         """Return the files of the two pictures of a frame."""
@@ -164,11 +168,8 @@ class _Run:
         Yields the progress and returns (what is told of it, the pictures); see FrameParts.put.
         """
         stage, (main, above) = self.on.stage, self.pictures(number)
-        way = approach(trajectory_of(stage), scene_data.remapped(self.on.scene.render, number))
-        yield from share(way, 0.0, BEHAVIOUR)
+        yield from share(self.approach(number), 0.0, BEHAVIOUR)
         frame = self.planned(number)
-        if number == self.on.wanted.frames[0]:
-            self.first = frame
         ticks = [clock.perf_counter()]
         self.shots.place(frame)
         ticks.append(clock.perf_counter())
@@ -182,6 +183,15 @@ class _Run:
         took = dict(zip(("points", "main", "above"), np.diff(ticks) * 1000, strict=True))
         told = {"row": tables.row(number, frame, took), "unplanned": noted(number, frame.unplanned, self.on.wanted.strict)}
         return told, (main, above)
+
+    def approach(self, number: int) -> Generator[float, None, None]:
+        """Let the crowd walk on to the frame: yield the progress."""
+        return approach(trajectory_of(self.on.stage), scene_data.remapped(self.on.scene.render, number))
+
+    def at_first(self) -> Generator[float, None, Frame]:
+        """Return the plan of the first frame; yield the progress of the way there."""
+        yield from self.approach(self.on.wanted.frames[0])
+        return self.planned(self.on.wanted.frames[0])
 
     def planned(self, number: int) -> Frame:
         """Set the stage to the frame; return its plan."""

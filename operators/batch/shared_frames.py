@@ -28,6 +28,7 @@ from ..crowd.scene_crowd import policy_of, trajectory_of
 
 LOOK = 0.2  # seconds between two looks for frames that other processes made
 OPENED = "prepared.blend"  # in the folder of the records: what other processes open
+PREPARED = 0.02  # of the progress
 Steps = Generator[float, None, Any]
 
 
@@ -39,7 +40,7 @@ class Sharing:
     part: the only frames to make, and no more than frames; None for the whole run.
     into: where frames of `part` go. Without `part`, where all frames are taken from.
     parent: the process that this one ends with; 0 for none.
-    jobs: so many processes make frames.
+    jobs: so many processes make frames, this one among them.
     worker: (file to open, frames) -> the command of a process that makes them into the folder of
         the file's parent's parent.
     """
@@ -67,12 +68,39 @@ class Sharing:
             frame_parts.keep_whole(hidden)
             yield hidden
 
+    @property
+    def claims(self) -> bool:
+        """Return whether other processes of this run make frames meanwhile."""
+        return self.jobs > 1 or self.parent > 0
+
     def save(self, folder: Path) -> None:
         """Save the open file for the processes that share the run, if there are any."""
         if self.jobs > 1:
             (folder / frame_parts.RECORDS).mkdir(exist_ok=True)
             with console.quiet():
                 bpy.ops.wm.save_as_mainfile(filepath=str(folder / frame_parts.RECORDS / OPENED), copy=True)
+
+    @contextmanager
+    def helped(self, parts: FrameParts, frames: Sequence[int]) -> Iterator[list[subprocess.Popen]]:
+        """Yield processes that make those of the `frames` that are not whole, until the block ends.
+
+        The block itself may do what it likes meanwhile, and calls `made` with them. There are none
+        unless the run has jobs for them.
+        """
+        with ExitStack() as stack:
+            helpers: list[subprocess.Popen] = []
+            if self.jobs > 1:
+                parts.release()
+                missing = [number for number in frames if parts.get(number) is None]
+                words = self.worker(parts.folder / frame_parts.RECORDS / OPENED, missing)
+                for _ in range(min(self.jobs, len(missing)) - 1):
+                    with interrupt.held():
+                        process = subprocess.Popen(
+                            words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+                        )
+                        stack.enter_context(interrupt.unfinished(partial(_end, process)))
+                    helpers.append(process)
+            yield helpers
 
 
 ALONE = Sharing()
@@ -91,12 +119,18 @@ def state_of(scene: bpy.types.Scene, wanted: object) -> str:
 
 
 def made(
-    parts: FrameParts, frames: Sequence[int], sharing: Sharing, prepare: Callable[[], Steps], make: Callable[[int], Steps]
+    parts: FrameParts,
+    frames: Sequence[int],
+    sharing: Sharing,
+    prepare: Callable[[], Steps],
+    make: Callable[[int], Steps],
+    helpers: Sequence[subprocess.Popen] = (),
 ) -> Generator[float, None, list[dict[str, Any]]]:
     """Make the frames that are not whole: yield the progress, return what is told of each frame.
 
     prepare: called once before the first frame that this process makes.
     make: (number) -> steps that return (told, pictures) of a frame; see FrameParts.put.
+    helpers: processes that make some of the frames; a frame that they fail to make is made here.
     CrowdError if frames are to be taken alone and some are missing.
     """
     wanted = frames if sharing.part is None else sharing.part
@@ -107,40 +141,33 @@ def made(
             f"Frames {told_frames(missing)} are not in {printable(sharing.into)}, or were made of another scene: make them with "
             "--part, then assemble again."
         )
-    begun = 0.0
-    if sharing.jobs > 1 and len(missing) > 1:
-        begun = 0.99 * len(missing) / len(wanted)
-        yield from share(_by_processes(parts, missing, sharing), 0.0, begun)
-        told |= {number: parts.get(number) for number in missing}
+    prepared = False
+    while missing:
+        for number in missing:
+            if sharing.parent and os.getppid() != sharing.parent:
+                raise CrowdError("The run that this process belongs to was ended.")
+            if sharing.claims and not parts.claim(number):
+                continue
+            if not prepared:
+                yield from share(prepare(), 0.0, PREPARED)
+                prepared = True
+            done = len(wanted) - len(missing) + len(_whole(parts, missing))
+            steps = (PREPARED + (1 - PREPARED) * (done + k) / len(wanted) for k in range(2))
+            found, pictures = yield from share(make(number), *steps)
+            told[number] = parts.put(number, found, pictures)
+        if sharing.parent:  # the rest is made by others
+            break
+        while len(_whole(parts, missing)) < len(missing) and any(helper.poll() is None for helper in helpers):
+            clock.sleep(LOOK)
+            yield PREPARED + (1 - PREPARED) * (1 - (len(missing) - len(_whole(parts, missing))) / len(wanted))
+        told |= {number: parts.get(number) for number in missing if told[number] is None}
         missing = [number for number in missing if told[number] is None]
-    if missing:
-        yield from share(prepare(), begun, begun + 0.02 * (1 - begun))
-        begun += 0.02 * (1 - begun)
-    each = (1 - begun) / max(len(missing), 1)
-    for done, number in enumerate(missing):
-        if sharing.parent and os.getppid() != sharing.parent:
-            raise CrowdError("The run that this process belongs to was ended.")
-        found, pictures = yield from share(make(number), begun + each * done, begun + each * (done + 1))
-        told[number] = parts.put(number, found, pictures)
+        parts.release()
     return [each for each in told.values() if each is not None]
 
 
-def _by_processes(parts: FrameParts, missing: Sequence[int], sharing: Sharing) -> Generator[float, None, None]:
-    """Have processes make the `missing` frames: yield the progress until the last of them has ended."""
-    count = min(sharing.jobs, len(missing))
-    file = parts.folder / frame_parts.RECORDS / OPENED
-    with ExitStack() as stack:
-        running = []
-        for k in range(count):
-            words = sharing.worker(file, missing[k::count])
-            with interrupt.held():
-                process = subprocess.Popen(words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-                stack.enter_context(interrupt.unfinished(partial(_end, process)))
-            running.append(process)
-        while any(process.poll() is None for process in running):
-            clock.sleep(LOOK)
-            whole = set(frame_parts.whole_frames(parts.folder))
-            yield len(whole.intersection(missing)) / len(missing)
+def _whole(parts: FrameParts, numbers: Sequence[int]) -> set[int]:
+    return set(frame_parts.whole_frames(parts.folder)).intersection(numbers)
 
 
 def _end(process: subprocess.Popen) -> None:
@@ -150,9 +177,9 @@ def _end(process: subprocess.Popen) -> None:
 
 
 def allowed(jobs: int) -> int:
-    """Return how many of `jobs` processes like this one the machine's free memory holds, at least 1."""
+    """Return how many of `jobs` processes like this one, which is one of them, the machine's memory holds."""
     free, own = _free_memory(), _own_memory()
-    return jobs if free is None or own is None else max(1, min(jobs, int(free / max(own, 1))))
+    return jobs if free is None or own is None else min(jobs, 1 + int(free / max(own, 1)))
 
 
 def _free_memory() -> int | None:

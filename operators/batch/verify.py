@@ -88,7 +88,8 @@ def verify(
         # also of LODs that are left out to save memory: they are what is proved
         run = _Run(scene, wanted, folder, opened.enter_context(frame_stepping.stepped(scene)))
         parts = FrameParts(folder, state_of(scene, wanted))
-        found = yield from share(made(parts, wanted.frames, sharing, run.prepare, run.prove), LODS_MADE, 0.95)
+        with sharing.helped(parts, wanted.frames) as helpers:
+            found = yield from share(made(parts, wanted.frames, sharing, run.prepare, run.prove, helpers), LODS_MADE, 0.95)
         rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
         if sharing.part is not None:
             return {"frames": rows, "ok": True}

@@ -45,6 +45,7 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
     if args.threads is not None:
         scene.render.threads_mode, scene.render.threads = "FIXED", args.threads
     if args.into is not None and args.part is None:
+        _refuse_others(folder, key_of(args, command))
         return Sharing(into=args.into)
     if args.part is not None:
         if args.jobs > 1:
@@ -66,6 +67,8 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
         _say(args, f"Going on with {own} of {len(frames)} frames from a run that was ended.")
     if others:
         _say(args, f"{others} frames of another run into this folder, which was ended, are not used: it had other arguments.")
+    if jobs > 1:
+        scene.render.threads_mode, scene.render.threads = "FIXED", _threads(jobs)
     return Sharing(key=key, jobs=jobs, worker=worker_of(args, command, jobs))
 
 
@@ -106,16 +109,20 @@ def worker_of(args, command: Sequence[str], jobs: int) -> Callable[[Path, Sequen
     """Return the function that gives the command of a process of --jobs; see Sharing.worker."""
     words = without(command, ASIDE)[1:]
     words = [word for k, word in enumerate(words) if k != _place(words, args)]
-    threads = max(1, (os.cpu_count() or 1) // jobs)
 
     def worker(file: Path, frames: Sequence[int]) -> list[str]:
         into = file.parent.parent
         own = [words[0], str(file), *words[1:], "--part", ",".join(map(str, frames)), "--into", str(into)]
         if args.plan is None and (into / plan_file.NAME).exists():
             own += "--plan", str(into)
-        return [*launcher(), *own, "--threads", str(threads), "--quiet"]
+        return [*launcher(), *own, "--threads", str(_threads(jobs)), "--quiet"]
 
     return worker
+
+
+def _threads(jobs: int) -> int:
+    """Return how many threads each of so many processes renders with."""
+    return max(1, (os.cpu_count() or 1) // jobs)
 
 
 def _place(words: Sequence[str], args) -> int:
@@ -138,15 +145,20 @@ def _parts(folder: Path, args, command: Sequence[str], key: str) -> Path:
     run = {"key": key, "command": without(command, OF_PART), "scene": printable(Path(args.scene).absolute())}
     path = folder / PARTS / RUN
     if path.exists():
-        if read_run(folder)["key"] != key:
-            raise CrowdError(
-                f"The folder {printable(folder)} holds parts of another run, or of another state of the scene: choose another "
-                f"with --out, or remove {printable(folder / PARTS)}."
-            )
+        _refuse_others(folder, key)
         return path.parent
     with files.staged_file(path) as part:
         part.write_text(json.dumps(run, indent=2), encoding="utf-8")
     return path.parent
+
+
+def _refuse_others(folder: Path, key: str) -> None:
+    """Raise CrowdError if the parts in `folder` are not of the run with this key."""
+    if read_run(folder)["key"] != key:
+        raise CrowdError(
+            f"The folder {printable(folder)} holds parts of another run, or of another state of the scene, of Blender or of "
+            f"Crowd LOD: make all parts of one state, in a folder of their own, or remove {printable(folder / PARTS)}."
+        )
 
 
 def read_run(folder: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ import os
 
 import bpy
 import pytest
+from crowd_lod_extension.crowd_lod.reporting.frame_parts import FrameParts
 from crowd_lod_extension.operators.batch import preview
 from crowd_lod_extension.operators.cli import commands, shared_runs
 
@@ -38,13 +39,35 @@ def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
 
 
+def test_parts_of_a_scene_that_was_changed_since_are_not_assembled(file, tmp_path, capfd):
+    (name, *options), out = PREVIEW, tmp_path / "out"
+    assert run(name, file, *options, "--part", "1,9,20", "--out", out) == 0
+    before = contents(out / "parts")
+    bpy.ops.wm.open_mainfile(filepath=str(file))
+    bpy.context.scene.camera.location.x += 1  # neither crowd nor LODs know of it
+    bpy.ops.wm.save_as_mainfile(filepath=str(file))
+    assert run("assemble", out, "--quiet") == 1
+    assert "of another state of the scene" in capfd.readouterr().err
+    assert os.listdir(out) == ["parts"] and contents(out / "parts") == before
+
+
 @pytest.mark.once
 def test_two_processes_make_the_files_of_one(file, tmp_path, monkeypatch):
     name, *options = PREVIEW
     assert run(name, file, *options, "--out", tmp_path / "one") == 0
-    monkeypatch.setattr(preview._Run, "shoot", None)  # this process makes none
+    shoot, claim, made_here = preview._Run.shoot, FrameParts.claim, []
+    monkeypatch.setattr(FrameParts, "claim", lambda self, number: number == 20 and claim(self, number))
+    monkeypatch.setattr(preview._Run, "shoot", lambda self, number: made_here.append(number) or shoot(self, number))
     assert run(name, file, *options, "--jobs", 2, "--out", tmp_path / "two") == 0
+    assert made_here == [20]  # the others are the other process's
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
+
+
+def test_a_frame_is_made_by_one_process(tmp_path):
+    first, second = FrameParts(tmp_path, "state"), FrameParts(tmp_path, "state")
+    assert first.claim(7) and not second.claim(7) and second.claim(8)
+    first.release()
+    assert second.claim(7)
 
 
 def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):
