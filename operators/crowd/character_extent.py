@@ -176,7 +176,7 @@ def displaced(evaluated: bpy.types.Object) -> float:
     """
     data = getattr(evaluated.data, "materials", None) or ()
     materials = {*data, *(slot.material for slot in evaluated.material_slots)} - {None}
-    stretch = np.linalg.norm(np.array(evaluated.matrix_world)[:3, :3], 2)
+    stretch = float(np.linalg.norm(np.array(evaluated.matrix_world)[:3, :3], 2))
     return max((max(1.0, stretch) * (displacement(material) or 0.0) for material in materials), default=0.0)
 
 

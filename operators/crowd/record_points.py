@@ -20,9 +20,9 @@ from ...crowd_lod.trajectory.points import Snapshot
 from ..blender import frame_stepping, scene_data
 from ..blender.operator import Stepwise
 from . import needs
+from .characters import all_characters
 from .crowd_sources import crowds_of, draw_of, is_live
 from .points_source import NoPoints, check_ids, read_points
-from .scene_crowd import characters_of
 
 SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "first_frame")  # settings that recording sets
 STEPPED = 0.95  # part of the progress
@@ -76,7 +76,8 @@ def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[in
     used: then the crowds are as before.
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
-    groups = tuple(Group(name, 0.0, 0.0, 0.0, 0.0) for name, _, _ in characters_of(scene))  # only names count
+    cast = all_characters(scene)
+    groups = tuple(Group(each.name, 0.0, 0.0, 0.0, 0.0, variant_of=each.variant_of) for each in cast)  # nothing else counts
     ends = scene.frame_start, scene.frame_end, *frames
     since, until = (scene_data.remapped(scene.render, frame) for frame in (min(ends), max(ends)))
     times = range(int(np.floor(since)), int(np.ceil(until)) + 1)

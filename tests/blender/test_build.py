@@ -97,6 +97,44 @@ def test_an_agents_looks_are_its_own_at_every_time_in_every_lod(built):
     assert len(set(looks.values())) > 0.99 * len(looks) and 0.4 < np.mean(list(looks.values())) < 0.6
 
 
+def colored_by_looks(material, colors):
+    """Let `material` glow in one of `colors` (n, 3), by an image of n pixels that the agent's looks choose from."""
+    image = bpy.data.images.new("choices", len(colors), 1, float_buffer=True)
+    image.pixels.foreach_set(np.float32([(*color, 1) for color in colors]).ravel())
+    if material.node_tree is None:
+        material.use_nodes = True
+    tree = material.node_tree
+    tree.nodes.clear()
+    looks, place, texture, glow, end = (
+        tree.nodes.new(f"ShaderNode{kind}") for kind in ("Attribute", "CombineXYZ", "TexImage", "Emission", "OutputMaterial")
+    )
+    looks.attribute_type, looks.attribute_name = "INSTANCER", "looks"
+    texture.image, texture.interpolation, texture.extension = image, "Closest", "EXTEND"
+    ends = (looks.outputs["Fac"], place.inputs["X"]), (place.outputs[0], texture.inputs[0]), (texture.outputs[0], glow.inputs[0])
+    for pair in (*ends, (glow.outputs[0], end.inputs[0])):
+        tree.links.new(*pair)
+
+
+def test_a_material_picks_from_an_image_by_the_agents_looks(built, tmp_path):
+    colors = np.array([(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0)])
+    for material in bpy.data.materials:
+        colored_by_looks(material, colors)
+    built.render.engine, built.cycles.samples, built.view_settings.view_transform = "CYCLES", 1, "Raw"
+    built.cycles.use_denoising, built.render.dither_intensity, built.render.filepath = False, 0, str(tmp_path / "looks.png")
+    built.frame_set(12)
+    plan = frame_of(built, bpy.context.evaluated_depsgraph_get())
+    bpy.ops.render.render(write_still=True)
+    pixels = np.array(bpy.data.images.load(built.render.filepath).pixels).reshape(90, 160, 4)[..., :3].round(2)
+    shown = pixels[pixels.any(axis=2)]
+    assert (shown[:, None] == colors).all(axis=2).any(axis=1).all() and len(np.unique(shown, axis=0)) == 4
+    agents = plan.buckets.order
+    x, y, z = plan.crowd.places(plan.trajectory.spheres.center, agents)
+    seen = [world_to_camera_view(built, built.camera, Vector(place)) for place in zip(x, y, z, strict=True)]
+    k = min((each.z, k) for k, each in enumerate(seen) if 0.1 < each.x < 0.9 and 0.1 < each.y < 0.9)[1]
+    looks = float(plan.trajectory.looks[agents[k]])
+    assert (pixels[int(90 * seen[k].y), int(160 * seen[k].x)] == colors[int(4 * looks)]).all()  # the nearest, whom none hides
+
+
 @pytest.mark.parametrize("blur", [False, True])
 def test_headless_animation_renders_show_each_frame_at_its_place(built, tmp_path, blur):
     """One agent, rendered by Cycles from the moving camera: its pixels lie where Blender projects it."""

@@ -46,6 +46,14 @@ def test_nothing_changed_keeps_everything_also_after_saving(two, tmp_path):
     ]
 
 
+def test_a_scaled_character_with_a_material_is_made_and_kept_as_any_other(two):
+    other = bpy.data.objects["other"]
+    other.scale = 1.5, 1.5, 1.5
+    other.data.materials.append(bpy.data.materials.new("paint"))
+    bpy.context.view_layer.update()
+    assert run(two)[0].made == ("one", "two") and run(two)[0].kept == ("one", "two")
+
+
 def change_point(body):
     body.data.vertices[0].co.z += 0.1
 

@@ -16,6 +16,7 @@ from crowd_lod_extension.operators.crowd.scene_crowd import (
     frame_of,
     groups_of,
     measure_groups,
+    policy_of,
     store_groups,
     trajectory_of,
 )
@@ -24,6 +25,8 @@ from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 from mathutils import Matrix
 
+from ..support.scatter import scatter
+from .test_points_source import crowd_of
 from .test_rigs import instances, itself
 
 KINDS = ["adult", "adult + hat", "adult + bag", "adult + bag + hat", "child"]
@@ -90,6 +93,38 @@ def test_props_are_drawn_by_the_seed_and_change_nothing_else(scene):
     assert (populated(scene).group == start.group).all() and (trajectory_of(scene).at(40).group == start.group).all()
     scene.crowd_lod.seed += 1
     assert (np.bincount(trajectory_of(scene).start.group) != counts).any()
+
+
+def test_agents_of_points_keep_their_props_when_they_are_recorded(dressed):
+    number = np.arange(60) % 2  # adult, child: variants do not count
+    item = scatter(dressed, attributes=[("id", "INT", np.arange(60) * 7), ("group", "INT", number)])
+    live = crowd_of(dressed, item)
+    kinds = live.start.group
+    assert ((kinds < 4) == (number == 0)).all() and set(kinds) == {0, 1, 2, 3, 4}
+    dressed.frame_set(3)
+    assert (trajectory_of(dressed).start.group == kinds).all()
+    dressed.frame_start, dressed.frame_end = 1, 4
+    bpy.ops.crowd_lod.record_points()
+    recorded = trajectory_of(dressed)
+    assert recorded is not live and (recorded.start.group == kinds).all()
+    del bpy.data.objects["bag"]["prop"], bpy.data.objects["hat"]["prop"]
+    assert (populated(dressed).group == number).all()
+
+
+def test_a_crowd_names_a_group_with_its_variants_or_a_variant_alone(dressed):
+    start = populated(dressed)
+    dressed.crowd_lod.group_names = "adult"
+    adults = trajectory_of(dressed).start.group
+    assert set(adults) == {0, 1, 2, 3}
+    dressed.crowd_lod.group_names = "child, adult + hat"
+    assert set(trajectory_of(dressed).start.group) == {1, 4}
+    dressed.crowd_lod.group_names = ""
+    assert (trajectory_of(dressed).start.group == start.group).all()
+    own = dressed.crowd_lod.groups["adult"]
+    own.own_thresholds, own.scale, own.share = True, (0.5, 2), 0
+    assert [bool(each) for each in policy_of(dressed.crowd_lod).group_thresholds] == [True] * 4 + [False]
+    assert [group.scale for group in groups_of(dressed.crowd_lod)] == [(0.5, 2)] * 4 + [(1, 1)]
+    assert set(trajectory_of(dressed).start.group) == {4}
 
 
 def test_the_sphere_of_a_variant_holds_its_props_and_no_other_does(dressed):
