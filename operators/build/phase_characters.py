@@ -136,6 +136,10 @@ def _models(who: rigs.Acting, acts: list[Performance], made: dict) -> Generator[
     """
     models, told, before = [], [], set(made)
     for k, act in enumerate(acts):
+        alike = [model for model, known in zip(models, acts, strict=False) if known.parts == act.parts]
+        if alike:  # its own action, for one that another group plays
+            models.append(alike[0])
+            continue
         model, reason = yield from share(rigs.modelled(who, act, made), k / len(acts), (k + 1) / len(acts))
         told += [reason] * bool(reason)
         if model is None:
