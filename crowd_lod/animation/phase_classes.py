@@ -22,7 +22,7 @@ from functools import cached_property
 import numpy as np
 
 from ..crowd.agents import Crowd, Group
-from ..crowd.state_machine import Paces
+from ..crowd.paces import Paces
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Gaits:
         seconds: time after frame 0.
         agents: (m,) indices, or a slice.
         """
-        rate = self.rates[crowd.group[agents], crowd.pace[agents]]
+        rate = self.rates[crowd.group[agents], crowd.playing[agents]]
         phase = ((crowd.phase_class[agents] / self.classes + rate * seconds) % 1.0).astype(np.float32)
         phase[phase >= 1] = 0  # a float64 just below 1 may have rounded up
         return phase
@@ -96,11 +96,11 @@ class Gaits:
         after: the crowd at `seconds` after frame 0. Agents whose pace has changed get the class
             with the phase nearest to the one they had.
         """
-        if after.pace is before.pace:
+        if after.playing is before.playing:
             return after
-        (who,) = np.nonzero(after.pace != before.pace)
+        (who,) = np.nonzero(after.playing != before.playing)
         group = after.group[who]
-        ahead = (self.rates[group, before.pace[who]] - self.rates[group, after.pace[who]]) * seconds
+        ahead = (self.rates[group, before.playing[who]] - self.rates[group, after.playing[who]]) * seconds
         classes = after.phase_class.copy()
         classes[who] = np.rint(classes[who] + self.classes * (ahead % 1.0)) % self.classes
         return replace(after, phase_class=classes)
@@ -165,10 +165,10 @@ class Library:
         agents: (m,) indices.
         """
         group = crowd.group[agents]
-        number = gaits.which[group, crowd.pace[agents]] * gaits.classes + crowd.phase_class[agents]
+        number = gaits.which[group, crowd.playing[agents]] * gaits.classes + crowd.phase_class[agents]
         if self.posed.any():
             count = self.posed[group]
             nearest = np.rint(gaits.phase(crowd, seconds, agents) * count) % np.maximum(count, 1)
-            before = gaits.action[crowd.pace[agents]] * count
+            before = gaits.action[crowd.playing[agents]] * count
             number = np.where(count > 0, before + nearest.astype(np.intp), number)
         return (self.first(gaits)[group] + number).astype(np.int32)

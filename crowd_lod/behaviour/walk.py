@@ -11,7 +11,7 @@ import numpy as np
 
 from ..animation.phase_classes import gaits_of
 from ..crowd.agents import CLASSES, Crowd, Group
-from ..crowd.leave_outs import ALL, STILL, LeftOut, needless, needless_of_places
+from ..crowd.leave_outs import ALL, NO_FADES, STILL, LeftOut, needless, needless_of_places
 from ..crowd.maps import Area, LabelMap
 from ..crowd.state_machine import StateMachine
 from ..crowd.terrain import Ground, Terrain
@@ -19,6 +19,7 @@ from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..progress import aside
 from ..trajectory.trajectory import PART, States, Trajectory
 from .courant_number import check_speeds
+from .fading import fading
 from .lookahead import Ahead, look, onward, opened
 from .step import advance, pace_of, step
 from .tabulated_step import Tables
@@ -97,6 +98,12 @@ class Walk(Trajectory):
         self._floors = None if self.heights is None or self.seated or not self.heights.layered else self.heights
         if self._floors is not None:
             self.start = replace(self.start, z=self._floors.at(self.start.x, self.start.y, self.start.z))
+        found = needless_of_places(self.start, len(self.groups), not self.level, self.level)
+        self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
+        if not len(self.machine.paces.fades) or NO_FADES in self.left_out:
+            self.start = replace(self.start, played=None, faded=None)
+        elif self.start.played is None:
+            self.start = replace(self.start, played=pace, faded=np.ones(len(pace), np.float32))
         # on the map, where the state machine knows them
         self._first = _onto(self.world.area, self.start) if self.seated else self.start
         self._kept[0] = self._first
@@ -104,8 +111,6 @@ class Walk(Trajectory):
         self._recent: tuple[tuple[int, Crowd], ...] = ((0, self._first),)
         self._looks_back = False
         self._ground: tuple[np.ndarray, np.ndarray] | None = None  # x, and the ground's z there
-        found = needless_of_places(self.start, len(self.groups), not self.level, self.level)
-        self.left_out = self.leave and self.leave & (found | needless(self.start, self.machine, self.world))
         self._tables = lru_cache(maxsize=16)(partial(_tables, self.machine, self.world))
         self._regrouped: Walk | None = None  # the last that was asked for
         # a crowd, and what is known of its next steps
@@ -230,7 +235,7 @@ class Walk(Trajectory):
 
     def digests(self) -> dict[str, bytes]:
         """Return the start, the state machine, the map, and the ground."""
-        world, start, heights = self.world, self.start, self.heights
+        world, start, heights = self.world, replace(self.start, played=None, faded=None), self.heights
         own = {
             "the crowd": b"".join([*(column.tobytes() for column in start.columns.values()), b"seated" * self.seated]),
             "the state machine": self.machine.text.encode(),
@@ -263,6 +268,7 @@ class Walk(Trajectory):
             moved = step(crowd, *about, seconds, self.left_out, tables)
         else:
             moved, ahead = onward(crowd, ahead, tables, partial(long, seconds=seconds))
+        moved = fading(crowd, moved, self.machine, seconds)
         moved = self.gaits.joined(crowd, moved, self.seconds(self.first_frame + since + frames))
         if self._floors is not None:
             moved = replace(moved, z=_climbed(self._floors, crowd, moved))

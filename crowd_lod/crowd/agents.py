@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import CrowdError
 from . import morton_order, random_streams
 from .maps import LabelMap
+from .paces import mixed_in
 from .state_machine import StateMachine
 from .variants import Draw
 
@@ -125,10 +126,8 @@ class Group:
         own = Action("", self.stride, self.period)
         found = next((action for action in (own, *self.actions) if action.name == name), None)
         if found is None:
-            raise CrowdError(
-                f"The state machine names the action {name}, which was not measured for the character group {self.name}: "
-                "press Populate."
-            )
+            what = "has cross-fades, which were" if mixed_in(name) else f"names the action {name}, which was"
+            raise CrowdError(f"The state machine {what} not measured for the character group {self.name}: press Populate.")
         return found
 
     def __post_init__(self) -> None:
@@ -187,8 +186,12 @@ class Crowd:
     pace: (n,) uint8, index of the pace at which the agent walks (Gaits.paces).
     present: (n,) bool, whether the agent is there; None if all are. An agent that is not stands
         where it will enter, or where it left.
+    played: (n,) uint8, index of the pace that the agent shows: `pace`, or a step of the cross-fade
+        to it; None where no states cross-fade.
+    faded: (n,) float32, the part of the agent's cross-fade that is over, 1 without one; None
+        likewise.
 
-    These are 49 bytes per agent. The last five may be left out. Then no timer runs, the keys are
+    These are 49 bytes per agent, and 5 more with cross-fades. All from `wait` on may be left out. Then no timer runs, the keys are
     those of seed 0, no way is reflected, and all have the first pace and are there.
     """
 
@@ -204,6 +207,8 @@ class Crowd:
     mirror: np.ndarray = UNSET
     pace: np.ndarray = UNSET
     present: np.ndarray | None = None
+    played: np.ndarray | None = None
+    faded: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         n = len(self.x)
@@ -227,6 +232,11 @@ class Crowd:
     def columns(self) -> dict[str, np.ndarray]:
         """The columns by their names, without those that are None."""
         return {name: column for name, column in vars(self).items() if column is not None}
+
+    @property
+    def playing(self) -> np.ndarray:
+        """The paces (n,) uint8 that agents show."""
+        return self.pace if self.played is None else self.played
 
     @property
     def there(self) -> int:

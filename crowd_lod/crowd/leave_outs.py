@@ -29,6 +29,7 @@ STATIC = LeftOut("plan", "Neither an agent nor the camera moves: the plan made b
 STILL = LeftOut("behaviour", "No agent ever moves or changes its state: behaviour ran once, and only the action plays on.")
 UNCHANGING = LeftOut("behaviour", "No label on the map changes a state: no transition is looked up.")
 ONE_LABEL = LeftOut("behaviour", "The map has one label: it is not looked up.")
+NO_FADES = LeftOut("behaviour", "No agent ever comes into a state with a fade and another action: none cross-fades.")
 NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
 ONE_PACE = LeftOut("behaviour", "All walk at one pace: no agent ever changes its phase class.")
 ONE_GROUP = LeftOut("culling", "There is one character group: its bounding sphere is not looked up for each agent.")
@@ -50,7 +51,7 @@ WORKBENCH = LeftOut(
 
 # In the order of the pipeline.
 ITEMS = (
-    STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_PACE, NO_HEIGHTS,
+    STATIC, STILL, UNCHANGING, ONE_LABEL, ONE_PACE, NO_FADES, NO_HEIGHTS,
     ONE_GROUP, IN_ORDER, FLAT, BLOCKS, ALL_INSIDE, ALL_OUTSIDE, ONE_LEVEL, ONE_BUCKET,
 )  # fmt: skip
 ALL = frozenset(ITEMS)
@@ -84,12 +85,16 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
     states = np.flatnonzero(_reached(machine, crowd.state, labels))
     here = np.ix_(states, labels)
     unchanging = (machine.next_state[here] == states[:, None]).all() and (machine.next_choice[here] < 0).all()
-    if unchanging and not machine.timed and not machine.velocity[here].any():
+    fading = crowd.faded is not None and bool((crowd.faded < 1).any())
+    if unchanging and not machine.timed and not machine.velocity[here].any() and not fading:
         return frozenset([STILL])  # then there are no steps to make shorter
+    action = np.array([machine.actions.index(name) for name in machine.actions])[states]
+    fades = machine.follows[np.ix_(states, states)] & (machine.fade[states] > 0) & (action[:, None] != action)
     holds = {
         UNCHANGING: unchanging,
         ONE_LABEL: len(labels) == 1,
         ONE_PACE: len(machine.paces.speeds) == 1,
+        NO_FADES: not fades.any() and not fading,
     }
     return frozenset(item for item, true in holds.items() if true)
 

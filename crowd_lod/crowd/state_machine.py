@@ -15,6 +15,7 @@
 `after`: seconds until the state ends, or two numbers to draw the time between.
 `then`: the state that follows when it ends, or an object of states and weights.
 `action`: the name of the action that agents in the state play; their group's own if left out.
+`fade`: seconds in which agents who come into the state pass over to its action; 0 if left out.
 `animation`: a note of the same, from before actions were played; it changes nothing.
 `start`: the weight of the state in the draw for the first frame.
 `spawn`: false keeps the first positions off a label.
@@ -34,32 +35,12 @@ import numpy as np
 from ..errors import CrowdError
 from . import random_streams
 from .json_reader import Color, FieldPath, Reader
+from .paces import BETWEEN, Paces, paces_of
 
 EDGES = ("clamp", "wrap", "reflect", "stop")
 SHORTEST = 0.001  # seconds that a timer runs at least
-MOST_PACES = 6  # of a state machine: each has its own posed characters
 PRESETS = Path(__file__).parent / "presets"
 SCHEMA = PRESETS / "schema.json"
-
-
-@dataclass(frozen=True)
-class Paces:
-    """The actions that agents play, each at some speeds: a pace is an action at a speed.
-
-    speeds: (P,) float64, metres per second, increasing within an action.
-    of: (S, L) uint8, the pace of an agent in each state on each label.
-    off: the largest relative difference between a pace and the agent's own speed. The feet slide by
-        it.
-    actions: P names, the action of each pace, "" for the groups' own; () if all play their own.
-    slowest: (S,) uint8, the first pace of each state's action; () if all play their own. It is to
-        stand where agents can.
-    """
-
-    speeds: np.ndarray
-    of: np.ndarray
-    off: float = 0.0
-    actions: tuple[str, ...] = ()
-    slowest: np.ndarray | tuple[()] = ()
 
 
 @dataclass(frozen=True)
@@ -75,6 +56,7 @@ class StateMachine:
     edge: one of EDGES.
     text: its JSON.
     actions: S names, "" where the groups' own action is played.
+    fade: (S,) float64, seconds of the cross-fade into each state's action; 0 without.
     after: (S, 2) float64, least and greatest seconds in the state; inf without a timer.
     then: (S,) uint8, the state that follows the timer.
     odds: (R, S) float64, the cumulative weights of R random choices; each row ends in 1.
@@ -94,6 +76,7 @@ class StateMachine:
     edge: str
     text: str
     actions: tuple[str, ...]
+    fade: np.ndarray
     after: np.ndarray
     then: np.ndarray
     odds: np.ndarray
@@ -107,35 +90,31 @@ class StateMachine:
 
     @cached_property
     def paces(self) -> Paces:
-        """The speeds of the table for each action, at most MOST_PACES of them.
+        """The actions of the table at its speeds, and the steps of cross-fades between them; see paces_of."""
+        to, by = self.actions, np.nonzero(self.follows & (self.fade > 0))
+        pairs = {(to[s], to[t]) for s, t in zip(*by, strict=True) if to[s] != to[t]}
+        return paces_of(self.actions, np.hypot(*np.moveaxis(self.velocity, 2, 0)), self.edge == "stop", pairs)
 
-        If an action has more, the paces rise by equal ratios from its slowest speed to its fastest,
-        and each speed gets the nearest pace by ratio. Standing, where agents can, is a pace of its
-        own.
-        """
-        speed = np.hypot(*np.moveaxis(self.velocity, 2, 0))
-        of, slowest = np.zeros(speed.shape, np.uint8), np.zeros(len(speed), np.uint8)
-        speeds: list[np.ndarray] = []
-        actions: list[str] = []
-        off = 0.0
-        for action in dict.fromkeys(sorted(self.actions)):
-            states = [s for s, name in enumerate(self.actions) if name == action]
-            found, nearest = self._ladder(speed[states])
-            of[states], slowest[states] = len(actions) + nearest, len(actions)
-            off = max(off, float(np.abs(_ratio(found[nearest], speed[states]) - 1.0).max()))
-            speeds.append(found)
-            actions += [action] * len(found)
-        named = (tuple(actions), slowest) if any(actions) else ()
-        return Paces(np.concatenate(speeds), of, off if off > 1e-6 else 0.0, *named)
+    @cached_property
+    def follows(self) -> np.ndarray:
+        """(S, S) bool: which states may follow each one at once, by a label or by its timer."""
+        found, likely = np.zeros((len(self.states),) * 2, bool), np.diff(self.odds, axis=1, prepend=0) > 0
+        timed = np.isfinite(self.after).any(axis=1)[:, None]
+        for next_state, choice, holds in (
+            (self.next_state, self.next_choice, True),
+            (self.then[:, None], self.then_choice[:, None], timed),
+        ):
+            state, rule = np.nonzero((choice < 0) & holds)
+            found[state, next_state[state, rule]] = True
+            state, rule = np.nonzero((choice >= 0) & holds)
+            np.logical_or.at(found, state, likely[choice[state, rule]])
+        return found
 
-    def _ladder(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the paces (p,) that serve all of `speed` (s, L), and the pace (s, L) of each."""
-        stands = [0.0] if self.edge == "stop" or not speed.all() else []
-        walks = np.unique(speed[speed > 0].round(9))
-        if len(stands) + len(walks) > MOST_PACES:
-            walks = np.geomspace(walks[0], walks[-1], MOST_PACES - len(stands))
-        found = np.array([*stands, *walks])
-        return found, np.abs(np.log(np.maximum(speed, 1e-9))[..., None] - np.log(np.maximum(found, 1e-9))).argmin(axis=-1)
+    @cached_property
+    def fading(self) -> np.ndarray:
+        """(S,) float64: seconds of a cross-fade that goes on in each state; those of its action's longest if it has none."""
+        alike = np.array([[one == other for other in self.actions] for one in self.actions])
+        return np.where(self.fade > 0, self.fade, (alike * self.fade).max(axis=1))
 
     @cached_property
     def timed(self) -> bool:
@@ -182,10 +161,6 @@ class StateMachine:
             draws = random_streams.uniform(key[random], stream)
             certain[random] = (draws[:, None] >= self.odds[choice[random]]).sum(axis=1)
         return certain
-
-
-def _ratio(pace: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    return np.divide(pace, speed, out=np.ones_like(speed), where=speed > 0)
 
 
 def load_preset(name: str) -> StateMachine:
@@ -256,6 +231,7 @@ def parse(text: str, where: str) -> StateMachine:
         edge=edge,
         text=text,
         actions=tuple(table.actions),
+        fade=np.array(table.fade, float),
         after=table.after,
         then=table.then,
         odds=np.array(list(table.odds), float).reshape(-1, len(states)),
@@ -276,14 +252,21 @@ class _Table:
         self.colors: list[Color] = []
         self.start: list[float] = []
         self.actions: list[str] = []
+        self.fade: list[float] = []
         self.odds: dict[tuple[float, ...], int] = {}  # cumulative weights -> their row
 
     def read_state(self, s: int, state: str, entry: object) -> None:
         reader, path = self.reader, ("states", state)
-        given = reader.table(entry, path, {"color", "start", "action", "animation", "after", "then", "on"})
+        given = reader.table(entry, path, {"color", "start", "action", "animation", "fade", "after", "then", "on"})
         self.colors.append(reader.color(given.get("color", "#808080"), (*path, "color")))
         self.start.append(reader.number(given.get("start", 0), (*path, "start"), least=0))
         self.actions.append(reader.string(given.get("action", ""), (*path, "action")))
+        if BETWEEN in self.actions[-1]:
+            reader.fail(
+                (*path, "action"),
+                f"is {self.actions[-1]!r}; {BETWEEN!r} stands between two actions in names of cross-fades, rename it",
+            )
+        self.fade.append(reader.number(given.get("fade", 0), (*path, "fade"), least=0))
         reader.string(given.get("animation", ""), (*path, "animation"))
         for one, other in (("after", "then"), ("then", "after")):
             if one in given and other not in given:

@@ -10,7 +10,7 @@ from ..crowd import random_streams
 from ..crowd.agents import CLASSES, Crowd, Group
 from ..crowd.leave_outs import ALL, LeftOut, needless_of_places
 from ..crowd.maps import Area
-from ..crowd.state_machine import Paces
+from ..crowd.paces import Paces
 from ..crowd.terrain import Ground, Terrain
 from ..crowd.velocity_bounds import VelocityBounds
 from ..progress import breath

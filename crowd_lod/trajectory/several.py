@@ -10,7 +10,7 @@ from ..animation.phase_classes import Gaits, gaits_of
 from ..crowd.agents import Crowd, Group
 from ..crowd.leave_outs import LeftOut, needless_of_places
 from ..crowd.maps import Area
-from ..crowd.state_machine import Paces
+from ..crowd.paces import Paces
 from ..crowd.velocity_bounds import STANDING, VelocityBounds
 from ..errors import CrowdError
 from ..progress import share
@@ -44,14 +44,14 @@ class Several(Trajectory):
         for what, sizes in (("states", states), ("paces", paces)):
             if sum(sizes) > MOST:
                 raise CrowdError(f"The crowds have {sum(sizes)} {what} together: use at most {MOST}, or fewer crowds.")
-        self._moved_up = {
-            name: np.append(0, np.cumsum(sizes))[:-1].tolist() for name, sizes in (("state", states), ("pace", paces))
-        }
+        counts_of = (("state", states), ("pace", paces), ("played", paces))
+        self._moved_up = {name: np.append(0, np.cumsum(sizes))[:-1].tolist() for name, sizes in counts_of}
         self.gaits = self._gaits()
         # of each column, what it was made of, and itself: most do not change from frame to frame
         self._joined: dict[str, tuple[list[Any], np.ndarray]] = {}
         self._absent = [np.zeros(count, bool) for count in counts]
         self._all_there = [np.ones(count, bool) for count in counts]
+        self._unfaded = [np.ones(count, np.float32) for count in counts]
         self.start = self._together([each.start for each in members])
         if any(each.ids is not None for each in members):
             self.ids = np.concatenate([np.full(len(each.start), -1) if each.ids is None else each.ids for each in members])
@@ -174,6 +174,11 @@ class Several(Trajectory):
         return places | {item for item in alike if item.stage == "behaviour"}
 
     def _together(self, crowds: list[Crowd]) -> Crowd:
+        if any(crowd.played is not None for crowd in crowds):  # who never cross-fades shows its pace
+            crowds = [
+                replace(crowd, played=crowd.pace, faded=unfaded) if crowd.played is None else crowd
+                for crowd, unfaded in zip(crowds, self._unfaded, strict=True)
+            ]
         names = crowds[0].columns.keys() - {"present"}
         columns = {name: self._column(name, [getattr(crowd, name) for crowd in crowds]) for name in names}
         if all(self.shown) and all(crowd.present is None for crowd in crowds):

@@ -60,7 +60,7 @@ def _posed(scene: bpy.types.Scene, agent: int, time: float, levels: Sequence[int
     stance = Euler((own.get("roll", 0.0), -own.get("pitch", 0.0), own["heading"])).to_matrix().to_4x4()
     turn = Matrix.Rotation(scene_data.rotation(settings.forward), 4, "Z")
     gaits, bodies = trajectory.gaits, []
-    action = gaits.actions[gaits.action[crowd.pace[agent]]]
+    action = gaits.actions[gaits.action[crowd.playing[agent]]]
     act = performance_of(name, objects, filter(None, [action])).only(action)
     ((first, last),) = act.spans
     with as_rendered(item for home in homes for item in home.objects) as (stage, actors), act:

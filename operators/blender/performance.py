@@ -2,6 +2,7 @@
 
 A named action is put on the character's armature for as long as it is evaluated, then the armature
 gets back what it played. So whatever follows it (parents, constraints, drivers) follows the action.
+So it is with the steps of cross-fades, whose poses are mixed of two actions (pose_mixing.py).
 """
 
 import re
@@ -14,7 +15,9 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
+from .pose_mixing import AT_REST, Mixture, Played
 from .props import group_of
 from .rig_dependencies import action_range, armatures_of, curves_of, players_of, read_columns, span_of
 
@@ -23,10 +26,6 @@ TRAVELS = 0.01
 BONE = re.compile(r'pose\.bones\["(.*)"\]')
 # how an action is played, and how a bone stands
 AS_IT_IS = {"use_nla": False, "action_blend_type": "REPLACE", "action_influence": 1.0, "action_extrapolation": "HOLD"}
-AT_REST = {
-    "location": (0, 0, 0), "rotation_quaternion": (1, 0, 0, 0), "rotation_euler": (0, 0, 0),
-    "rotation_axis_angle": (0, 0, 1, 0), "scale": (1, 1, 1),
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -41,6 +40,7 @@ class Part:
     way: metres that it travels in the plane.
     stride: metres walked in a cycle as its custom property says, or as far as it travels; 0 if
         neither says.
+    mixed: of a step of a cross-fade its two actions, and the share of the second.
     """
 
     name: str
@@ -52,6 +52,7 @@ class Part:
     travels: tuple[tuple[str, int, float], ...] = ()
     way: float = 0.0
     stride: float = 0.0
+    mixed: tuple["Part", "Part", float] | None = None
 
 
 class Performance:
@@ -72,6 +73,7 @@ class Performance:
         self._playing: Part | None = None
         self._before: list[tuple] = []
         self._made: list[bpy.types.Action] = []
+        self._mixture: Mixture | None = None
 
     def __enter__(self) -> "Performance":
         return self
@@ -108,8 +110,12 @@ class Performance:
         part, frame = self.find(moment)
         if part is not self._playing:
             self.rest()
-            if part.action is not None:
+            if part.player is not None:
                 self._play(part)
+        if self._mixture is not None and part.mixed:
+            phase = (frame - part.first) / max(part.last - part.first, 1e-9)
+            one, other = (each.first + phase * (each.last - each.first) for each in part.mixed[:2])
+            self._mixture.put((one, other))
         stage.frame_set(int(frame // 1), subframe=float(frame % 1))
 
     def _play(self, part: Part) -> None:
@@ -117,8 +123,10 @@ class Performance:
         new = player.animation_data is None
         data = player.animation_data_create()
         before = {name: getattr(data, name) for name in AS_IT_IS}
-        self._playing, self._before = part, [(player, new, data.action, data.action_slot_handle, before), *_bones(player, part)]
+        self._playing, self._before = part, [(player, new, data.action, data.action_slot_handle, before), *_unkeyed(player, part)]
         action = part.action
+        if part.mixed:
+            self._mixture = Mixture(player, tuple(map(_played, part.mixed[:2])), part.mixed[2], _paths_moved(player))
         if part.travels:
             action = action.copy()
             self._made.append(action)
@@ -127,26 +135,26 @@ class Performance:
         _assign(data, action, part.handle)
         for path, index, way in part.travels:
             _stay(next(c for c in curves_of(data) if (c.data_path, c.array_index) == (path, index)), way, part)
-        for bone, _ in self._before[1:]:
-            for name, value in AT_REST.items():
-                setattr(bone, name, value)
+        for bone, name, _ in self._before[1:]:
+            setattr(bone, name, AT_REST[name])
 
     def rest(self) -> None:
         """Give the character back what it played."""
         if self._playing is None:
             return
         (player, new, action, handle, before), *bones = self._before
+        if self._mixture is not None:
+            self._mixture.restore()
         data = player.animation_data
         _assign(data, action, handle)
         for name, value in before.items():
             setattr(data, name, value)
         if new:
             player.animation_data_clear()
-        for bone, values in bones:
-            for name, value in values.items():
-                setattr(bone, name, value)
+        for bone, name, value in bones:
+            setattr(bone, name, value)
         bpy.data.batch_remove(self._made)
-        self._playing, self._before, self._made = None, [], []
+        self._playing, self._before, self._made, self._mixture = None, [], [], None
 
 
 def _assign(data: bpy.types.AnimData, action: bpy.types.Action | None, handle: int) -> None:
@@ -166,17 +174,25 @@ def _stay(curve: bpy.types.FCurve, way: float, part: Part) -> None:
     curve.update()
 
 
-def _bones(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseBone, dict]]:
-    """Return the bones that the own animation of `player` moves and the action does not, and how they stand now."""
+def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseBone, str, tuple]]:
+    """Return the channels of bones that the own animation of `player` moves and the action does not, and what they say now."""
     if player.pose is None or player.animation_data is None:
         return []
-    played = [curve for each in players_of([player]) for curve in curves_of(each)]
-    mine, own = (
-        {match[1] for curve in curves for match in [BONE.match(curve.data_path)] if match}
-        for curves in (_curves(part.action, part.handle), played)
-    )
-    bones = [bone for bone in player.pose.bones if bpy.utils.escape_identifier(bone.name) in own - mine]
-    return [(bone, {name: tuple(getattr(bone, name)) for name in AT_REST}) for bone in bones]
+    parts = part.mixed[:2] if part.mixed else (part,)
+    put = {curve.data_path for each in parts for curve in _curves(each.action, each.handle)}
+    found = ((BONE.match(path), path.rpartition(".")[2]) for path in sorted(_paths_moved(player) - put))
+    named = [(bpy.utils.unescape_identifier(bone[1]), name) for bone, name in found if bone and name in AT_REST]
+    bones = player.pose.bones
+    return [(bones[bone], name, tuple(getattr(bones[bone], name))) for bone, name in named if bone in bones]
+
+
+def _paths_moved(player: bpy.types.Object) -> set[str]:
+    return {curve.data_path for each in players_of([player]) for curve in curves_of(each)}
+
+
+def _played(part: Part) -> Played:
+    slopes = {(path, index): way / (part.last - part.first) for path, index, way in part.travels}
+    return Played(_curves(part.action, part.handle), slopes, part.first)
 
 
 def _curves(action: bpy.types.Action, handle: int) -> list[bpy.types.FCurve]:
@@ -197,7 +213,15 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
 
     CrowdError if there is no such action, or if the character cannot play it.
     """
-    return Performance([*own(objects).parts, *(_part(group, objects, name) for name in names)])
+    names = list(names)
+    steps = {name: mixed for name in names if (mixed := mixed_in(name))}
+    needed = dict.fromkeys(
+        [*(name for name in names if name not in steps), *(each for mixed in steps.values() for each in mixed[:2])]
+    )
+    known = {name: _named(group, objects, name) if name else _own_action(group, objects) for name in needed}
+    parts = (_mixed(group, name, known[mixed[0]], known[mixed[1]]) for name, mixed in steps.items())
+    known |= {part.name: part for part in parts}
+    return Performance([*own(objects).parts, *(known[name] for name in names)])
 
 
 def called(group: str, name: str) -> list[str]:
@@ -206,7 +230,31 @@ def called(group: str, name: str) -> list[str]:
     return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
-def _part(group: str, objects: list[bpy.types.Object], name: str) -> Part:
+def _mixed(group: str, name: str, one: Part, other: Part) -> Part:
+    """Return the step `name` of the cross-fade between two actions; it lasts as long as the longer of them."""
+    if one.player != other.player:
+        raise CrowdError(
+            f"The actions {one.action.name} and {other.action.name} move two objects of {group}, {one.player.name} and "
+            f"{other.player.name}: no state can fade from one to the other; set its fade to 0."
+        )
+    longer = max(one, other, key=lambda part: part.last - part.first)
+    return Part(name, longer.first, longer.last, player=one.player, mixed=(one, other, mixed_in(name)[2]))
+
+
+def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
+    """Return the action that the character plays of itself, if it is one action of one object."""
+    for player in (*armatures_of(objects), *objects):
+        data = player.animation_data
+        plain = data is not None and (data.action_blend_type, data.action_influence) == ("REPLACE", 1)
+        if plain and data.action is not None and players_of([player]) == [data]:
+            return Part("", *action_range(objects), data.action, data.action_slot_handle, player)
+    raise CrowdError(
+        f"A state fades from or to the own action of the character group {group}, whose animation is not one action of one object: "
+        "name an action for each of these states, or set their fade to 0."
+    )
+
+
+def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
     action = next((bpy.data.actions[each] for each in called(group, name) if each in bpy.data.actions), None)
     if action is None:
         raise CrowdError(
@@ -283,8 +331,8 @@ def _way(player: bpy.types.Object, travels: Sequence[tuple[str, int, float]]) ->
     return way.xy.length
 
 
-def digest(parts: Iterable[Part]) -> list:
-    """Return what the named actions of `parts` are, to compare as text."""
+def digest(parts: Sequence[Part]) -> list:
+    """Return what the named actions of `parts` are, to compare as text; of steps of cross-fades their names, which say it."""
     columns = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4"))
     return [
         (
@@ -296,4 +344,4 @@ def digest(parts: Iterable[Part]) -> list:
         )
         for part in parts
         if part.action is not None
-    ]
+    ] + [part.name for part in parts if part.mixed]

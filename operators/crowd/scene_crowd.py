@@ -74,15 +74,20 @@ def measuring_groups(
             low, center, radius = reaches[name]
         else:
             acts = yield from share(_acted(objects, performance), g / len(cast), (g + 1) / len(cast))
-            low = base.lowest if base else lowest([pose for poses in acts for pose in poses], origin[2])
+            # while two actions mix, feet may dip into the ground: nobody is lifted for that
+            plain = (poses for part, poses in zip(performance.parts, acts, strict=True) if not part.mixed)
+            low = base.lowest if base else lowest([pose for poses in plain for pose in poses], origin[2])
             center, radius = bounds(objects[0].name, (*origin[:2], origin[2] + low * on_ground), *acts)
         first, *others = performance.parts
         found = Group(name, center, radius, 0.0, (first.last - first.first) / fps, lowest=low, on_ground=on_ground)
         if base:
             found = replace(found, stride=base.stride, actions=base.actions, variant_of=variant_of)
         else:
-            actions = [_action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)]
-            found = replace(found, stride=_custom(settings.characters, name, "stride"), actions=tuple(actions))
+            found = replace(found, stride=_custom(settings.characters, name, "stride"))
+            actions = {part.name: _action(part, poses, fps, 2 * radius) for part, poses in zip(others, acts[1:], strict=True)}
+            for part in (part for part in others if part.mixed):  # a cross-fade goes at the rate of the action to come
+                actions[part.name] = replace(actions.get(part.mixed[1].name, found.action("")), name=part.name, way=0.0)
+            found = replace(found, actions=tuple(actions.values()))
         kept = {key: getattr(known[name], key) for key in (*OF_LEVELS, "share", "scale")} if name in known else {}
         measured[name] = replace(found, chance=chance, **kept)
     return tuple(measured.values())

@@ -23,7 +23,7 @@ def machine_of(settings) -> machines.StateMachine:
 
 
 def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
-    """Return the names of the actions that states name for agents of a character group, in order.
+    """Return the names of the actions that states name for agents of a character group, in order, with the steps of cross-fades.
 
     They are those of the crowds that have agents of the `group`. CrowdError if a state machine is bad.
     """
@@ -39,7 +39,7 @@ def names_in(crowd) -> set[str]:
 
 @lru_cache(maxsize=16)
 def _actions(text: str, name: str) -> tuple[str, ...]:
-    return machines.parse(text, name).actions
+    return machines.parse(text, name).paces.actions
 
 
 def area_of(settings) -> Area:

@@ -151,7 +151,7 @@ def _instances(frame: Frame, colors: Colors, fades: tuple[np.ndarray, np.ndarray
     draw, gaits = levels.astype(np.uint16) * np.uint16(256) + crowd.group[order], frame.trajectory.gaits
     actions = len(gaits.actions)
     if actions > 1:
-        draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[crowd.pace[order]].astype(np.uint32)
+        draw = draw.astype(np.uint32) * np.uint32(actions) + gaits.action[crowd.playing[order]].astype(np.uint32)
     by_draw = np.argsort(draw, kind="stable")
     order, shares = order[by_draw], shares[by_draw]
     kinds, first, count = np.unique(draw[by_draw], return_index=True, return_counts=True)

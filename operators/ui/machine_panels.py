@@ -152,6 +152,7 @@ class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
         field("state_color", "color")
         field("start", "start")
         field("action", "action")
+        field("fade", "fade")
         field("use_timer", "after")
         timer = greyed(layout, editor.use_timer)
         column = timer.column(align=True)

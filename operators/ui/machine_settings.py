@@ -225,6 +225,14 @@ class CrowdLodMachineEditor(bpy.types.PropertyGroup):
         description="Action that agents in this state play; each character group plays its own of that name",
         **_text_field("states", "action"),
     )
+    fade: FloatProperty(
+        name="Fade",
+        description="Seconds in which agents who come into this state from another action pass over to its action; 0 changes at once",
+        min=0,
+        soft_max=1,
+        step=5,
+        **_number_field("states", "fade"),
+    )
     use_timer: BoolProperty(
         name="Timer",
         description="The state ends after a time, wherever the agent is",

@@ -7,7 +7,8 @@ from crowd_lod_extension.crowd_lod.animation.phase_classes import Library
 from crowd_lod_extension.crowd_lod.behaviour.walk import Walk
 from crowd_lod_extension.crowd_lod.crowd.agents import Action, Group, populate
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, LabelMap
-from crowd_lod_extension.crowd_lod.crowd.state_machine import MOST_PACES, load_preset
+from crowd_lod_extension.crowd_lod.crowd.paces import MOST_PACES
+from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 from ..support.crowds import crowd_at, walker

@@ -1,0 +1,199 @@
+"""Cross-fades between states' actions: what agents show, against poses mixed of Blender's own evaluations of both actions."""
+
+import bpy
+import numpy as np
+import pytest
+from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
+from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in
+from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.blender import mesh_data, scene_data
+from crowd_lod_extension.operators.blender.performance import performance_of
+from crowd_lod_extension.operators.build import bake, render_setup
+from crowd_lod_extension.operators.crowd.scene_crowd import (
+    characters_of,
+    frame_of,
+    groups_of,
+    measure_groups,
+    trajectory_of,
+)
+from crowd_lod_extension.operators.lod_meshes import deviation
+from crowd_lod_extension.operators.overlay import skinned_characters
+
+from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
+from .test_rigs import instances
+
+FADING = {name: state | {"fade": 0.8} for name, state in STATES.items()}
+NEAR = 1e-4 * 1.9  # of the adult's diagonal
+
+
+@pytest.fixture
+def fading(kept, request):
+    """Two characters with their LODs who fade between walk and idle."""
+    path = kept / "fading.blend"
+    if not path.exists():
+        scene = request.getfixturevalue("waiting")
+        name_actions(scene, FADING)
+        levelled(scene)
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+    return bpy.context.scene
+
+
+def mixed(scene, group, actions, phase, share):
+    """Points (v, 3) of the character between two actions at one phase, about its origin.
+
+    Each action is evaluated by Blender alone. The bones' bases are then mixed by quaternions here and set by hand.
+    """
+    _, objects, origin = characters_of(scene)[group]
+    stage, (rig,) = bpy.data.scenes.new("mixed"), {item.parent for item in objects}
+    for item in (rig, *objects):
+        stage.collection.objects.link(item)
+    before, bases, kept = rig.animation_data.action, [], [bone.matrix_basis.copy() for bone in rig.pose.bones]
+    for action in actions:
+        for bone in rig.pose.bones:  # what an action leaves alone stands at rest
+            bone.location, bone.rotation_quaternion, bone.scale = (0, 0, 0), (1, 0, 0, 0), (1, 1, 1)
+        rig.animation_data.action = action
+        first, last = action.frame_range
+        frame = first + phase * (last - first)
+        stage.frame_set(int(frame // 1), subframe=frame % 1)
+        evaluated = rig.evaluated_get(stage.view_layers[0].depsgraph)
+        bases.append([bone.matrix_basis.decompose() for bone in evaluated.pose.bones])
+    rig.animation_data.action = None
+    for bone, one, other in zip(rig.pose.bones, *bases, strict=True):
+        a, b = np.array(one[1]), np.array(other[1])
+        b *= np.sign(a @ b) or 1.0
+        angle = np.arccos(np.clip(a @ b, -1, 1))
+        weights = (np.sin((1 - share) * angle), np.sin(share * angle)) if angle > 1e-6 else (1 - share, share)
+        bone.location = (1 - share) * np.array(one[0]) + share * np.array(other[0])
+        bone.rotation_quaternion = (weights[0] * a + weights[1] * b) / np.linalg.norm(weights[0] * a + weights[1] * b)
+        bone.scale = (1 - share) * np.array(one[2]) + share * np.array(other[2])
+    stage.view_layers[0].update()
+    depsgraph = stage.view_layers[0].depsgraph
+    points = [mesh_data.world_points(item.evaluated_get(depsgraph)) for item in objects if item.type == "MESH"]
+    for bone, matrix in zip(rig.pose.bones, kept, strict=True):
+        bone.matrix_basis = matrix
+    rig.animation_data.action = before
+    bpy.data.scenes.remove(stage)
+    return np.concatenate(points) - origin
+
+
+def actions_in(scene, group, name):
+    """The two actions and the share of a step of a cross-fade."""
+    title = characters_of(scene)[group][0]
+    before, after, share = mixed_in(name)
+    return [bpy.data.actions[f"{each or 'walk'} {title}"] for each in (before, after)], share
+
+
+def faders(scene, number):
+    """{(group, step of a cross-fade): (agent, phase)} of agents that the camera sees; the phase by what is to come."""
+    trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
+    crowd, found = plan.crowd, {}
+    names = np.array(trajectory.gaits.paces.actions)[crowd.playing]
+    for agent in plan.buckets.order:
+        if mixed_in(names[agent]):
+            group = int(crowd.group[agent])
+            _, into, _ = mixed_in(names[agent])
+            first, last = bpy.data.actions[f"idle {characters_of(scene)[group][0]}"].frame_range
+            cycles = 24 / (last - first) if into else 1.25 / groups_of(scene.crowd_lod)[group].stride
+            found[group, str(names[agent])] = (agent, (crowd.phase_class[agent] / 16 + cycles * number / 24) % 1.0)
+    return found
+
+
+def off(scene, number):
+    """Metres by which what the build shows is off at most, and the steps that agents show."""
+    crowd, shown = trajectory_of(scene).at(number), [points for level, points in instances(scene) if level == 0]
+    worst, steps = 0.0, set()
+    for (group, name), (agent, phase) in faders(scene, number).items():
+        angle = crowd.heading[agent] + scene_data.rotation(scene.crowd_lod.forward)
+        c, s = np.cos(angle), np.sin(angle)
+        actions, share = actions_in(scene, group, name)
+        points = mixed(scene, group, actions, phase, share) @ np.array([[c, s, 0], [-s, c, 0], [0, 0, 1]])
+        points += [crowd.x[agent], crowd.y[agent], crowd.z[agent]]
+        worst = max(worst, min(abs(other - points).max() for other in shown if other.shape == points.shape))
+        steps.add(name)
+    return worst, steps
+
+
+def test_live_build_and_bake_show_the_steps_of_cross_fades(fading):
+    scene, seen = fading, set()
+    scene.crowd_lod.thresholds[:2] = (0.98, 0.99)  # all at LOD 0
+    list(render_setup.build(scene))
+    assert bpy.data.objects["adult rig"].animation_data.action.name == "walk adult"
+    for number in (3, 30, 60):
+        scene.frame_set(number)
+        worst, steps = off(scene, number)
+        assert worst < NEAR
+        seen |= steps
+    assert len(seen) >= 5  # of six
+    finished(bake.bake(scene, [60]))
+    scene.frame_set(60)
+    worst, baked = off(scene, 60)
+    assert baked == steps and worst < NEAR
+
+
+def test_the_overlay_has_the_frames_of_each_step(fading):
+    scene = fading
+    name = characters_of(scene)[0][0]
+    homes = [level.children[0] for level in scene.crowd_lod.levels.children]
+    steps = [action.name for action in groups_of(scene.crowd_lod)[0].actions]
+    character = finished(skinned_characters.baking(name, lambda: homes, steps))
+    for step in (step for step in steps if mixed_in(step)):
+        first, count = character.rows_of(step)
+        for phase in np.array([0, 9, count // 2]) / (count - 1):
+            mine = skin(character.meshes[0], pose(character.frames[first : first + count], np.array([phase], np.float32)))[0]
+            actions, share = actions_in(scene, 0, step)
+            own = mixed(scene, 0, actions, phase, share)
+            assert np.linalg.norm(mine[:, None] - own[None, ::7], axis=2).min(axis=0).max() < 1e-4
+
+
+def test_deviations_hold_within_cross_fades(fading):
+    scene = fading
+    (group, *_), (_, objects, _) = groups_of(scene.crowd_lod), characters_of(scene)[0]
+    meshes = deviation.meshes_of(scene.crowd_lod.levels, 0, "adult")
+    act = performance_of("adult", objects, [action.name for action in group.actions])
+    for span, name in zip(act.spans, act.names, strict=True):
+        if mixed_in(name):
+            with deviation.Posed(objects, meshes, act) as posed:
+                body, levels = posed.at(np.mean(span) + 0.3)
+                for level, bound in zip(levels, group.bounds, strict=True):
+                    assert body.distances(level.points).max() <= bound + 1e-6
+
+
+def test_a_step_leaves_the_rig_as_it_was(fading):
+    rig, (_, objects, _) = bpy.data.objects["adult rig"], characters_of(fading)[0]
+    rig.pose.bones["forearm.L"].rotation_quaternion = (0.6, 0.8, 0, 0)
+    before = [tuple(map(tuple, bone.matrix_basis)) for bone in rig.pose.bones], len(bpy.data.actions)
+    stage = bpy.data.scenes.new("stage")
+    stage.collection.objects.link(rig)
+    with performance_of("adult", objects, ["idle", " > idle 2/4"]) as act:
+        act.go_to(stage, act.spans[2][0] + 5)
+        assert rig.animation_data.action is None
+    assert (([tuple(map(tuple, bone.matrix_basis)) for bone in rig.pose.bones], len(bpy.data.actions))) == before
+    assert rig.animation_data.action.name == "walk adult"
+
+
+def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
+    rig = bpy.data.objects["adult rig"]
+    rig.animation_data.nla_tracks.new().strips.new("walk", 1, rig.animation_data.action)
+    name_actions(waiting, FADING)
+    with pytest.raises(
+        CrowdError, match="A state fades from or to the own action of the character group adult, whose animation is not one"
+    ):
+        measure_groups(waiting)
+    rig.animation_data.nla_tracks[0].mute = True
+    measure_groups(waiting)
+    shape = bpy.data.objects["adult rig"].children[0]
+    wave = bpy.data.actions.new("adult wave")
+    shape.animation_data_create().action = wave
+    for frame in (1, 10):  # of the mesh, which the rig does not have
+        path = f'modifiers["{shape.modifiers[0].name}"].use_deform_preserve_volume'
+        wave.fcurve_ensure_for_datablock(shape, path).keyframe_points.insert(frame, 0)
+    shape.animation_data_clear()
+    waving = FADING | {"wait": FADING["wait"] | {"action": "wave"}}
+    waiting.crowd_lod.group_names = "adult"
+    name_actions(waiting, waving)
+    with pytest.raises(
+        CrowdError, match="move two objects of adult, .*: no state can fade from one to the other; set its fade to 0"
+    ):
+        measure_groups(waiting)
