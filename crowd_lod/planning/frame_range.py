@@ -41,6 +41,27 @@ def parse_frames(text: str, step: int = 1) -> list[int]:
     return frames
 
 
+def parse_part(text: str, frames: Sequence[int]) -> list[int]:
+    """Return those of a run's `frames` that `text` names, in increasing order.
+
+    text: numbers and ranges, 1,40 or 1:10, or as farms write them: 1-10, 1-41:10. Of a range A:B or
+        A-B those count that the run has.
+
+    CrowdError if it cannot be read, or names others.
+    """
+    wanted: set[int] = set()
+    for piece in text.split(","):
+        match = re.fullmatch(r"\s*(-?\d{1,9})\s*[:-]\s*(-?\d{1,9})(?::(\d{1,9}))?\s*", piece)
+        if match is None:
+            wanted.update(parse_frames(piece))
+        else:
+            named = parse_frames(f"{match[1]}:{match[2]}", int(match[3] or 1))
+            wanted.update(set(named).intersection(frames) or named)
+    if strange := sorted(wanted.difference(frames)):
+        raise CrowdError(f"Frames {told_frames(strange)} of --part are not among the run's: name frames of {told_frames(frames)}.")
+    return sorted(wanted)
+
+
 def told_frames(frames: Sequence[int]) -> str:
     """Return increasing `frames` as text: 1:3, 7."""
     begins = [frame for k, frame in enumerate(frames) if k == 0 or frame != frames[k - 1] + 1]

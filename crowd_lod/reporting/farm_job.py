@@ -18,16 +18,16 @@ class FarmJob:
 
     name: of the job.
     scene: path of the scene. All output goes into the template's folder.
-    frames: first and last.
+    frames: first, last and step.
     chunk: frames of a task.
     preview: whether frames are previewed; they are rendered if not.
-    script: what plain Blender runs to render: it is handed frames such as 1-10 or 5, engine, folder.
+    script: what plain Blender runs to render: it is handed frames such as 1-10, 1-41:10 or 5,9, engine, folder.
     command: the words that start Crowd LOD's commands; the first is a parameter of the job.
     """
 
     name: str
     scene: str
-    frames: tuple[int, int]
+    frames: tuple[int, int, int]
     chunk: int
     preview: bool
     script: str
@@ -47,12 +47,13 @@ def template(job: FarmJob) -> dict[str, Any]:
 
 
 def _parameters(job: FarmJob) -> list[dict[str, Any]]:
-    first, last = job.frames
+    first, last, step = job.frames
     found = [
         _path("Scene", "FILE", "IN", None, "The scene with the crowd"),
         _path("OutputDir", "DIRECTORY", "OUT", ".", "The folder for plan, frames and report"),
         {"name": "FirstFrame", "type": "INT", "default": first},
         {"name": "LastFrame", "type": "INT", "default": last},
+        {"name": "Step", "type": "INT", "default": step, "minValue": 1, "description": "Every so many of these frames"},
         {"name": "Chunk", "type": "INT", "default": job.chunk, "minValue": 1, "description": "Frames of a task"},
         {
             "name": "CrowdLod",
@@ -84,7 +85,8 @@ def values(job: FarmJob) -> dict[str, Any]:
 def _render_steps(job: FarmJob) -> list[Step]:
     scene, folder, baked = "{{Param.Scene}}", "{{Param.OutputDir}}", "{{Param.BakedFile}}"
     frames = ("--frames", "{{Param.FirstFrame}}:{{Param.LastFrame}}")
-    bake = ("build", scene, "--bake", "--render-only", *frames, "--plan", f"{folder}/plan", "--out", baked)
+    stepped = (*frames, "--step", "{{Param.Step}}")
+    bake = ("build", scene, "--bake", "--render-only", *stepped, "--plan", f"{folder}/plan", "--out", baked)
     render = _step(
         "Render",
         ["{{Param.Blender}}", "--background", baked, "--python-exit-code", "1", "--python", "{{Task.File.Render}}"],
@@ -96,13 +98,13 @@ def _render_steps(job: FarmJob) -> list[Step]:
         _step("Plan", job.command, ("plan", scene, *frames, "--out", f"{folder}/plan")),
         _step("Bake", job.command, bake, after="Plan"),
         _chunked(render),
-        _step("Assemble", job.command, ("assemble", folder, *frames), after="Render"),
+        _step("Assemble", job.command, ("assemble", folder, *stepped), after="Render"),
     ]
 
 
 def _preview_steps(job: FarmJob) -> list[Step]:
     scene, folder = "{{Param.Scene}}", "{{Param.OutputDir}}"
-    frames = ("--frames", "{{Param.FirstFrame}}:{{Param.LastFrame}}", "--step", "1")
+    frames = ("--frames", "{{Param.FirstFrame}}:{{Param.LastFrame}}", "--step", "{{Param.Step}}")
     part = ("preview", scene, *frames, "--part", "{{Task.Param.Frames}}", "--out", folder)
     return [
         _chunked(_step("Preview", job.command, part)),
@@ -122,6 +124,7 @@ def _step(name: str, command: Sequence[str], words: Sequence[str], after: str = 
 
 def _chunked(step: Step) -> Step:
     """Return the step with a task for each chunk of frames."""
-    chunks = {"defaultTaskCount": "{{Param.Chunk}}", "rangeConstraint": "CONTIGUOUS"}
-    frames = {"name": "Frames", "type": "CHUNK[INT]", "range": "{{Param.FirstFrame}}-{{Param.LastFrame}}", "chunks": chunks}
+    chunks = {"defaultTaskCount": "{{Param.Chunk}}", "rangeConstraint": "NONCONTIGUOUS"}
+    stepped = "{{Param.FirstFrame}}-{{Param.LastFrame}}:{{Param.Step}}"
+    frames = {"name": "Frames", "type": "CHUNK[INT]", "range": stepped, "chunks": chunks}
     return step | {"parameterSpace": {"taskParameterDefinitions": [frames]}}

@@ -69,6 +69,7 @@ def _build(commands, program: str) -> None:
     _scene(command, program)
     command.add_argument("--bake", action="store_true", help="put all frames into the file: it renders without Crowd LOD")
     command.add_argument("--frames", metavar="A:B|LIST", help="the frames to bake (default: those that the scene renders)")
+    command.add_argument("--step", type=int, metavar="N", help="bake every N-th frame of a range")
     command.add_argument(
         "--render-only",
         action="store_true",
@@ -124,6 +125,7 @@ def _job(commands, program: str) -> None:
     )
     _scene(command, program)
     command.add_argument("--frames", metavar="A:B", help="the frames (default: the scene's)")
+    command.add_argument("--step", type=int, metavar="N", help="every N-th of them (default: the scene's)")
     command.add_argument("--chunk", type=int, default=10, metavar="N", help="frames of a task (default: 10)")
     command.add_argument("--preview", action="store_true", help="preview the frames in place of rendering them")
     command.add_argument("--out", type=_path, metavar="DIR", help="the folder for the job and its output (default: SCENE_job)")
@@ -140,6 +142,7 @@ def _assemble(commands, program: str) -> None:
     command.add_argument("folder", type=_path, metavar="DIR", help="the folder given as --out to the parts")
     command.add_argument("--scene", metavar="SCENE", help="the scene, where it lies elsewhere on this machine")
     command.add_argument("--frames", metavar="A:B|LIST", help="frames that were rendered into DIR/frames, by the command job")
+    command.add_argument("--step", type=int, default=1, metavar="N", help="every N-th frame of these (default: 1)")
 
 
 def _plan(commands, program: str) -> None:

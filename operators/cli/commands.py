@@ -228,7 +228,7 @@ def _verify(args, command: list[str]) -> dict:
 
 def _assemble(args, command: list[str]) -> dict:
     if args.frames is not None:
-        return farm.assemble_frames(files.absolute(args.folder), parse_frames(args.frames), command)
+        return farm.assemble_frames(files.absolute(args.folder), parse_frames(args.frames, args.step), command)
     again, words = shared_runs.assembled(args, parser)
     result = COMMANDS[again.does](again, words)
     shared_runs.remove_parts(args.folder)
@@ -272,19 +272,20 @@ def _report_cull(args, command: list[str]) -> dict:
 def _build(args, command: list[str]) -> dict:
     stem = stem_of(args)
     path = blend_path(args.out or Path(f"{stem}_built.blend"))
-    if args.frames is not None and not args.bake:
-        raise CrowdError("Without --bake all frames are built: leave out --frames, or add --bake.")
+    if (args.frames, args.step) != (None, None) and not args.bake:
+        raise CrowdError("Without --bake all frames are built: leave out --frames and --step, or add --bake.")
     if args.render_only and not args.bake:
         raise CrowdError("Without --bake a render needs all characters: leave out --render-only, or add --bake.")
     if args.strict and not args.bake:
         raise CrowdError("Without --bake the plan is looked up as frames are shown: leave out --strict, or add --bake.")
-    frames = None if args.frames is None else parse_frames(args.frames)
+    frames = None if args.frames is None else parse_frames(args.frames, 1 if args.step is None else args.step)
     with files.staged_file(path) as part:
         scene = open_scene(args.scene)
         _set(scene.crowd_lod, args)
         _follow_plan(scene.crowd_lod, args)
         if args.bake and frames is None:
-            frames = list(range(scene.frame_start, scene.frame_end + 1, scene.frame_step))
+            step = scene.frame_step if args.step is None else args.step
+            frames = parse_frames(f"{scene.frame_start}:{scene.frame_end}", step)
         view_layers.check_layers(scene, args.view_layer or ())
         if not args.bake:
             check_blur(scene)

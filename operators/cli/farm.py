@@ -9,6 +9,7 @@ import shutil
 import sys
 from collections.abc import Sequence
 from html import escape
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,17 +30,13 @@ WIDTH = 480  # pixels of one of them, at least
 PICTURES = (".png", ".exr", ".jpg", ".jpeg", ".tif", ".tiff", ".webp", ".bmp")
 COLUMNS = ("frame", "agents", "visible", "culled", "triangles", "full_triangles")
 
-# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10 or 5, engine, folder.
+# Runs in plain Blender, which has opened the baked file; after "--": frames such as 1-10, 1-41:10 or 5,9, engine, folder.
 RENDER = """import sys
 
 import bpy
 
 frames, engine, folder = sys.argv[sys.argv.index("--") + 1 :]
-first, _, last = frames[1:].partition("-")
 scene = bpy.context.scene
-scene.frame_start = int(frames[0] + first)
-scene.frame_end = int(last or frames[0] + first)
-scene.frame_step = 1
 eevee = "BLENDER_EEVEE" if bpy.app.version >= (5, 0, 0) else "BLENDER_EEVEE_NEXT"
 if engine != "SCENE":
     scene.render.engine = {"EEVEE": eevee, "WORKBENCH": "BLENDER_WORKBENCH"}.get(engine, engine)
@@ -47,7 +44,13 @@ if scene.render.is_movie_format:
     scene.render.image_settings.file_format = "PNG"
 scene.render.use_overwrite, scene.render.use_placeholder = True, False
 scene.render.filepath = folder + "/frames/"
-bpy.ops.render.render(animation=True)
+for piece in frames.split(","):
+    span, _, step = piece.partition(":")
+    first, _, last = span[1:].partition("-")
+    scene.frame_start = int(span[0] + first)
+    scene.frame_end = int(last or span[0] + first)
+    scene.frame_step = int(step or 1)
+    bpy.ops.render.render(animation=True)
 """
 
 
@@ -61,20 +64,24 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
     path = Path(bpy.data.filepath)
     if not path.is_file():
         raise CrowdError("A farm opens the scene as a file: save it, or write the sample with the command sample.")
-    frames = [scene.frame_start, scene.frame_end] if args.frames is None else parse_frames(args.frames)
-    if args.frames is not None and len(frames) != frames[-1] - frames[0] + 1:
-        raise CrowdError(f"A job takes all frames of a range: give --frames as A:B, not {args.frames}.")
+    step = args.step
+    if step is None:
+        step = scene.crowd_lod.step if args.preview else scene.frame_step
+    frames = parse_frames(args.frames or f"{scene.frame_start}:{scene.frame_end}", step)
+    gaps = {after - before for before, after in pairwise(frames)} or {1}
+    if len(gaps) > 1:
+        raise CrowdError(f"A job takes a range of frames: give --frames as A:B, and --step, not {args.frames}.")
     folder = files.absolute(args.out or Path(f"{path.stem}_job"))
     name = f"{path.stem}: {'preview' if args.preview else 'render'} of a crowd"
-    span = frames[0], frames[-1]
-    job = FarmJob(name, printable(path), span, args.chunk, args.preview, RENDER, _command())
+    job = FarmJob(name, printable(path), (frames[0], frames[-1], *gaps), args.chunk, args.preview, RENDER, _command())
     with files.staged(folder, "template.json", "parameter_values.json", "crowd_lod.js") as part:
         (part / "template.json").write_text(json.dumps(template(job), indent=2) + "\n", encoding="utf-8")
         (part / "parameter_values.json").write_text(json.dumps(values(job), indent=2) + "\n", encoding="utf-8")
         shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
-    out, tasks = printable(folder), -(-(frames[-1] - frames[0] + 1) // args.chunk)
-    said = f"Frames {told_frames(range(span[0], span[1] + 1))} in {tasks:,} tasks of {args.chunk} frames."
-    return {"out": out, "frames": list(span), "tasks": tasks, "summary": f"{said}\n{out}"}
+    out, tasks = printable(folder), -(-len(frames) // args.chunk)
+    every = f", every {step}th" if (step := job.frames[2]) > 1 else ""
+    said = f"Frames {frames[0]}:{frames[-1]}{every}, in {tasks:,} tasks of up to {args.chunk} frames."
+    return {"out": out, "frames": [frames[0], frames[-1]], "step": step, "tasks": tasks, "summary": f"{said}\n{out}"}
 
 
 def _command() -> tuple[str, ...]:

@@ -11,6 +11,9 @@ const JOB_TYPE = {
           eval: "f'{C.scene.frame_start}-{C.scene.frame_end}'",
           evalInfo: { showLinkButton: true, description: "Scene frame range" },
           description: "First and last frame, such as 1-120" },
+        { key: "step", type: "int32", default: 1, visible: "submission",
+          eval: "C.scene.frame_step", evalInfo: { showLinkButton: true, description: "Scene frame step" },
+          description: "Render every so many frames" },
         { key: "chunk_size", type: "int32", default: 10, visible: "submission", description: "Frames of a task" },
         { key: "output", type: "string", subtype: "dir_path", required: true, visible: "submission",
           description: "Folder for plan, frames and report" },
@@ -32,19 +35,27 @@ function compileJob(job) {
     if (settings.chunk_size < 1) {
         throw "A task has " + settings.chunk_size + " frames: give at least 1.";
     }
+    const step = settings.step || 1;
+    let range = settings.frames;
+    if (step > 1) {
+        const numbers = [];
+        for (let k = Number(match[1]); k <= Number(match[2]); k += step) numbers.push(k);
+        range = numbers.join(",");
+    }
     const output = settings.output.replace(/[\/\\]+$/, "");
     const frames = ["--frames", match[1] + ":" + match[2]];
+    const stepped = frames.concat(["--step", String(step)]);
     const baked = output + "/baked.blend";
 
     const plan = crowdTask("plan", ["plan", settings.blendfile].concat(frames, ["--out", output + "/plan"]));
     const bake = crowdTask("bake", ["build", settings.blendfile, "--bake", "--render-only"].concat(
-        frames, ["--plan", output + "/plan", "--out", baked]));
+        stepped, ["--plan", output + "/plan", "--out", baked]));
     bake.addDependency(plan);
-    const assemble = crowdTask("assemble", ["assemble", output].concat(frames));
+    const assemble = crowdTask("assemble", ["assemble", output].concat(stepped));
 
     job.addTask(plan);
     job.addTask(bake);
-    for (const chunk of frameChunker(settings.frames, settings.chunk_size)) {
+    for (const chunk of frameChunker(range, settings.chunk_size)) {
         const task = author.Task("render-" + chunk, "blender");
         const engine = ENGINES[settings.engine] ? ["--engine", ENGINES[settings.engine]] : [];
         task.addCommand(author.Command("blender-render", {

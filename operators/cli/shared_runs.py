@@ -7,7 +7,6 @@ import argparse
 import hashlib
 import json
 import os
-import re
 import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
@@ -20,7 +19,7 @@ from ... import sample_scenes
 from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.planning.frame_range import parse_frames, told_frames
+from ...crowd_lod.planning.frame_range import parse_part, told_frames
 from ...crowd_lod.reporting import files, plan_file
 from ..batch.shared_frames import Sharing, allowed
 
@@ -50,13 +49,7 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
     if args.part is not None:
         if args.jobs > 1:
             raise CrowdError("A part is made by one process: leave out --jobs, or --part.")
-        # a farm's chunks are such as 1-10
-        part = parse_frames(re.sub(r"(?<=\d)-", ":", args.part))
-        strange = sorted(set(part) - set(frames))
-        if strange:
-            raise CrowdError(
-                f"Frames {told_frames(strange)} of --part are not among the run's: name frames of {told_frames(frames)}."
-            )
+        part = parse_part(args.part, frames)
         into = args.into or _parts(folder, args, command, key_of(args, command))
         return Sharing(part=tuple(part), into=into, parent=os.getppid() if args.into else 0)
     key, jobs = key_of(args, command), allowed(args.jobs)

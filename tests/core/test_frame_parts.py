@@ -4,7 +4,7 @@ import json
 
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
-from crowd_lod_extension.crowd_lod.planning.frame_range import parse_frames, told_frames
+from crowd_lod_extension.crowd_lod.planning.frame_range import parse_frames, parse_part, told_frames
 from crowd_lod_extension.crowd_lod.reporting import files, frame_parts
 from crowd_lod_extension.crowd_lod.reporting.frame_parts import RECORDS, FrameParts
 
@@ -76,6 +76,27 @@ def test_the_next_run_with_the_same_key_takes_over_what_a_killed_run_left(tmp_pa
 def test_frames_are_told_as_ranges(text):
     frames = [frame for part in text.split(", ") for frame in parse_frames(part)]
     assert told_frames(frames) == text
+
+
+@pytest.mark.parametrize(
+    "text, part",
+    [
+        ("1:20", [1, 11]),  # of a range those that the run has
+        ("11-21:10", [11, 21]),
+        ("1,21-31:10", [1, 21, 31]),
+        ("31-31", [31]),
+    ],
+)
+def test_a_part_names_frames_of_the_run(text, part):
+    assert parse_part(text, [1, 11, 21, 31]) == part
+
+
+@pytest.mark.parametrize(
+    "text, said", [("1,2", "Frames 2 of"), ("40:41", "Frames 40:41 of"), ("5:1", "backwards"), ("a", "neither")]
+)
+def test_a_part_that_names_others_is_refused(text, said):
+    with pytest.raises(CrowdError, match=said):
+        parse_part(text, [1, 11, 21, 31])
 
 
 def test_records_hold_what_json_can(parts):
