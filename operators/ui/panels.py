@@ -251,7 +251,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
         row.popover("CROWDLOD_PT_agent", text="", icon="INFO")
         draw_edits(column)
-        button(column, "crowd_lod.render_viewport", icon="RENDER_STILL")
+        column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
 
 
 class CROWDLOD_PT_drawing(Step, bpy.types.Panel):
