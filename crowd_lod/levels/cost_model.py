@@ -113,6 +113,7 @@ class Actors:
     rigs: (G,), armatures of one character.
     stored: triangles of LOD meshes in the file.
     finest: (G,), for each group the finest LOD that the build has.
+    moved_as: (N,) intp, for each character the one whose rigs move it; None: each has its own.
     """
 
     triangles: np.ndarray
@@ -120,6 +121,7 @@ class Actors:
     rigs: np.ndarray
     stored: float = 0.0
     finest: np.ndarray | int = 0
+    moved_as: np.ndarray | None = None
 
 
 def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, known: bool = False) -> Work:
@@ -141,12 +143,15 @@ def work_of(actors: Actors, shown: np.ndarray, rays: np.ndarray | float = 0.0, k
         shown[:, k] *= ~same
         held[k] &= ~same
     each = actors.triangles.T[:, actors.group].astype(np.float64)  # (K, N)
+    rigs, moved_as = np.zeros(held.shape[1]), actors.moved_as
+    own = np.arange(held.shape[1]) if moved_as is None else moved_as
+    np.maximum.at(rigs, own, held.any(axis=0) * actors.rigs[actors.group])
     return Work(
         posed=float((held * each).sum()),
         unique=((shown > 0) * each).sum(axis=(1, 2)),
         instances=shown.sum(axis=(1, 2)).astype(np.float64),
         instanced=(shown * each).sum(axis=(1, 2)),
-        rigs=float((held.any(axis=0) * actors.rigs[actors.group]).sum()),
+        rigs=float(rigs.sum()),
         rays=rays,
         stored=actors.stored,
         points=float(agents) if known else 0.0,

@@ -1,12 +1,14 @@
 """From rows of a file to tracks."""
 
+from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ..errors import CrowdError
-from ..progress import breath
+from ..progress import at_once, breath
 from . import motion
 from .order import numbered, order_by
 from .rows import UNITS, Rows
@@ -35,11 +37,12 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     seconds = passed / rows.rate
     steps = passed[passed > 0]
     step = float(np.median(steps[:: -(-len(steps) // motion.SAMPLE)])) if len(steps) else 1.0
-    _check_speeds(ids, columns, seconds, rows, where)
     hidden = seconds > max(HIDES, 1.5 * step / rows.rate)
     crossed = int(np.count_nonzero(passed > 1.5 * step)) - int(hidden.sum())
     breath()
-    made, paces = _moving(columns | {"time": frame / rows.rate}, enters, seconds, hidden, ids, step / rows.rate)
+    move = partial(_moving, columns | {"time": frame / rows.rate}, enters, seconds, hidden, ids, step / rows.rate)
+    check = partial(_check_speeds, ids, columns, seconds, rows, where)
+    _, (made, paces) = at_once(_call, ((check,), (move,)))
     breath()
     order, classes = _in_classes(frame, passed, step)
     place = np.empty(len(order), np.int32)
@@ -50,7 +53,7 @@ def tracks_of(rows: Rows, where: str) -> Tracks:
     columns = {**columns, **made, "hidden": hidden, "after": after}
     breath()
     kept: dict[str, Any] = {each.name: columns.get(each.name) for each in fields(Samples)}
-    kept = {name: None if column is None else column[order] for name, column in kept.items()}
+    kept |= _taken({name: column for name, column in kept.items() if column is not None}, order)
     samples = Samples(**kept)
     return Tracks(
         ids,
@@ -71,8 +74,16 @@ def _by_agent(rows: Rows, agent: np.ndarray) -> dict[str, np.ndarray]:
     frame, ahead = rows.frame, np.diff(agent)
     if len(agent) > 1 and not ((ahead > 0) | ((ahead == 0) & (np.diff(frame) >= 0))).all():
         order = order_by(agent, order_by(frame))
-        columns = {name: column[order] for name, column in columns.items()}
+        columns = _taken(columns, order)
     return columns
+
+
+def _taken(columns: dict[str, np.ndarray], order: np.ndarray) -> dict[str, np.ndarray]:
+    return dict(zip(columns, at_once(lambda column: column[order], ((column,) for column in columns.values())), strict=True))
+
+
+def _call(work: Callable[[], Any]) -> Any:
+    return work()
 
 
 def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: np.ndarray, where: str) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from ..progress import breath
+from ..progress import at_once, breath
 
 HEADER = 100  # bytes before the first page's own header
 INTERIOR, LEAF = 5, 13  # kinds of pages of a table
@@ -39,9 +39,10 @@ def columns(data: np.ndarray, root: int, count: int, wanted: Sequence[int]) -> I
         raise Unreadable
     pages = data.reshape(-1, size)
     leaves = np.array(list(_leaves(pages, root)), np.intp)
-    for at in range(0, len(leaves), PAGES_AT_ONCE):
+    parts = ((leaves[at : at + PAGES_AT_ONCE],) for at in range(0, len(leaves), PAGES_AT_ONCE))
+    for found in at_once(lambda some: _values(data, *_cells(pages, some), count, wanted), parts):
         breath()
-        yield _values(data, *_cells(pages, leaves[at : at + PAGES_AT_ONCE]), count, wanted)
+        yield found
 
 
 def _begin(number: int) -> int:

@@ -7,7 +7,7 @@ ETH (frame id x z y and velocities); any other number, id frame x y z.
 
 import csv
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import CrowdError
 from ..format import printable
-from ..progress import breath
+from ..progress import at_once, breath
 from .names import columns_of, unit_of
 from .numbers import parsed, tokens
 from .order import numbered, order_by
@@ -63,15 +63,12 @@ def read_text(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
     data = path.read_bytes().removeprefix(b"\xef\xbb\xbf")
     table = _layout(data[:HEAD], where)
     found: dict[str, list[np.ndarray]] = {name: [] for name in table.columns}
-    at, line = table.begins, data.count(b"\n", 0, table.begins)
-    while at < len(data):
-        end = data.find(b"\n", min(at + BYTES_AT_ONCE, len(data)) - 1) + 1 or len(data)
-        part = _values(data[at:end], table, where, line)
+    done = table.begins
+    for size, part in at_once(lambda rows, line: (len(rows), _values(rows, table, where, line)), _parts(data, table.begins)):
         for name, values in part.items():
             found[name].append(values)
-        line += data.count(b"\n", at, end)
-        at = end
-        tell(at / len(data))
+        done += size
+        tell(done / len(data))
         breath()
     columns: dict[str, Any] = {name: np.concatenate(parts) if parts else np.empty(0) for name, parts in found.items()}
     rate = table.rate
@@ -81,6 +78,16 @@ def read_text(path: Path, tell: Callable[[float], None] = lambda _: None) -> Row
     if "time" in columns:
         columns, rate = _timed(columns, rate)
     return Rows(**columns, rate=rate, unit=table.unit, notes=notes)
+
+
+def _parts(data: bytes, at: int) -> Iterator[tuple[bytes, int]]:
+    """Yield (rows, how many rows are before them) of the file from the byte `at` on."""
+    line = data.count(b"\n", 0, at)
+    while at < len(data):
+        end = data.find(b"\n", min(at + BYTES_AT_ONCE, len(data)) - 1) + 1 or len(data)
+        yield data[at:end], line
+        line += data.count(b"\n", at, end)
+        at = end
 
 
 def _layout(head: bytes, where: str) -> Table:

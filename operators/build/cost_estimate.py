@@ -143,7 +143,11 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
     looked_at = evenly(frames, MOST_FRAMES)
     trajectory, choices = trajectory_of(scene), choices_of(settings)
     library = cast_of(characters_of(scene), trajectory)
-    owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(library.first(trajectory.gaits)))
+    first = library.first(trajectory.gaits)
+    owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(first))
+    names = {group.name: g for g, group in enumerate(trajectory.groups)}
+    leads = np.array([names.get(group.variant_of, g) for g, group in enumerate(trajectory.groups)])
+    moved_as = np.arange(len(owner)) + (first[leads] - first[:-1])[owner]  # variants share rigs
     shown = {name: [] for name in choices}
     bias, samples = bias_of(settings), samples_of(scene)
     rays = []
@@ -169,6 +173,7 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
             library.posed == 0,
             stored,
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
+            moved_as=moved_as,
         )
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(actors, np.array(shown[name]), np.array(rays), baked)

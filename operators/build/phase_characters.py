@@ -12,6 +12,7 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.progress import share
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import mesh_data
@@ -63,6 +64,7 @@ class _Actors:
     stage, actors: see as_rendered.
     performance: what it plays.
     models: of each of the actions that agents play, if rigs can show the group.
+    made: the rigs that were made so far, by model, rate and class: variants of a group share them.
     """
 
     g: int
@@ -72,6 +74,7 @@ class _Actors:
     actors: dict[bpy.types.Object, bpy.types.Object]
     performance: Performance
     models: list[rigs.Model]
+    made: dict[tuple[int, float, int], dict[str, bpy.types.Object]]
 
 
 # Of each group, see Library, and the model of each action, if rigs can show it; sentences on what does not show as
@@ -86,11 +89,15 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     count, measured = policy_of(settings).count, groups_of(settings)
     check_measured(characters, measured)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
+    performances = [performance_of(name, own, [a.name for a in measured[g].actions]) for g, (name, own, _) in enumerate(characters)]
+    leads = _leads(characters, measured, performances)
     try:
-        for g, (name, objects, _) in enumerate(characters):
-            performance = performance_of(name, objects, [action.name for action in measured[g].actions])
-            homes, own, reason = [home_of(level, g, name) for level in levels[:count]], [], ""
-            if all(performance.only(action).still for action in played):
+        for g, (name, _, _) in enumerate(characters):
+            performance, family = performances[g], [v for v, lead in enumerate(leads) if lead == g]
+            homes, own, reason = [home_of(level, v, characters[v][0]) for v in family for level in levels[:count]], [], ""
+            if leads[g] != g:
+                posed[g], own = posed[leads[g]], models[leads[g]]
+            elif all(performance.only(action).still for action in played):
                 posed[g] = 1
             else:
                 with as_rendered(item for home in homes for item in home.objects) as staged:
@@ -110,6 +117,16 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
         if not done:
             bpy.data.batch_remove(list(made))
     return posed, models, notes, made
+
+
+def _leads(characters: list, groups: Sequence[Group], performances: list[Performance]) -> list[int]:
+    """Return for each group the group whose rigs move it: for a variant its group's, if they can."""
+    names, found = {group.name: g for g, group in enumerate(groups)}, []
+    for g, group in enumerate(groups):
+        lead = names.get(group.variant_of, g)
+        alike = performances[lead].spans == performances[g].spans and not rigs.refusal(characters[g][1])
+        found.append(lead if alike else g)
+    return found
 
 
 def _models(who: rigs.Acting, acts: list[Performance], made: dict) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
@@ -153,13 +170,14 @@ def make_cast(
     first, finest = Library(posed).first(trajectory.gaits), policy_of(settings).finest or [0] * len(characters)
     cast, done = Cast(posed, [[] for _ in range(count)], notes=notes, wanted=wanted), False
     cast.names.update(made)
+    performed: dict = {}
     try:
         for g, (name, objects, _) in enumerate(characters):
             homes = [home_of(level, g, name) for level in levels[:count]]
             with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
                 named = [action.name for action in trajectory.groups[g].actions]
                 performance = performance_of(name, objects, named)
-                group = _Actors(g, name, homes, stage, actors, performance, models[g])
+                group = _Actors(g, name, homes, stage, actors, performance, models[g], performed)
                 for number in range(first[g], first[g + 1]):
                     of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]
                     if wanted is None:  # without them the others would not be found by their number
@@ -201,9 +219,13 @@ def _rig(cast: Cast, group: _Actors, number: int, own: int, of_levels: list[int]
     action, rate = gaits.plays[group.g][which]
     model, (span,) = group.models[action], group.performance.only(gaits.actions[action]).spans
     title = f"{group.name} {number:05d}"
-    made = rigs.perform(model, title, rate * trajectory.seconds_per_frame, phase_class / gaits.classes, span)
-    cast.rigs.extend(made.values())
-    cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
+    key = id(model), rate, phase_class
+    if key not in group.made:
+        made = rigs.perform(model, title, rate * trajectory.seconds_per_frame, phase_class / gaits.classes, span)
+        group.made[key] = made
+        cast.rigs.extend(made.values())
+        cast.names.update((rig, f"{title} {armature}") for armature, rig in made.items())
+    made = group.made[key]
     copies, shown = [], None
     for k in of_levels:
         # a group with fewer LODs than others shows its last in their place

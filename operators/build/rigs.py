@@ -177,10 +177,14 @@ def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarra
     shift = np.eye(4)
     shift[:3, 3] = -np.asarray(origin)
     back, carried, tracks = np.linalg.inv(shift), {}, Bones()
+    bones_of: dict[bytes, str] = {}  # LODs of one object move alike
     for number, (item, matrices) in enumerate(places.items()):
         moves = matrices @ np.linalg.pinv(matrices[0])
         if np.abs(moves - np.eye(4)).max() > STILL:
-            carried[item] = f"object {number:03d}"
+            known = bones_of.get(matrices.tobytes())
+            carried[item] = bones_of[matrices.tobytes()] = known or f"object {number:03d}"
+            if known:
+                continue
             tracks.rest[carried[item]], _ = _plain(matrices[0])
             tracks.lengths.append(0.1)
             tracks.moves.append(moves)

@@ -120,6 +120,9 @@ class CROWDLOD_OT_machine_unfollow(_Following, bpy.types.Operator):
 
     def run(self, context) -> str:
         state, label, targets = self.targets(context.scene)
+        known = [name for name, _ in targets]
+        if self.state not in known:
+            raise CrowdError(f"{self.state or 'No state'} does not follow {state}: set State to one of {', '.join(known)}.")
         change(context.scene, edits.set_targets(state, label, [each for each in targets if each[0] != self.state]))
         return f"{self.state} does not follow {state}."
 

@@ -1,6 +1,7 @@
 """A label map made in Blender: its image, the plane that shows it, and a brush for each label."""
 
 import math
+from collections.abc import Iterator
 
 import bpy
 import numpy as np
@@ -14,6 +15,7 @@ from . import map_areas
 from .scene_world import area_of, machine_of
 
 MARK = "crowd_lod_map"  # custom property of the plane
+COLORS = "crowd_lod_colors"  # custom property of the plane: what solid viewports were colored by, before it was shown
 ABOVE = 0.02  # metres of the plane above the ground, so that it does not flicker with it
 BRUSH = "Crowd LOD Label"
 
@@ -53,18 +55,19 @@ def show(scene: bpy.types.Scene) -> bpy.types.Object:
         material = bpy.data.materials.new("Label Map")
         plane.data.materials.append(material)
     _show_image(material, image)
-    _textured(scene)
+    _textured(scene, plane)
     return plane
 
 
 def hide(scene: bpy.types.Scene) -> None:
-    """Hide the plane, out of the mode in which it is painted."""
+    """Hide the plane, out of the mode in which it is painted; viewports look as before it was shown."""
     plane = plane_of(scene)
     if plane is None:
         return
     if bpy.context.object == plane and plane.mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
     plane.hide_viewport = True
+    _untextured(scene, plane)
 
 
 def _square() -> bpy.types.Mesh:
@@ -100,12 +103,30 @@ def _show_image(material: bpy.types.Material, image: bpy.types.Image) -> None:
     tree.nodes.active = texture
 
 
-def _textured(scene: bpy.types.Scene) -> None:
-    """Have solid viewports of the scene show textures, else the plane is gray there."""
+def _viewports(scene: bpy.types.Scene) -> Iterator[tuple[str, bpy.types.View3DShading]]:
+    """Yield a name and the shading of each viewport in a window that shows the scene."""
     for window in bpy.context.window_manager.windows:
-        for area in window.screen.areas if window.scene == scene else ():
-            if area.type == "VIEW_3D" and area.spaces.active.shading.type == "SOLID":
-                area.spaces.active.shading.color_type = "TEXTURE"
+        for number, area in enumerate(window.screen.areas if window.scene == scene else ()):
+            if area.type == "VIEW_3D":
+                yield f"{window.screen.name} {number}", area.spaces.active.shading
+
+
+def _textured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
+    """Have solid viewports show textures, else the plane is gray there; the plane notes what they showed."""
+    for name, shading in _viewports(scene):
+        if shading.type == "SOLID" and shading.color_type != "TEXTURE":
+            plane[COLORS] = dict(plane.get(COLORS, {})) | {name: shading.color_type}
+            shading.color_type = "TEXTURE"
+
+
+def _untextured(scene: bpy.types.Scene, plane: bpy.types.Object) -> None:
+    """Have viewports show what they showed before `_textured`."""
+    before = dict(plane.get(COLORS, {}))
+    for name, shading in _viewports(scene):
+        if name in before and shading.color_type == "TEXTURE":
+            shading.color_type = before[name]
+    if COLORS in plane:
+        del plane[COLORS]
 
 
 class CROWDLOD_OT_new_map(Reporting, bpy.types.Operator):

@@ -4,18 +4,21 @@ import base64
 import json
 import zlib
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
+from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import number
 from ...crowd_lod.levels.selection import LADDER, Shot, View
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import read_cameras
+from ..crowd.scene_world import actions_named
 from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
@@ -133,11 +136,12 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
 
     It takes the agents that the shot showed when the LODs were made: what another lens leaves out,
     or brings in, is not counted. No LOD is made or measured, and the answer is kept until something
-    changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds.
+    changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds. Nor is it where states name
+    other actions: LODs were not measured in them.
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
-    if not isinstance(stored, str) or settings.memory or not changed(scene):
+    if not isinstance(stored, str) or settings.memory or not (news := changed(scene)) or "actions" in news:
         return None
     key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
     known = _known.get(scene.session_uid)
@@ -215,8 +219,18 @@ def _facts(scene: bpy.types.Scene) -> dict[str, str]:
         "memory": f"{settings.memory:g} MB",
         "resolution": f"{render.resolution_x * part:.0f} x {render.resolution_y * part:.0f}",
         "engine": scene_data.engine_of(scene).capitalize(),
+        "actions": _actions(scene),
     }
     if camera is not None and camera.type == "CAMERA" and camera.data.animation_data is None:
         data = camera.data
         facts["lens"] = f"{data.ortho_scale:.4g} m wide" if data.type == "ORTHO" else f"{data.lens:.4g} mm"
     return facts
+
+
+def _actions(scene: bpy.types.Scene) -> str:
+    """Return the actions in which LODs are measured, in words."""
+    named: set[str] = set()
+    with suppress(CrowdError):  # a bad state machine is told elsewhere
+        named.update(*(actions_named(scene, group.name) for group in scene.crowd_lod.groups))
+    plain = sorted(name for name in named if not mixed_in(name))
+    return ", ".join(["the own", *plain]) + (" with cross-fades" if len(plain) < len(named) else "")

@@ -3,18 +3,20 @@
 Blender's own Render Viewport Image does not call the draw handlers of add-ons.
 """
 
+from collections.abc import Generator
+
 import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import cameras, image_data
-from ..blender.operator import Reporting
+from ..blender.operator import Stepwise
 from ..crowd import needs
 from . import viewport_overlay, visibility
 from .playblast import Canvas, camera_matrices
 
 
-class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
     """Render the viewport with the crowd; in camera view, at the size of a render"""
 
     bl_idname = "crowd_lod.render_viewport"
@@ -28,23 +30,20 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
             return False
         return super().poll(context)
 
-    def run(self, context) -> str:
+    def steps(self, context) -> Generator[float, None, str]:
         shown, space = viewport_overlay.shown_of(context.scene), context.space_data
         if shown.batches is None:
             raise CrowdError(f"The viewport shows no crowd: {shown.problem}")
+        yield 0.0  # the status bar tells of it: one call of Blender's draws, for seconds where there is no graphics card
         region = next(region for region in context.area.regions if region.type == "WINDOW")
         view, projection, size = _seen(context, space, region)
         settings, canvas = context.scene.crowd_lod, Canvas(size)
         crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(settings, context.view_layer, space)
-        if context.window is not None:  # one call of Blender's draws it all, for seconds where there is no graphics card
-            context.window.cursor_modal_set("WAIT")
         try:
             batches = shown.batches if crowd else None
             pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), batches)
         finally:
             canvas.free()
-            if context.window is not None:
-                context.window.cursor_modal_restore()
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])
         if not bpy.app.background:
             _show(image)

@@ -2,10 +2,11 @@
 
 import bpy
 
-from ..blender.labelled_properties import BoolProperty, IntProperty, PointerProperty, StringProperty
+from ..blender.labelled_properties import BoolProperty, PointerProperty, StringProperty
 from ..blender.operator import Reporting
 from ..crowd import map_areas
 from ..crowd.machine_editor import draft_of, selected
+from .settings_list import Moving, Removing, SwitchedRow, draw_list
 
 
 def _follow(entry, context) -> None:
@@ -32,18 +33,12 @@ class CrowdLodArea(bpy.types.PropertyGroup):
     label: StringProperty(update=_follow, name="Label", description="Label that lies over the map")
 
 
-class CROWDLOD_UL_areas(bpy.types.UIList):
+class CROWDLOD_UL_areas(SwitchedRow, bpy.types.UIList):
     """One area a row: its switch, its name and its label."""
 
-    def draw_item(  # noqa: PLR0913 - Blender's own signature
-        self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
-    ) -> None:
-        row = layout.row(align=True)
-        row.prop(item, "use", text="")
-        part = row.row(align=True)
-        part.active = item.use
-        part.prop(item, "name", text="", emboss=False)
-        part.label(text=item.label, translate=False)
+    @staticmethod
+    def told(item) -> str:
+        return item.label
 
 
 def _some(scene: bpy.types.Scene) -> str:
@@ -71,40 +66,31 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         return f"{', '.join(item.name for item in items)}: {label}; {cells:,} cells of the map lie under areas."
 
 
-class CROWDLOD_OT_remove_area(Reporting, bpy.types.Operator):
+class _Area:
+    """What the buttons of the list share."""
+
+    kind, needs = "area", (_some,)
+
+    @staticmethod
+    def holder(scene: bpy.types.Scene) -> bpy.types.PropertyGroup:
+        return scene.crowd_lod_editor
+
+    def changed(self, scene: bpy.types.Scene) -> None:
+        map_areas.follow_soon(scene)
+
+
+class CROWDLOD_OT_remove_area(_Area, Removing, bpy.types.Operator):
     """Remove the selected area; the map is then as it was painted there"""
 
     bl_idname = "crowd_lod.remove_area"
     bl_label = "Remove Wall or Area"
-    needs = (_some,)
-
-    def run(self, context) -> str:
-        settings, editor = context.scene.crowd_lod, context.scene.crowd_lod_editor
-        index = min(editor.area_index, len(settings.areas) - 1)
-        name = settings.areas[index].name
-        settings.areas.remove(index)
-        editor.area_index = max(index - 1, 0)
-        map_areas.follow_soon(context.scene)
-        return f"{name} is removed."
 
 
-class CROWDLOD_OT_move_area(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_move_area(_Area, Moving, bpy.types.Operator):
     """Move the selected area: of two at the same place, the lower one counts"""
 
     bl_idname = "crowd_lod.move_area"
     bl_label = "Move Wall or Area"
-    needs = (_some,)
-
-    by: IntProperty(name="By", description="Rows down; up below 0", default=1)
-
-    def run(self, context) -> str:
-        settings, editor = context.scene.crowd_lod, context.scene.crowd_lod_editor
-        last = len(settings.areas) - 1
-        index = min(editor.area_index, last)
-        editor.area_index = to = min(max(index + self.by, 0), last)
-        settings.areas.move(index, to)
-        map_areas.follow_soon(context.scene)
-        return f"{settings.areas[to].name} is at place {to + 1}."
 
 
 class CROWDLOD_OT_refresh_areas(Reporting, bpy.types.Operator):
@@ -122,14 +108,7 @@ class CROWDLOD_OT_refresh_areas(Reporting, bpy.types.Operator):
 def draw_areas(layout, context, settings) -> None:
     """Draw the list of walls and areas, and the settings of the selected one."""
     editor = context.scene.crowd_lod_editor
-    row = layout.row()
-    row.use_property_split = False
-    row.template_list("CROWDLOD_UL_areas", "", settings, "areas", editor, "area_index", rows=4)
-    column = row.column(align=True)
-    column.operator("crowd_lod.add_area", text="", icon="ADD")
-    column.operator("crowd_lod.remove_area", text="", icon="REMOVE")
-    for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
-        column.operator("crowd_lod.move_area", text="", icon=icon).by = by
+    draw_list(layout, settings, "area", editor)
     if not len(settings.areas):
         return
     entry = settings.areas[min(editor.area_index, len(settings.areas) - 1)]

@@ -6,7 +6,11 @@ from ..blender.operator import Reporting
 from ..crowd import needs
 from ..crowd.tracks_source import told_of_frames
 from .drawing import button, greyed, label
+from .settings_list import Removing, draw_list
 from .step_panel import Step
+
+# who moves the agents of a source that has neither label map nor state machine
+MOVERS = {"FILE": "The file moves the agents", "POINTS": "The object moves the agents"}
 
 
 class CROWDLOD_UL_crowds(bpy.types.UIList):
@@ -40,20 +44,12 @@ class CROWDLOD_OT_add_crowd(Reporting, bpy.types.Operator):
         return f"{crowd.name} is added: choose its source and place."
 
 
-class CROWDLOD_OT_remove_crowd(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_remove_crowd(Removing, bpy.types.Operator):
     """Remove the selected crowd; the agents of crowds after it get other numbers"""
 
     bl_idname = "crowd_lod.remove_crowd"
     bl_label = "Remove Crowd"
-    needs = (needs.further_crowds,)
-
-    def run(self, context) -> str:
-        settings = context.scene.crowd_lod
-        index = _selected(settings)
-        name = settings.crowds[index].name
-        settings.crowds.remove(index)
-        settings.crowd_index = max(index - 1, 0)
-        return f"{name} is removed."
+    kind, needs = "crowd", (needs.further_crowds,)
 
 
 class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
@@ -61,11 +57,7 @@ class CROWDLOD_PT_crowds(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_crowd"
 
     def body(self, context, layout, settings) -> None:
-        row = layout.row()
-        row.template_list("CROWDLOD_UL_crowds", "", settings, "crowds", settings, "crowd_index", rows=2)
-        column = row.column(align=True)
-        column.operator("crowd_lod.add_crowd", text="", icon="ADD")
-        column.operator("crowd_lod.remove_crowd", text="", icon="REMOVE")
+        draw_list(layout, settings, "crowd", settings, shown=2)
         if not len(settings.crowds):
             label(layout, "One plan covers all crowds", "INFO")
             return
@@ -91,7 +83,7 @@ class CROWDLOD_PT_crowd_behavior(_OfCrowd, bpy.types.Panel):
 
     def crowd(self, layout, crowd, index: int) -> None:
         draw_behavior(layout, crowd)
-        layout.prop(crowd, "first_frame")
+        label(layout, MOVERS.get(crowd.source, "The machine moves the agents"), "INFO")
 
 
 class CROWDLOD_PT_crowd_ground(_OfCrowd, bpy.types.Panel):
@@ -129,7 +121,8 @@ def draw_source(layout, crowd) -> None:
     layout.prop(crowd, "seed")
     layout.prop(crowd, "group_names")
     greyed(layout, crowd.source != "POINTS").prop(crowd, "center")
-    greyed(layout, crowd.source == "MACHINE").prop(crowd, "size")
+    stretched = crowd.source == "FILE" and crowd.height_image is not None  # over the crowd's ground
+    greyed(layout, crowd.source == "MACHINE" or stretched).prop(crowd, "size")
 
 
 def draw_start(layout, crowd) -> None:
@@ -152,23 +145,28 @@ def draw_start(layout, crowd) -> None:
 
 
 def draw_ground(layout, crowd) -> None:
-    """Draw what the agents of a crowd stand on."""
+    """Draw what the agents of a crowd stand on; grayed where their heights are those of points."""
+    whole = greyed(layout, crowd.source != "POINTS")
     for name in ("terrain", "terrain_object"):
-        layout.prop(crowd, name)
+        whole.prop(crowd, name)
     terrain = crowd.terrain is not None or crowd.terrain_object is not None
-    column = greyed(layout, not terrain)
+    column = greyed(whole, not terrain)
     label(column, "Height Map")
     column.template_ID(crowd, "height_image", open="image.open")
     greyed(column, crowd.height_image is not None).prop(crowd, "height_scale")
-    greyed(layout, terrain or crowd.height_image is not None).prop(crowd, "tilt")
+    greyed(whole, terrain or crowd.height_image is not None).prop(crowd, "tilt")
+    if crowd.source == "POINTS":
+        label(layout, "The points have their heights", "INFO")
 
 
 def draw_behavior(layout, crowd) -> None:
-    """Draw what the agents of a crowd do."""
-    label(layout, "Label Map")
-    layout.template_ID(crowd, "map_image", open="image.open")
-    label(layout, "State Machine")
-    layout.template_ID(crowd, "machine", new="text.new", open="text.open")
+    """Draw what the agents of a crowd do; grayed where a file or an object moves them."""
+    column = greyed(layout, crowd.source == "MACHINE")
+    label(column, "Label Map")
+    column.template_ID(crowd, "map_image", open="image.open")
+    label(column, "State Machine")
+    column.template_ID(crowd, "machine", new="text.new", open="text.open")
+    greyed(layout, crowd.source != "POINTS").prop(crowd, "first_frame")
 
 
 def draw_simulation(layout, crowd, index: int) -> None:

@@ -15,6 +15,7 @@ from ..blender.labelled_properties import (
 from ..blender.operator import Reporting
 from ..crowd import needs
 from ..crowd.shot_exceptions import REGIONS
+from .settings_list import Moving, Removing, SwitchedRow
 
 
 class CrowdLodException(bpy.types.PropertyGroup):
@@ -84,18 +85,12 @@ class CrowdLodException(bpy.types.PropertyGroup):
     last_frame: IntProperty(name="Last Frame", default=120, subtype="TIME", description="Up to which the exception holds")
 
 
-class CROWDLOD_UL_exceptions(bpy.types.UIList):
+class CROWDLOD_UL_exceptions(SwitchedRow, bpy.types.UIList):
     """One exception a row: its switch, its name and what it asks for."""
 
-    def draw_item(  # noqa: PLR0913 - Blender's own signature
-        self, context, layout, data, item, icon, active_data, active_property, index=0, flt_flag=0
-    ) -> None:
-        row = layout.row(align=True)
-        row.prop(item, "use", text="")
-        part = row.row(align=True)
-        part.active = item.use
-        part.prop(item, "name", text="", emboss=False)
-        part.label(text=asks(item), translate=False)
+    @staticmethod
+    def told(item) -> str:
+        return asks(item)
 
 
 def asks(item) -> str:
@@ -103,10 +98,6 @@ def asks(item) -> str:
     known = {"NEVER_COARSER": f"LOD {item.level} or finer", "ALWAYS": f"LOD {item.level}", "HIDE": "hidden"}
     known |= {"NUDGE": "nudged", "TURN": "turned", "GROUP": item.group_name}
     return known.get(item.kind, "unknown")  # of another version's file
-
-
-class _Editing(Reporting):
-    needs = (needs.exceptions,)
 
 
 class CROWDLOD_OT_add_exception(Reporting, bpy.types.Operator):
@@ -138,37 +129,20 @@ def _added(settings, name: str, agents: str) -> str:
     return f"{name} is added: set what it asks for."
 
 
-class CROWDLOD_OT_remove_exception(_Editing, bpy.types.Operator):
+class CROWDLOD_OT_remove_exception(Removing, bpy.types.Operator):
     """Remove the selected exception"""
 
     bl_idname = "crowd_lod.remove_exception"
     bl_label = "Remove Exception"
-
-    def run(self, context) -> str:
-        settings = context.scene.crowd_lod
-        index = min(settings.exception_index, len(settings.exceptions) - 1)
-        name = settings.exceptions[index].name
-        settings.exceptions.remove(index)
-        settings.exception_index = max(index - 1, 0)
-        return f"{name} is removed."
+    kind, needs = "exception", (needs.exceptions,)
 
 
-class CROWDLOD_OT_move_exception(_Editing, bpy.types.Operator):
+class CROWDLOD_OT_move_exception(Moving, bpy.types.Operator):
     """Move the selected exception: of two for the same agent, the lower one holds"""
 
     bl_idname = "crowd_lod.move_exception"
     bl_label = "Move Exception"
-
-    by: IntProperty(name="By", description="Rows down; up below 0", default=1)
-
-    def run(self, context) -> str:
-        settings = context.scene.crowd_lod
-        last = len(settings.exceptions) - 1
-        index = min(settings.exception_index, last)
-        to = min(max(index + self.by, 0), last)
-        settings.exceptions.move(index, to)
-        settings.exception_index = to
-        return f"{settings.exceptions[to].name} is at place {to + 1}."
+    kind, needs = "exception", (needs.exceptions,)
 
 
 CLASSES = (

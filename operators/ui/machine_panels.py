@@ -11,6 +11,7 @@ from ..crowd import map_areas
 from ..crowd.machine_editor import cell_of, draft_of, faulty, lacking, problem_of, selected
 from ..overlay import viewport_overlay
 from .area_list import draw_areas
+from .crowd_list import MOVERS
 from .drawing import greyed, label, letters_of, paragraph
 from .machine_settings import MOST_TARGETS, color_of, rows_of
 from .step_panel import Step
@@ -115,6 +116,12 @@ def _list(context, layout, kind: str, names: list[str], rows: int) -> None:
         button.kind, button.by = kind, by
 
 
+def _mover(layout, settings) -> None:
+    """Say who moves the agents, where that is not the state machine and the panel is grayed."""
+    if settings.source in MOVERS:
+        label(layout, MOVERS[settings.source], "INFO")
+
+
 class _Editor(Step):
     bl_parent_id = "CROWDLOD_PT_behaviour"
 
@@ -124,8 +131,9 @@ class _Editor(Step):
             _problem(context, layout)
             return
         rows_of(context, "states", found.states)
-        self.editor(context, layout, context.scene.crowd_lod_editor, found)
+        self.editor(context, greyed(layout, settings.source == "MACHINE"), context.scene.crowd_lod_editor, found)
         _problem(context, layout)
+        _mover(layout, settings)
 
 
 class CROWDLOD_PT_states(_Editor, bpy.types.Panel):
@@ -237,7 +245,8 @@ class CROWDLOD_PT_areas(Step, bpy.types.Panel):
 
     def body(self, context, layout, settings) -> None:
         rows_of(context, "labels", draft_of(context.scene).labels)
-        draw_areas(layout, context, settings)
+        draw_areas(greyed(layout, settings.source == "MACHINE"), context, settings)
+        _mover(layout, settings)
         if trouble := map_areas.trouble_of(context.scene):
             paragraph(layout, trouble, "ERROR", letters_of(context))
 

@@ -16,7 +16,7 @@ from ..lod_meshes.made_for import changed, forecast
 from ..overlay import viewport_overlay
 from . import steps
 from .agent_edits import draw_edits
-from .crowd_list import draw_behavior, draw_ground, draw_simulation, draw_source
+from .crowd_list import MOVERS, draw_behavior, draw_ground, draw_simulation, draw_source
 from .drawing import LOD_COLORS, MOST_ROWS, button, cells, greyed, label, length, letters_of, table, wide
 from .step_panel import Sidebar, Step, presets_button
 
@@ -104,11 +104,10 @@ class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
     def body(self, context, layout, settings) -> None:
         draw_behavior(layout, settings)
         layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
-        layout.prop(settings, "first_frame")
         frame = viewport_overlay.latest(context.scene)
         machine = next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
         told = f"{len(machine.states)} states, {len(machine.labels)} labels; edge: {machine.edge}" if machine else "-"
-        label(layout, told, "INFO")
+        label(layout, MOVERS.get(settings.source, told), "INFO")
 
 
 class CROWDLOD_PT_heights(Step, bpy.types.Panel):
@@ -249,7 +248,7 @@ class CROWDLOD_PT_overlay(Step, bpy.types.Panel):
         row.operator("crowd_lod.inspect", text="", icon="EYEDROPPER")
         row.popover("CROWDLOD_PT_agent", text="", icon="INFO")
         draw_edits(column)
-        column.operator("crowd_lod.render_viewport", icon="RENDER_STILL")
+        button(column, "crowd_lod.render_viewport", icon="RENDER_STILL")
 
 
 class CROWDLOD_PT_drawing(Step, bpy.types.Panel):

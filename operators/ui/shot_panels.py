@@ -10,6 +10,7 @@ from ..crowd.hand_edits import EDITS
 from ..overlay import viewport_overlay
 from . import steps
 from .drawing import button, greyed, label, table, wide
+from .settings_list import draw_list
 from .step_panel import Step
 
 
@@ -67,14 +68,7 @@ class CROWDLOD_PT_exceptions(Step, bpy.types.Panel):
     bl_parent_id = "CROWDLOD_PT_plan"
 
     def body(self, context, layout, settings) -> None:
-        row = layout.row()
-        row.use_property_split = False
-        row.template_list("CROWDLOD_UL_exceptions", "", settings, "exceptions", settings, "exception_index", rows=4)
-        column = row.column(align=True)
-        column.operator("crowd_lod.add_exception", text="", icon="ADD")
-        column.operator("crowd_lod.remove_exception", text="", icon="REMOVE")
-        for by, icon in ((-1, "TRIA_UP"), (1, "TRIA_DOWN")):
-            column.operator("crowd_lod.move_exception", text="", icon=icon).by = by
+        draw_list(layout, settings, "exception", settings)
         layout.operator("crowd_lod.except_agent", icon="EYEDROPPER")
         layout.operator("crowd_lod.erase", icon="SELECT_SUBTRACT")
         if settings.exception_index < len(settings.exceptions):

@@ -18,6 +18,8 @@ from crowd_lod_extension.operators.crowd.scene_crowd import (
     trajectory_of,
 )
 from crowd_lod_extension.operators.lod_meshes import deviation
+from crowd_lod_extension.operators.lod_meshes.made_for import forecast, outdated
+from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.overlay import skinned_characters
 
 from .test_actions import STATES, levelled, name_actions, waiting  # noqa: F401
@@ -197,3 +199,14 @@ def test_what_cannot_be_faded_is_one_sentence(waiting):  # noqa: F811
         CrowdError, match="move two objects of adult, .*: no state can fade from one to the other; set its fade to 0"
     ):
         measure_groups(waiting)
+
+
+def test_lods_made_before_the_cross_fades_are_told(fading):
+    scene = fading
+    scene.crowd_lod.choice, scene.crowd_lod.frames = "BY_TOLERANCE", "1:20"
+    name_actions(scene, STATES)
+    list(make_levels(scene))
+    assert not outdated(scene)
+    name_actions(scene, FADING)
+    assert outdated(scene) == "LODs were made for actions the own, idle (now the own, idle with cross-fades)"
+    assert forecast(scene) is None

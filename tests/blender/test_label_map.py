@@ -85,6 +85,21 @@ def test_the_map_is_hidden_and_shown_as_the_option_says_and_keeps_one_plane(grou
     assert len([mesh for mesh in bpy.data.meshes if mesh.name.startswith("Label Map")]) == 1
 
 
+def test_viewports_are_colored_as_before_once_the_map_is_hidden(ground):
+    window = bpy.context.window_manager.windows[0]
+    shading = next(area.spaces.active.shading for area in window.screen.areas if area.type == "VIEW_3D")
+    shading.color_type = "RANDOM"
+    bpy.ops.crowd_lod.new_map(pixels=8)
+    bpy.ops.crowd_lod.paint_label(label="wall")
+    assert shading.color_type == "TEXTURE"
+    ground.crowd_lod_editor.show_map = False
+    assert shading.color_type == "RANDOM"
+    ground.crowd_lod_editor.show_map = True
+    shading.color_type = "SINGLE"  # the user's choice since
+    ground.crowd_lod_editor.show_map = False
+    assert shading.color_type == "SINGLE"
+
+
 def test_a_label_is_a_hard_brush_in_texture_paint(ground):
     bpy.ops.crowd_lod.new_map(pixels=8)
     other = block(0, 0)

@@ -132,6 +132,8 @@ def test_a_refused_edit_leaves_the_text_and_says_why(market):
     assert problem_of(market) == ""
     with pytest.raises(RuntimeError, match="One state must follow"):
         bpy.ops.crowd_lod.machine_unfollow(state="walk")
+    with pytest.raises(RuntimeError, match="No state does not follow walk: set State to one of walk"):
+        bpy.ops.crowd_lod.machine_unfollow()
 
 
 def test_export_writes_the_text_and_import_reads_it(market, tmp_path):

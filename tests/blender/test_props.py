@@ -148,6 +148,9 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
     for baked in (False, True):
         if baked:
             finished(bake.bake(scene, [50]))
+        rigs = [item for item in scene.crowd_lod.build.all_objects if item.type == "ARMATURE"]
+        # of adults one for the body and one for what hangs on bones, whoever has that; of children one
+        assert len({item.data for item in rigs}) == 3 and (baked or len(rigs) == 3 * 16)
         scene.frame_set(50)
         trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
         crowd, agents = plan.crowd, plan.buckets.order

@@ -32,10 +32,13 @@ def test_work_is_what_one_counts(known):
     triangles, finest = random.integers(10, 900, (2, 3)), np.array([0, 1])
     shown = random.poisson(0.4, (4, 3, 5))
     shown[:, 0, 3:] = 0
-    work = work_of(Actors(triangles, owner, np.array([1, 0]), 77.0, finest), shown, np.arange(4), known)
+    moved_as = np.array([0, 1, 1, 3, 4])  # character 2 by the rig of 1
+    work = work_of(Actors(triangles, owner, np.array([1, 0]), 77.0, finest, moved_as), shown, np.arange(4), known)
     held = [(k, n) for k in range(3) for n in range(5) if (shown[:, k, n].any() if known else k >= finest[owner[n]])]
     assert work.posed == sum(triangles[owner[n], k] for k, n in held)
-    assert work.rigs == len({n for _, n in held if owner[n] == 0})
+    assert work.rigs == len({moved_as[n] for _, n in held if owner[n] == 0})
+    alone = work_of(Actors(triangles, owner, np.array([1, 0])), shown, 0.0, known)
+    assert alone.rigs == len({n for _, n in (held if known else np.argwhere(shown[0] >= 0)) if owner[n] == 0})
     for f in range(4):
         agents = [(k, n) for k in range(3) for n in range(5) for _ in range(shown[f, k, n])]
         assert work.instances[f] == len(agents)

@@ -11,7 +11,7 @@ import pytest
 
 pytestmark = pytest.mark.faults
 # need another scene: a region, points, a mesh about agents, a state that follows
-ELSEWHERE = {"find_agents", "record_points", "simulate", "erase", "machine_follow"}
+ELSEWHERE = {"find_agents", "record_points", "simulate", "erase", "machine_follow", "machine_unfollow"}
 
 
 def test_no_buttons_undo_and_redo_crash_blender(used):
