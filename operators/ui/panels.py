@@ -82,8 +82,11 @@ class CROWDLOD_PT_groups(Step, bpy.types.Panel):
             layout.row().prop(group, "scale", text=f"{group.name} Scale", translate=False)
         for group in [group for group in groups if group.lowest][:MOST_ROWS]:
             layout.prop(group, "on_ground", text=f"{group.name} on Ground", translate=False)
-        for item in props_in(context.scene)[:MOST_ROWS]:
-            layout.prop(item, f'["{PROP}"]', text=f"{item.name} Chance", translate=False)
+        props = props_in(context.scene)
+        if props:
+            label(layout, "Chance of Props")
+        for item in props[:MOST_ROWS]:
+            layout.prop(item, f'["{PROP}"]', text=item.name, translate=False)
         button(layout, "crowd_lod.mark_as_prop", icon="MOD_CLOTH")
 
 

@@ -1,8 +1,10 @@
 import numpy as np
 import pytest
+from crowd_lod_extension.crowd_lod.crowd import random_streams
 from crowd_lod_extension.crowd_lod.crowd.agents import Group, bounding_sphere, populate, varied
 from crowd_lod_extension.crowd_lod.crowd.maps import Area, edge_map
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset
+from crowd_lod_extension.crowd_lod.crowd.variants import Draw
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 
 MACHINE = load_preset("chapter")
@@ -36,6 +38,27 @@ def test_groups_get_their_shares_of_the_agents():
     assert abs(counts[0] - 15_000) < 5 * np.sqrt(20_000 * 3 / 16)
     with pytest.raises(CrowdError, match="give one a share above 0"):
         populate(10, 1, (0.0, 0.0), MACHINE, WORLD)
+
+
+@pytest.mark.parametrize("count", [20_000, 60_000])  # from 40,000 on places order the agents of a variant
+def test_variants_are_drawn_within_their_group(count):
+    draw = Draw((3.0, 1.0), (((0, 0.25), (1, 0.6), (4, 0.15)), ((5, 1.0),)))
+    crowd = populate(count, 1, draw, MACHINE, WORLD)
+    plain = populate(count, 1, (3.0, 1.0), MACHINE, WORLD)
+    assert (np.diff(crowd.group) >= 0).all() and set(crowd.group) == {0, 1, 4, 5}
+    assert np.count_nonzero(crowd.group == 5) == np.count_nonzero(plain.group == 1)
+    assert sorted(crowd.x) == sorted(plain.x)
+    adults = np.count_nonzero(plain.group == 0)
+    for group, part in ((0, 0.25), (1, 0.6), (4, 0.15)):
+        assert abs(np.count_nonzero(crowd.group == group) - adults * part) < 5 * np.sqrt(adults * part * (1 - part))
+
+
+def test_a_variant_depends_on_the_agents_key_alone():
+    draw, keys = Draw(2, (((0, 0.5), (1, 0.5)), ((2, 1.0),))), random_streams.keys(3, 1000)
+    group = np.repeat(np.array([0, 2], np.uint8), 500)
+    found, order = draw.dressed(group, keys), np.random.default_rng(1).permutation(1000)
+    assert (draw.dressed(group[order], keys[order]) == found[order]).all() and (found[500:] == 2).all()
+    assert 200 < np.count_nonzero(found[:500] == 1) < 300
 
 
 @pytest.mark.parametrize("count", [0, -1, 10_000_001])
