@@ -1,16 +1,23 @@
-"""Renews the caches of collections, which Blender's undo leaves stale.
+"""Mends collections after Blender's undo: their caches, which it leaves stale, and what it loses.
 
 A collection caches the objects in it and in all collections below it. Undo and redo read only
 data-blocks that changed. An unchanged collection keeps its cache, even if a collection below it got
 other objects: the cache then holds freed objects. Reading it crashes Blender:
 `Collection.all_objects` reads it, and so does a Collection Info node when Blender builds the
-depsgraph. See docs/notes/undo.md.
+depsgraph.
+
+Now and then undo also loses one of the many children or objects of a collection. See
+docs/notes/undo.md.
 """
 
 import bpy
+from bpy.types import Collection
 
 CHANGES = "crowd_lod_changes"  # of a collection of the build: how often something below it changed
 MOST = 2**30  # it begins anew there
+# a collection's children and objects, where the file has such, and the custom property of a collection of the build that has
+# their names, a line each
+HELD = ("children", "collections", "crowd_lod_children"), ("objects", "objects", "crowd_lod_objects")
 
 
 @bpy.app.handlers.persistent
@@ -22,7 +29,26 @@ def renew(*_) -> None:
         item.hide_render = item.hide_render
 
 
-def note_change(*collections: bpy.types.Collection) -> None:
+def note_held(*collections: Collection) -> None:
+    """Note in `collections` what is in them, so that `restore` can put it back."""
+    for collection in collections:
+        for inside, _, key in HELD:
+            collection[key] = "\n".join(getattr(collection, inside).keys())
+
+
+@bpy.app.handlers.persistent
+def restore(*_) -> None:
+    """Put back what undo has lost from collections of builds, if the file has it still (undo_post, redo_post handler)."""
+    for collection in bpy.data.collections:
+        for inside, blocks, key in HELD if collection.library is None else ():
+            names, there = collection.get(key), getattr(collection, inside)
+            for name in sorted(set(names.split("\n")) - {*there.keys()}) if isinstance(names, str) else ():
+                block = getattr(bpy.data, blocks).get((name, None))
+                if block is not None:
+                    there.link(block)
+
+
+def note_change(*collections: Collection) -> None:
     """Mark `collections` as changed, so that undo reads them again.
 
     Each of them holds a collection that got other objects. This does the work of `renew` in a

@@ -16,7 +16,7 @@ from ...crowd_lod.format import number as figure
 from ...crowd_lod.levels.assignment import MOST_LEVELS
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import scene_data, stored_values
-from ..blender.collection_caches import note_change
+from ..blender.collection_caches import note_change, note_held
 from ..blender.ownership import OWNED, remove_owned
 from ..crowd.scene_crowd import groups_of, home_of, policy_of, trajectory_of
 from ..lod_meshes.make_lods import TINTS
@@ -329,6 +329,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
     note_change(top, library, rigs, *shelves.values())
     for block, name in cast.names.items():
         block.name = name
+    note_held(rigs, *shelves.values(), *(home for shelf in shelves.values() for home in shelf.children))
 
 
 def _fill(shelf: bpy.types.Collection, homes: list[bpy.types.Collection], characters: list[tuple[str, list]]) -> None:

@@ -126,7 +126,9 @@ def state() -> list:
     """What the file holds: names by kind, what is in each collection and object, what the settings name."""
     found = [sorted(block.name_full for block in getattr(bpy.data, kind)) for kind in KINDS]
     found.append(sorted(image.name_full for image in bpy.data.images if image.type != "RENDER_RESULT"))
-    inside = [(each.name, sorted(o.name for o in each.objects), [c.name for c in each.children]) for each in bpy.data.collections]
+    inside = [
+        (each.name, sorted(o.name for o in each.objects), sorted(c.name for c in each.children)) for each in bpy.data.collections
+    ]
     data = [(o.name, o.data.name if o.data else "", [m.name for m in o.modifiers]) for o in bpy.data.objects]
     chosen = [_chosen(scene.crowd_lod) for scene in bpy.data.scenes]
     return [*found, sorted(inside), sorted(data), chosen]

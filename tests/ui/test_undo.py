@@ -1,8 +1,7 @@
 """Ctrl-Z and Ctrl-Shift-Z after pairs and triples of our buttons, in a real Blender's window: undo_keys.py.
 
 One of as many parts as there are buttons; CROWD_LOD_TRIALS=100 takes all pairs and fifty triples. CI leaves it out: it takes
-minutes. Once, after measure_levels and a preset's button, which makes no step of its own, Ctrl-Z left a collection of the build
-without its object; docs/notes/undo.md says what was tried since.
+hours. docs/notes/undo.md says what it found.
 """
 
 import os
