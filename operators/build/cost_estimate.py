@@ -126,7 +126,7 @@ def choices_of(settings) -> dict[str, Choice]:
     return found
 
 
-@on_record(lambda scene, settings, frames=(), *known: frames)
+@on_record(lambda scene, settings, frames=(), *_, **__: frames)
 def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known: bool = False) -> Generator[float, None, Estimate]:
     """Estimate what builds with each choice of LODs cost the scene's engine.
 

@@ -79,8 +79,8 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         (part / "parameter_values.json").write_text(json.dumps(values(job), indent=2) + "\n", encoding="utf-8")
         shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
     out, tasks = printable(folder), -(-len(frames) // args.chunk)
-    every = f", every {step}th" if (step := job.frames[2]) > 1 else ""
-    said = f"Frames {frames[0]}:{frames[-1]}{every}, in {tasks:,} tasks of up to {args.chunk} frames."
+    steps = f" in steps of {step}" if (step := job.frames[2]) > 1 else ""
+    said = f"Frames {frames[0]}:{frames[-1]}{steps}: {tasks:,} tasks of up to {args.chunk} frames."
     return {"out": out, "frames": [frames[0], frames[-1]], "step": step, "tasks": tasks, "summary": f"{said}\n{out}"}
 
 

@@ -162,7 +162,10 @@ def read_run(folder: Path) -> dict[str, Any]:
         if all(isinstance(run[name], str) for name in ("key", "scene")) and all(isinstance(word, str) for word in run["command"]):
             return run
     except FileNotFoundError:
-        raise CrowdError(f"There are no parts in {printable(folder)}: make them with preview or verify and --part.") from None
+        rendered = ", or add --frames A:B for the frames of a job" * (folder / "frames").is_dir()
+        raise CrowdError(
+            f"There are no parts in {printable(folder)}: make them with preview or verify and --part{rendered}."
+        ) from None
     except (OSError, ValueError, LookupError, TypeError):
         pass
     raise CrowdError(f"The file {printable(path)} is damaged: remove {printable(folder / PARTS)} and make the parts again.")

@@ -21,6 +21,7 @@ from ..blender.rig_dependencies import armatures_of
 # in a row of a texture, which every GPU takes 16384 wide, three texels each
 MOST_JOINTS = 16384 // 3
 MOST_FRAMES = 500  # of a baked action; a longer one is baked at as many even steps
+MOST_ROWS = 16384  # frames of all actions
 TICK = 0.25  # seconds of baking at a time
 POSES = 5  # at which the baked character is compared with Blender's own
 TOLERANCE = 1e-3  # of the character's diagonal, beyond which the difference is told
@@ -100,7 +101,8 @@ def baking(
         objects = [[item for item in home.all_objects if item.type == "MESH"] for home in homes]
         flat = [item for level in objects for item in level]
         performance = performance_of(name, flat, actions)
-        each = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, MOST_FRAMES)) for span in performance.spans]
+        most = min(MOST_FRAMES, MOST_ROWS // len(performance.spans))
+        each = [np.linspace(*span, min(int(np.ceil(span[1] - span[0])) + 1, most)) for span in performance.spans]
         times = np.concatenate(each)
         recorder = recorder or _Recorder(np.array(homes[0].instance_offset, np.float64))
         with cleanup.scratch(), performance:

@@ -29,7 +29,7 @@ def shown(scene):
 @pytest.mark.parametrize("known", [False, True])
 def test_work_is_what_the_depsgraph_shows(levelled, known):
     scene, frames = levelled, [3, 9, 14]
-    found = finished(estimate(scene, scene.crowd_lod, frames, known))
+    found = finished(estimate(scene, scene.crowd_lod, frames, known=known))
     assert list(found.looked_at) == frames and FULL in found.works and found.engine == "EEVEE"
     work = found.works["By Ratio"]
     finished(bake.bake(scene, frames) if known else render_setup.build(scene))

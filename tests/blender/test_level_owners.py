@@ -108,8 +108,8 @@ def test_lods_of_another_group_are_never_taken_for_a_group_s_own(scene, change):
     with pytest.raises(RuntimeError, match="character group [bc] has no LOD meshes in Crowd LOD( 0)?: press Make LOD Meshes"):
         bpy.ops.crowd_lod.measure_levels()
     assert [(group.name, tuple(group.deviations)) for group in scene.crowd_lod.groups] == before
-    for _ in ("as it was", "populated"):
-        with pytest.raises(RuntimeError, match="press Make LOD Meshes"):
+    for says in ("have changed: press Populate, then Make LOD Meshes", "press Make LOD Meshes"):
+        with pytest.raises(RuntimeError, match=says):
             bpy.ops.crowd_lod.build()
         bpy.ops.crowd_lod.populate()
     assert not run(scene).made
