@@ -44,6 +44,7 @@ def test_remove_brings_the_file_back(levelled):
         assert set(bpy.data.user_map()) == before and levelled.crowd_lod.build is None
 
 
+@pytest.mark.once
 def test_what_undo_loses_of_a_build_is_put_back_and_nothing_else(built):
     """Blender's undo loses one of many now and then (docs/notes/undo.md); here it is taken out by hand."""
 
