@@ -96,6 +96,15 @@ class Performance:
         """Whether every part lasts one frame."""
         return all(part.first == part.last for part in self.parts)
 
+    def keys(self, each: int) -> np.ndarray:
+        """Return the moments of `each` keys a frame of the first part, (k,) float64, its ends among them.
+
+        A step of a cross-fade has those of both its actions: their keys bend its curves.
+        """
+        part, (first, last) = self.parts[0], self.spans[0]
+        lengths = {max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))}
+        return np.unique(np.concatenate([np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]).round(6))
+
     def only(self, name: str) -> "Performance":
         """Return the performance of one action alone; of the character's own if it plays none of that `name`."""
         return Performance([next((part for part in self.parts if part.name == name), self.parts[0])])

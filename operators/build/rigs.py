@@ -166,12 +166,12 @@ def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:
     return plain, float(scales.mean())
 
 
-def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarray, span: tuple[float, float], made: dict) -> Model:
+def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarray, times: np.ndarray, made: dict) -> Model:
     """Return the model of the character `name` from its recorded motion.
 
-    bones, places: from `record`, at even times over `span`.
+    bones, places: from `record`, at `times`.
     origin: (3,) metres, the character's origin.
-    span: first and last frame of its action.
+    times: (k,) frames of its action, from its first to its last.
     made: gets the new data-blocks with their final names.
     """
     shift = np.eye(4)
@@ -198,9 +198,9 @@ def model_of(name: str, bones: dict[str, Bones], places: dict, origin: np.ndarra
         action = bpy.data.actions.new(f"{name} {armature}")
         made |= {data: f"{name} {armature}", action: f"{name} {armature}"}
         for bone, moves in zip(rest, np.moveaxis(own.moves, 1, 0), strict=True):
-            _bake(action, bone, np.linalg.inv(rest[bone]) @ (shift @ moves @ back) @ rest[bone], span)
+            _bake(action, bone, np.linalg.inv(rest[bone]) @ (shift @ moves @ back) @ rest[bone], times)
         rigs[armature] = data, action
-    return Model(rigs, carried, {item: shift @ matrices[0] for item, matrices in places.items()}, span[1] - span[0])
+    return Model(rigs, carried, {item: shift @ matrices[0] for item, matrices in places.items()}, times[-1] - times[0])
 
 
 def _armature(name: str, rest: dict[str, np.ndarray], lengths: dict[str, float]) -> bpy.types.Armature:
@@ -223,8 +223,8 @@ def _armature(name: str, rest: dict[str, np.ndarray], lengths: dict[str, float])
     return data
 
 
-def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, span: tuple[float, float]) -> None:
-    """Write the keys of a bone into `action`, evenly over `span`, frames.
+def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, times: np.ndarray) -> None:
+    """Write the keys of a bone into `action` at `times` (k,), frames.
 
     basis: (k, 4, 4), the bone's matrices relative to its rest.
     """
@@ -236,7 +236,6 @@ def _bake(action: bpy.types.Action, bone: str, basis: np.ndarray, span: tuple[fl
     turns = np.array([turn for _, turn, _ in parts])
     signs = np.cumprod(np.sign(np.append(1.0, (turns[1:] * turns[:-1]).sum(axis=1))) + 0.0)
     turns *= np.where(signs == 0, 1.0, signs)[:, None]  # the short way round
-    times = np.linspace(*span, len(basis))
     columns = {"location": [place for place, _, _ in parts], "rotation_quaternion": turns, "scale": [size for _, _, size in parts]}
     for path, values in columns.items():
         for index, column in enumerate(np.array(values, np.float64).T):
@@ -363,9 +362,9 @@ def modelled(who: Acting, performance: Performance, made: dict) -> Generator[flo
     frames, keys, best, nearest = max(span[1] - span[0], 1.0), 1, None, np.inf
     most = int(np.clip(MOST_KEYS / frames, 1, FINEST))
     while True:
-        times = np.linspace(*span, int(np.ceil(frames * keys)) + 1)
+        times = performance.keys(keys)
         bones, places = yield from record(actors, times, performance)
-        model = model_of(name, bones, places, origin, span, made)
+        model = model_of(name, bones, places, origin, times, made)
         off = _off(model, who, performance, times) / diagonal
         gained = off < nearest / 2
         if off < nearest:

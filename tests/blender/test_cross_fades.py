@@ -210,3 +210,15 @@ def test_lods_made_before_the_cross_fades_are_told(fading):
     name_actions(scene, FADING)
     assert outdated(scene) == "LODs were made for actions the own, idle (now the own, idle with cross-fades)"
     assert forecast(scene) is None
+
+
+def test_rigs_have_keys_where_either_action_of_a_cross_fade_bends(waiting):  # noqa: F811
+    idle = bpy.data.actions["idle adult"]
+    idle.use_frame_range, idle.frame_start, idle.frame_end = True, 1, 48  # 47 frames beside the walk's 26
+    (_, objects, _) = characters_of(waiting)[0]
+    act = performance_of("adult", objects, ["idle", " > idle 1/4"]).only(" > idle 1/4")
+    for each in (1, 2):
+        phases = (act.keys(each) - act.spans[0][0]) / 47
+        for length in (26, 47):
+            bends = np.arange(length * each + 1) / (length * each)
+            assert np.abs(phases[:, None] - bends).min(axis=0).max() < 1e-6
