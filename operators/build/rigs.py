@@ -365,7 +365,7 @@ def modelled(who: Acting, performance: Performance, made: dict) -> Generator[flo
         times = performance.keys(keys)
         bones, places = yield from record(actors, times, performance)
         model = model_of(name, bones, places, origin, times, made)
-        off = _off(model, who, performance, times) / diagonal
+        off = _off(model, who, performance, _looks(times, bones)) / diagonal
         gained = off < nearest / 2
         if off < nearest:
             best, model, nearest = model, best, off
@@ -390,11 +390,29 @@ def _drop(model: Model | None, made: dict[bpy.types.ID, str]) -> None:
     bpy.data.batch_remove(blocks)
 
 
-def _off(model: Model, who: Acting, performance: Performance, times: np.ndarray) -> float:
-    """Return how far off a rig of `model` shows the character, at most, metres.
+def _looks(times: np.ndarray, bones: dict[str, Bones]) -> np.ndarray:
+    """Return the moments at which rigs are compared with the character, up to ten of them.
 
-    Tested at up to five times halfway between keys, and at one recorded time.
+    Halfway between keys: five evenly over all, and four where the bones turn off their way most; and a recorded one.
+
+    times: (k,), at which `bones` were recorded.
     """
+    bends = np.zeros(len(times) - 1)
+    for own in bones.values():
+        if own.rest and len(times) > 2:
+            rest = np.array(list(own.rest.values()))
+            ends = rest[:, None, :, 3] + np.array(own.lengths)[:, None, None] * np.concatenate(
+                [np.zeros((len(rest), 1, 4)), rest.transpose(0, 2, 1)[:, :3]], axis=1
+            )
+            way = np.einsum("kbij,bpj->kbpi", np.array(own.moves), ends)
+            bend = np.linalg.norm(np.diff(way, 2, axis=0), axis=-1).max(axis=(1, 2))
+            bends = np.maximum(bends, np.maximum(np.append(bend[0], bend), np.append(bend, bend[-1])))
+    chosen = np.union1d(np.argsort(bends)[-4:], np.linspace(0, len(bends) - 1, 5).round().astype(int))
+    return np.append((times[:-1] + times[1:])[chosen] / 2, times[len(times) // 2])
+
+
+def _off(model: Model, who: Acting, performance: Performance, looks: np.ndarray) -> float:
+    """Return how far off a rig of `model` shows the character at the moments `looks`, at most, metres."""
     (span,), origin = performance.spans, np.array(who.homes[0].instance_offset, np.float64)
     length = max(span[1] - span[0], 1.0)
     rigs = perform(model, "Crowd LOD trial", 1 / length, -span[0] / length, span)
@@ -402,10 +420,8 @@ def _off(model: Model, who: Acting, performance: Performance, times: np.ndarray)
     try:
         for block in (*rigs.values(), *copies.values()):
             who.stage.collection.objects.link(block)
-        middle = (times[:-1] + times[1:]) / 2
-        chosen = np.unique(np.linspace(0, len(middle) - 1, 5).round().astype(int))
         worst = 0.0
-        for time in (*middle[chosen], times[len(times) // 2]):
+        for time in looks:
             performance.go_to(who.stage, time)
             worst = max(worst, shown_off(copies, who.actors, who.stage, origin))
         return worst

@@ -4,9 +4,10 @@ import bpy
 import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.progress import finished
-from crowd_lod_extension.operators.blender import image_data, mesh_data, scene_data
+from crowd_lod_extension.operators.blender import image_data, mesh_data, performance, scene_data
+from crowd_lod_extension.operators.blender.render_evaluation import as_rendered
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
-from crowd_lod_extension.operators.build import render_setup
+from crowd_lod_extension.operators.build import render_setup, rigs
 from crowd_lod_extension.operators.build.phase_characters import POSES, make_cast
 from crowd_lod_extension.operators.crowd.scene_crowd import characters_of, frame_of, measure_groups, store_groups, trajectory_of
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
@@ -67,6 +68,32 @@ def test_agents_show_the_character_at_their_phase(built):
     for time in (1, 7, 40.5, 200):
         built.frame_set(int(time), subframe=time % 1)
         assert worst(built, time) < 3e-4, time
+
+
+def test_a_quick_swing_between_even_looks_gets_its_keys(scene):
+    (_, objects, origin), *_ = characters_of(scene)
+    rig = objects[0].parent
+    first, last = action_range(objects)
+    for frame, angle in ((10, 0.0), (11, 0.3), (12, 0.0)):  # the even looks are 6 frames apart
+        rig.pose.bones["forearm.L"].rotation_mode = "XYZ"
+        rig.pose.bones["forearm.L"].rotation_euler.x = angle
+        rig.pose.bones["forearm.L"].keyframe_insert("rotation_euler", frame=frame)
+    home = bpy.data.collections.new("home")
+    home.instance_offset = origin
+    home.objects.link(objects[0])
+    with as_rendered(home.objects) as (stage, actors):
+        act = performance.own(objects)
+        model, why = finished(rigs.modelled(rigs.Acting("adult", [home], stage, actors, 1.9), act, {}))
+        (begin, end), off = act.spans[0], 0.0
+        played = rigs.perform(model, "trial", 1 / (end - begin), -begin / (end - begin), (begin, end))
+        copies = {item: rigs.dress(item, model, played, actor) for item, actor in actors.items()}
+        for block in (*played.values(), *copies.values()):
+            stage.collection.objects.link(block)
+        for moment in np.linspace(first, last, 200):
+            act.go_to(stage, moment)
+            off = max(off, rigs.shown_off(copies, actors, stage, np.array(origin)))
+        bpy.data.batch_remove([*played.values(), *copies.values()])
+    assert not why and off < 2e-4 * 1.9  # 1.5e-3 where only even looks are taken
 
 
 def test_rigs_play_before_the_first_frame_and_after_hours(built):
