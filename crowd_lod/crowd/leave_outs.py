@@ -29,7 +29,7 @@ STATIC = LeftOut("plan", "Neither an agent nor the camera moves: the plan made b
 STILL = LeftOut("behaviour", "No agent ever moves or changes its state: behaviour ran once, and only the action plays on.")
 UNCHANGING = LeftOut("behaviour", "No label on the map changes a state: no transition is looked up.")
 ONE_LABEL = LeftOut("behaviour", "The map has one label: it is not looked up.")
-NO_FADES = LeftOut("behaviour", "No agent ever comes into a state with a fade and another action: none cross-fades.")
+NO_FADES = LeftOut("behaviour", "No agent ever comes from another action into a state with a fade: none cross-fades.")
 NO_HEIGHTS = LeftOut("behaviour", "There is no height map: agents keep the height they start at.")
 ONE_PACE = LeftOut("behaviour", "All walk at one pace: no agent ever changes its phase class.")
 ONE_GROUP = LeftOut("culling", "There is one character group: its bounding sphere is not looked up for each agent.")
@@ -94,7 +94,7 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
         UNCHANGING: unchanging,
         ONE_LABEL: len(labels) == 1,
         ONE_PACE: len(machine.paces.speeds) == 1,
-        NO_FADES: not fades.any() and not fading,
+        NO_FADES: len(machine.paces.fades) > 0 and not fades.any() and not fading,
     }
     return frozenset(item for item, true in holds.items() if true)
 

@@ -116,7 +116,8 @@ def test_a_crowd_of_which_nobody_fades_has_no_columns_for_it():
     }
     for trajectory in (walk(plain), walk(unreached)):
         crowd = trajectory.at(50)
-        assert NO_FADES in trajectory.left_out and crowd.played is None and crowd.faded is None
+        assert crowd.played is None and crowd.faded is None
+    assert NO_FADES in walk(unreached).left_out and NO_FADES not in walk(plain).left_out  # where there are none to leave out
     full = walk(unreached).full
     assert full.at(50).played is not None and same(walk(unreached).at(50), full.at(50))
     assert NO_FADES not in walk().left_out
