@@ -19,6 +19,9 @@ from pathlib import Path
 
 import bpy
 
+sys.path.append(str(Path(__file__).parent))
+from in_window import begin, overlay  # noqa: E402
+
 ARGUMENTS = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
 WARM, FRAMES, ROUNDS = 2, 6, 3  # frames that do not count, those that do, how often
 MOST_SECONDS = 30.0  # for the frames of a round
@@ -105,10 +108,6 @@ def compared(count: int, visible: int, taken: dict[str, list]) -> dict:
     return entry
 
 
-def overlay():
-    return next(module for name, module in sys.modules.items() if name.endswith(".operators.overlay.viewport_overlay"))
-
-
 def ready(scene):
     """Wait until the viewport shows LOD meshes."""
     began = time.monotonic()
@@ -151,16 +150,4 @@ def said(times: dict) -> str:
     return f"{times['median']:.1f} ms ({low:.1f} to {high:.1f})"
 
 
-def go_on(steps):
-    def tick():
-        try:
-            next(steps)
-            return 0.5
-        except StopIteration:
-            bpy.ops.wm.quit_blender()
-
-    return tick
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.app.timers.register(go_on(session()), first_interval=1.0, persistent=True)
+begin(session())

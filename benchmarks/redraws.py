@@ -11,9 +11,13 @@ pixel, so that it is charged for its own work alone.
 import statistics
 import sys
 import time
+from pathlib import Path
 
 import bpy
 import gpu
+
+sys.path.append(str(Path(__file__).parent))
+from in_window import begin, overlay  # noqa: E402
 
 ROUNDS, REDRAWS, WARM = 4, 10, 2
 MODES = "OFF", "POINTS", "BOXES"
@@ -51,7 +55,7 @@ def session():
 
 def timed() -> dict[str, float]:
     """Have the overlay's draw handlers note their milliseconds; returns where they note them."""
-    overlay = next(module for name, module in sys.modules.items() if name.endswith(".operators.overlay.viewport_overlay"))
+    shown = overlay()
     noted: dict[str, float] = {}
 
     def noting(part):
@@ -68,10 +72,10 @@ def timed() -> dict[str, float]:
         return draw
 
     space = bpy.types.SpaceView3D
-    while overlay._handlers:
-        space.draw_handler_remove(overlay._handlers.pop(), "WINDOW")
-    for part, when in ((overlay._draw_crowd, "POST_VIEW"), (overlay._draw_figures, "POST_PIXEL")):
-        overlay._handlers.append(space.draw_handler_add(overlay._draw, (noting(part),), "WINDOW", when))
+    while shown._handlers:
+        space.draw_handler_remove(shown._handlers.pop(), "WINDOW")
+    for part, when in ((shown._draw_crowd, "POST_VIEW"), (shown._draw_figures, "POST_PIXEL")):
+        shown._handlers.append(space.draw_handler_add(shown._draw, (noting(part),), "WINDOW", when))
     return noted
 
 
@@ -84,16 +88,4 @@ def told(values: list[float]) -> str:
     return f"{statistics.median(values):.1f} ({statistics.quantiles(values, n=20)[-1]:.1f})"
 
 
-def go_on(steps):
-    def tick():
-        try:
-            next(steps)
-            return 0.5
-        except StopIteration:
-            bpy.ops.wm.quit_blender()
-
-    return tick
-
-
-bpy.context.preferences.view.show_splash = False
-bpy.app.timers.register(go_on(session()), first_interval=1.0, persistent=True)
+begin(session())

@@ -43,7 +43,12 @@ def _part(length: np.ndarray, crowd: Crowd, who: np.ndarray, seconds: float) -> 
 
 
 def _show(played: np.ndarray, faded: np.ndarray, who: np.ndarray, first: np.ndarray, share: np.ndarray) -> None:
-    """Let the agents `who` show the steps at `share`, each of a cross-fade whose first is `first`, unless it is over."""
+    """Write to `played` and `faded` what agents show whose cross-fades go on.
+
+    who: (k,) agents.
+    first: (k,) the first step of each one's cross-fade.
+    share: (k,) float32, the part of it that is over; from 1 on it has ended.
+    """
     on = share < 1 - EARLY
     who, first, share = who[on], first[on], share[on]
     played[who], faded[who] = first + ((share + EARLY) * FADE_STEPS).astype(np.intp), share

@@ -191,8 +191,9 @@ class Crowd:
     faded: (n,) float32, the part of the agent's cross-fade that is over, 1 without one; None
         likewise.
 
-    These are 49 bytes per agent, and 5 more with cross-fades. All from `wait` on may be left out. Then no timer runs, the keys are
-    those of seed 0, no way is reflected, and all have the first pace and are there.
+    These are 49 bytes per agent, and 5 more with cross-fades. All from `wait` on may be left out. Then
+    no timer runs, the keys are those of seed 0, no way is reflected, and all have the first pace and
+    are there.
     """
 
     x: np.ndarray

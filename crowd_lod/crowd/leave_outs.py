@@ -88,13 +88,11 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
     fading = crowd.faded is not None and bool((crowd.faded < 1).any())
     if unchanging and not machine.timed and not machine.velocity[here].any() and not fading:
         return frozenset([STILL])  # then there are no steps to make shorter
-    action = np.array([machine.actions.index(name) for name in machine.actions])[states]
-    fades = machine.follows[np.ix_(states, states)] & (machine.fade[states] > 0) & (action[:, None] != action)
     holds = {
         UNCHANGING: unchanging,
         ONE_LABEL: len(labels) == 1,
         ONE_PACE: len(machine.paces.speeds) == 1,
-        NO_FADES: len(machine.paces.fades) > 0 and not fades.any() and not fading,
+        NO_FADES: bool(machine.fades.any()) and not machine.fades[np.ix_(states, states)].any() and not fading,
     }
     return frozenset(item for item, true in holds.items() if true)
 

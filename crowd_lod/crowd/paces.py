@@ -61,7 +61,10 @@ def step_name(before: str, after: str, step: int) -> str:
 
 
 def mixed_in(name: str) -> tuple[str, str, float] | None:
-    """Return (action before, action after, share of the latter) of the step of a cross-fade called `name`; None for an action."""
+    """Return what the step of a cross-fade called `name` is mixed of; None if it is an action.
+
+    That is (action before, action after, share of the latter).
+    """
     found = FADE_STEP.fullmatch(name)
     return found and (found[1], found[2], int(found[3]) / (FADE_STEPS + 1))
 

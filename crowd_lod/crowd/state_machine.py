@@ -91,8 +91,7 @@ class StateMachine:
     @cached_property
     def paces(self) -> Paces:
         """The actions of the table at its speeds, and the steps of cross-fades between them; see paces_of."""
-        to, by = self.actions, np.nonzero(self.follows & (self.fade > 0))
-        pairs = {(to[s], to[t]) for s, t in zip(*by, strict=True) if to[s] != to[t]}
+        pairs = {(self.actions[s], self.actions[t]) for s, t in zip(*np.nonzero(self.fades), strict=True)}
         return paces_of(self.actions, np.hypot(*np.moveaxis(self.velocity, 2, 0)), self.edge == "stop", pairs)
 
     @cached_property
@@ -111,10 +110,22 @@ class StateMachine:
         return found
 
     @cached_property
+    def fades(self) -> np.ndarray:
+        """(S, S) bool: from which states to which agents cross-fade: to another action, in a state with a fade."""
+        return self.follows & (self.fade > 0) & ~self._alike
+
+    @cached_property
     def fading(self) -> np.ndarray:
-        """(S,) float64: seconds of a cross-fade that goes on in each state; those of its action's longest if it has none."""
-        alike = np.array([[one == other for other in self.actions] for one in self.actions])
-        return np.where(self.fade > 0, self.fade, (alike * self.fade).max(axis=1))
+        """(S,) float64: seconds of a cross-fade that goes on in a state.
+
+        A state without a fade of its own has the longest of the states with its action.
+        """
+        return np.where(self.fade > 0, self.fade, (self._alike * self.fade).max(axis=1))
+
+    @cached_property
+    def _alike(self) -> np.ndarray:
+        """(S, S) bool: which states play the same action."""
+        return np.array([[one == other for other in self.actions] for one in self.actions])
 
     @cached_property
     def timed(self) -> bool:

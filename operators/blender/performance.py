@@ -184,7 +184,7 @@ def _stay(curve: bpy.types.FCurve, way: float, part: Part) -> None:
 
 
 def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseBone, str, tuple]]:
-    """Return the channels of bones that the own animation of `player` moves and the action does not, and what they say now."""
+    """Return (bone, channel, its value now) of what the own animation of `player` moves and the action does not."""
     if player.pose is None or player.animation_data is None:
         return []
     parts = part.mixed[:2] if part.mixed else (part,)
@@ -228,8 +228,7 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
         [*(name for name in names if name not in steps), *(each for mixed in steps.values() for each in mixed[:2])]
     )
     known = {name: _named(group, objects, name) if name else _own_action(group, objects) for name in needed}
-    parts = (_mixed(group, name, known[mixed[0]], known[mixed[1]]) for name, mixed in steps.items())
-    known |= {part.name: part for part in parts}
+    known |= {name: _mixed(group, name, (known[before], known[after], share)) for name, (before, after, share) in steps.items()}
     return Performance([*own(objects).parts, *(known[name] for name in names)])
 
 
@@ -239,15 +238,16 @@ def called(group: str, name: str) -> list[str]:
     return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
-def _mixed(group: str, name: str, one: Part, other: Part) -> Part:
-    """Return the step `name` of the cross-fade between two actions; it lasts as long as the longer of them."""
+def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
+    """Return the step `name` of a cross-fade; it lasts as long as the longer of its actions. mixed: see Part."""
+    one, other, _ = mixed
     if one.player != other.player:
         raise CrowdError(
             f"The actions {one.action.name} and {other.action.name} move two objects of {group}, {one.player.name} and "
             f"{other.player.name}: no state can fade from one to the other; set its fade to 0."
         )
     longer = max(one, other, key=lambda part: part.last - part.first)
-    return Part(name, longer.first, longer.last, player=one.player, mixed=(one, other, mixed_in(name)[2]))
+    return Part(name, longer.first, longer.last, player=one.player, mixed=mixed)
 
 
 def _own_action(group: str, objects: list[bpy.types.Object]) -> Part:
@@ -341,7 +341,10 @@ def _way(player: bpy.types.Object, travels: Sequence[tuple[str, int, float]]) ->
 
 
 def digest(parts: Sequence[Part]) -> list:
-    """Return what the named actions of `parts` are, to compare as text; of steps of cross-fades their names, which say it."""
+    """Return what the named actions of `parts` are, to compare as text.
+
+    Of steps of cross-fades these are the names: their actions are among the others.
+    """
     columns = (("co", 2, "f4"), ("handle_left", 2, "f4"), ("handle_right", 2, "f4"), ("interpolation", 1, "i4"))
     return [
         (
