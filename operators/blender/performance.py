@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from .pose_mixing import AT_REST, Mixture, Played
@@ -230,6 +231,14 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
     known = {name: _named(group, objects, name) if name else _own_action(group, objects) for name in needed}
     known |= {name: _mixed(group, name, (known[before], known[after], share)) for name, (before, after, share) in steps.items()}
     return Performance([*own(objects).parts, *(known[name] for name in names)])
+
+
+def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:
+    """Return the performance of the character group's own action and of those that it was measured with.
+
+    objects, errors: see performance_of.
+    """
+    return performance_of(group.name, objects, [action.name for action in group.actions])
 
 
 def called(group: str, name: str) -> list[str]:

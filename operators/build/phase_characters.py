@@ -17,7 +17,7 @@ from ...crowd_lod.progress import share
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.ownership import OWNED
-from ..blender.performance import Performance, performance_of
+from ..blender.performance import Performance, group_performance
 from ..blender.render_evaluation import as_rendered
 from ..crowd.characters import check_measured
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
@@ -89,7 +89,7 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     count, measured = policy_of(settings).count, groups_of(settings)
     check_measured(characters, measured)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
-    performances = [performance_of(name, own, [a.name for a in measured[g].actions]) for g, (name, own, _) in enumerate(characters)]
+    performances = [group_performance(group, own) for group, (_, own, _) in zip(measured, characters, strict=True)]
     leads = _leads(characters, measured, performances)
     try:
         for g, (name, _, _) in enumerate(characters):
@@ -175,8 +175,7 @@ def make_cast(
         for g, (name, objects, _) in enumerate(characters):
             homes = [home_of(level, g, name) for level in levels[:count]]
             with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-                named = [action.name for action in trajectory.groups[g].actions]
-                performance = performance_of(name, objects, named)
+                performance = group_performance(trajectory.groups[g], objects)
                 group = _Actors(g, name, homes, stage, actors, performance, models[g], performed)
                 for number in range(first[g], first[g + 1]):
                     of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]
