@@ -33,6 +33,7 @@ from ..crowd.shot_exceptions import exemptions_of
 from ..lod_meshes.candidates import TINTS
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
+from ..lod_meshes.selection import cast_of, rigs_of
 from .preview_plan import scene_json
 from .shot_survey import survey_of
 from .switch_crops import crops_of
@@ -87,7 +88,9 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None, wanted.blurred), READY, SURVEYED
     )
     survey = through.survey
-    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
+    characters = characters_of(scene)
+    rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
+    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene), *rigs)
     found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
     changes = noticed(shot, found.levels, trajectory.spheres.radius)
     told = Told(

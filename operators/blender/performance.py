@@ -106,6 +106,11 @@ class Performance:
         lengths = {max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))}
         return np.unique(np.concatenate([np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]).round(6))
 
+    def curves_on(self, item: bpy.types.Object) -> list[bpy.types.FCurve]:
+        """Return the curves that move the object `item` in any of the parts, or its own animation."""
+        named = [_curves(part.action, part.handle) for part in self.parts if part.player is item and part.action is not None]
+        return [curve for curves in (*map(curves_of, players_of([item])), *named) for curve in curves]
+
     def only(self, name: str) -> "Performance":
         """Return the performance of one action alone; of the character's own if it plays none of that `name`."""
         return Performance([next((part for part in self.parts if part.name == name), self.parts[0])])
