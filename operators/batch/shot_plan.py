@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number
+from ...crowd_lod.format import counted, number
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.planning.curve import curve_of
@@ -167,7 +167,7 @@ def sentence(planned: Planned) -> str:
     bound = f"; {plan.bound:.1%} above the least possible at most" if isfinite(plan.bound) else ""
     raised = f" To fit in the budget, LODs deviate by up to {number(found.error)} pixels." if plan.tolerance else ""
     return (
-        f"{frames:,} frame{'s' * (frames > 1)} of {len(planned.shot.survey.group):,} agents planned. LODs change in sight "
+        f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} planned. LODs change in sight "
         f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, for "
         f"{max(found.above(before), 0.0):.1%} more cost at most{bound}.{raised}"
     )

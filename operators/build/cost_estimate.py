@@ -14,7 +14,7 @@ from ...crowd_lod.format import number as figure
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
 from ...crowd_lod.levels.cost_model import NAMES, Actors, Price, Work, price, work_of
 from ...crowd_lod.planning.frame import Frame, plan
-from ...crowd_lod.planning.frame_range import evenly
+from ...crowd_lod.planning.frame_range import evenly, shot_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.shadows import surround
 from ...crowd_lod.progress import share
@@ -100,7 +100,7 @@ class Estimate:
     @property
     def sentence(self) -> str:
         told = "; ".join(f"{name}: memory {memory}, file {file}, time {time}" for name, memory, file, time in self.rows)
-        return f"The crowd takes in {NAMES[self.engine]}, frames {self.frames[0]} to {self.frames[-1]}: {told}."
+        return f"The crowd takes in {NAMES[self.engine]}, {shot_frames(self.frames)}: {told}."
 
 
 def choices_of(settings) -> dict[str, Choice]:
