@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from .pose_mixing import AT_REST, Mixture, Played
@@ -104,6 +105,11 @@ class Performance:
         part, (first, last) = self.parts[0], self.spans[0]
         lengths = {max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))}
         return np.unique(np.concatenate([np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]).round(6))
+
+    def curves_on(self, item: bpy.types.Object) -> list[bpy.types.FCurve]:
+        """Return the curves that move the object `item` in any of the parts, or its own animation."""
+        named = [_curves(part.action, part.handle) for part in self.parts if part.player is item and part.action is not None]
+        return [curve for curves in (*map(curves_of, players_of([item])), *named) for curve in curves]
 
     def only(self, name: str) -> "Performance":
         """Return the performance of one action alone; of the character's own if it plays none of that `name`."""
@@ -230,6 +236,14 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
     known = {name: _named(group, objects, name) if name else _own_action(group, objects) for name in needed}
     known |= {name: _mixed(group, name, (known[before], known[after], share)) for name, (before, after, share) in steps.items()}
     return Performance([*own(objects).parts, *(known[name] for name in names)])
+
+
+def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:
+    """Return the performance of the character group's own action and of those that it was measured with.
+
+    objects, errors: see performance_of.
+    """
+    return performance_of(group.name, objects, [action.name for action in group.actions])
 
 
 def called(group: str, name: str) -> list[str]:

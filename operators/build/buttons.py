@@ -4,6 +4,8 @@ from collections.abc import Callable, Generator
 
 import bpy
 
+from ...crowd_lod.format import counted
+from ...crowd_lod.planning.frame_range import shot_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
@@ -98,7 +100,7 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
         cast = yield from prepared(scene, lambda: bake(scene, frames))
-        baked = f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        baked = f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}."
         return " ".join(filter(None, (baked, told_of_cast(scene, cast), told_of_characters(scene), frame_stepping.unbaked(scene))))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...crowd_lod.culling.framing import framing
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
@@ -78,7 +78,7 @@ def made(args, command: list[str]) -> dict:
         "out": printable(path),
         "frames": [scene.frame_start, scene.frame_end],
         "camera": [round(each, 3) for each in scene.camera.matrix_world.translation],
-        "summary": f"{said}\n{count:,} frames at {scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
+        "summary": f"{said}\n{counted(count, 'frame')} at {scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
     }
 
 

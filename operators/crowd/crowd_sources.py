@@ -16,6 +16,7 @@ from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.progress import aside
 from ...crowd_lod.tracks.cast import groups_of_agents
 from ...crowd_lod.tracks.recorded import Recorded
@@ -103,8 +104,8 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
             lost = len(places or ()) - len(part.start)
             if lost:
                 yield (
-                    f"{lost:,} of {len(places or ()):,} places are left out: they lie off the label map, or where its labels let "
-                    "nobody start."
+                    f"{lost:,} of {counted(len(places or ()), 'place')} {'is' if lost == 1 else 'are'} left out: off the label map, or "
+                    "where its labels let nobody start."
                 )
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.progress import Made, share
 from ...crowd_lod.reporting import files
 from ...crowd_lod.tracks import npz
@@ -116,7 +116,7 @@ def take_points(scene: bpy.types.Scene, item: bpy.types.Object, path: Path) -> G
     except BaseException:
         settings.source, settings.points = before
         raise
-    return f"{count:,} agents follow the points of {item.name}, recorded in {printable(path)}."
+    return f"{counted(count, 'agent follows', 'agents follow')} the points of {item.name}, recorded in {printable(path)}."
 
 
 def _looked_at(crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...]) -> Snapshot | None:
@@ -190,7 +190,7 @@ class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
         for crowd in crowds:
             if bpy.data.filepath:
                 crowd.tracks_file = bpy.path.relpath(crowd.tracks_file)
-        told = ", ".join(f"{count:,} agents in {printable(path)}" for count, path in zip(counts, paths, strict=True))
+        told = ", ".join(f"{counted(count, 'agent')} in {printable(path)}" for count, path in zip(counts, paths, strict=True))
         return f"Recorded: {told}. To follow the object again, set Source to Points."
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from ...crowd_lod.crowd.outlines import section
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number, printable
+from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.reporting import files
 from ..blender import mesh_data, stored_values
 from ..blender.labelled_properties import IntProperty
@@ -31,7 +31,7 @@ def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generato
     """
     wanted = _wanted(scene, index)
     arrived = yield from simulating(wanted, path)
-    return f"{wanted.count:,} agents were simulated for {number(wanted.seconds)} s; {arrived:,} arrived."
+    return f"{counted(wanted.count, 'agent was', 'agents were')} simulated for {number(wanted.seconds)} s; {arrived:,} arrived."
 
 
 def follow(scene: bpy.types.Scene, index: int, path: str) -> None:

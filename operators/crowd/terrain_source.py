@@ -102,8 +102,9 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
     if not trajectory.level:
         over = int(ground.missing(start.x, start.y).sum())
         if over:
+            have, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
             yield (
-                f"{over:,} of {len(start):,} agents have no ground of the terrain {_name(crowd)} under them, and stand at the "
+                f"{over:,} of {len(start):,} agents {have} no ground of the terrain {_name(crowd)} under {them}, and {stand} at the "
                 f"crowd's height, {number(ground.z)} m."
             )
     top = crowd.id_data.crowd_lod.characters

@@ -8,7 +8,7 @@ import bpy
 
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.progress import aside, share
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
@@ -70,7 +70,7 @@ def told_of_frames(crowd) -> str:
         tracks = None
     if tracks is None:
         return "Populate tells the file's frames"
-    return f"{len(tracks.ids):,} agents, {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} fps"
+    return f"{counted(len(tracks.ids), 'agent')}, {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} fps"
 
 
 def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.progress import share
 from ...crowd_lod.simplification.hausdorff import Moving, interval
 from ..blender import cleanup, mesh_data
@@ -381,7 +382,7 @@ class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         yield from measure_levels(context.scene)
-        return f"The LODs of {len(context.scene.crowd_lod.groups)} character groups are measured."
+        return f"The LODs of {counted(len(context.scene.crowd_lod.groups), 'character group')} are measured."
 
 
 CLASSES = (CROWDLOD_OT_measure_levels,)

@@ -86,6 +86,7 @@ def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[S
                     "bounds": [*map(float, group.bounds)],
                     "shaded": [*map(float, group.shaded)],
                     "characters": shot.characters,
+                    "rigs": shot.rigs,
                     "keep": [*map(int, own)],
                     "views": [_packed(view.counted()) for view in shot.views],
                 }
@@ -179,7 +180,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     ]
     engine, shading = scene_data.engine_of(scene), settings.shading_counts
     shots = [
-        Shot([_unpacked(view, camera, closer) for view in own["views"]], own["characters"], engine, shading)
+        Shot([_unpacked(view, camera, closer) for view in own["views"]], own["characters"], engine, shading, own.get("rigs"))
         for own in stored["groups"]
     ]
     keep = chosen(settings, groups, shots, 1.0).keep

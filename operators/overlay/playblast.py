@@ -1,12 +1,12 @@
 """The playblast: the scene in solid shading, with the overlay drawn over it.
 
-The pictures look as in a viewport, and need no window.
+The pictures look as in a viewport, show what renders show, and need no window.
 """
 
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import bpy
@@ -21,6 +21,7 @@ from ..crowd.scene_crowd import policy_of
 from . import character_cache, hud
 from .appearance import cast_of, colors_of, drawing_of, style_of
 from .gpu_draw import Batches, paint, put_depth
+from .visibility import revealed, show_as_rendered
 
 # What a viewport is lent for a picture, from the scene's own shading of its Workbench renders.
 SHADING = (
@@ -157,10 +158,14 @@ class Playblast:
 
     def __enter__(self):
         self.canvas = Canvas(self.size)
+        with ExitStack() as opened:
+            opened.callback(self.canvas.free)
+            opened.enter_context(revealed(self.stage))
+            self._opened = opened.pop_all()
         return self
 
     def __exit__(self, *_):
-        self.canvas.free()
+        self._opened.close()
         self.cast = self.batches = None
         character_cache.drop(self.stage)
 
@@ -193,7 +198,7 @@ class Playblast:
 
     def _draw(self, path: Path, caption: str, batches: Batches | None) -> None:
         stage, layer = self.stage, self.stage.view_layers[0]
-        layer.depsgraph.update()
+        show_as_rendered(layer)
         matrices = camera_matrices(stage.camera, layer.depsgraph, stage.render, self.canvas.size)
         with solid_viewport(stage) as viewport:
             caption = f"Frame {stage.frame_current}  {caption}"

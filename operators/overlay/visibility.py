@@ -1,4 +1,7 @@
-"""Whether a viewport shows the overlay's characters, by what else it shows."""
+"""What shows beside the overlay: whether a viewport shows its characters, and what its pictures show."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import bpy
 
@@ -24,3 +27,43 @@ def shows_build(settings, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView
     """
     points = settings.build.objects if settings.build is not None else ()
     return any(item.visible_get(view_layer=layer, viewport=space) and item.visible_in_viewport_get(space) for item in points)
+
+
+@contextmanager
+def revealed(scene: bpy.types.Scene) -> Iterator[None]:
+    """Show what the scene's viewports hide by a setting that they share with those of other scenes; hide it again at the end.
+
+    Those are collections and objects disabled in viewports.
+    """
+    hidden = [each for each in (*scene.collection.children_recursive, *scene.objects) if each.hide_viewport]
+    try:
+        for each in hidden:
+            each.hide_viewport = False
+        yield
+    finally:
+        for each in hidden:
+            each.hide_viewport = True
+
+
+def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
+    """Let viewports show of the view layer what its renders show, and only that, but for what `revealed` shows.
+
+    The view layer's own settings change. Those of objects may be animated: they count as they are now.
+    """
+    _show(layer.layer_collection)
+    layer.depsgraph.update()
+    for item in layer.objects:
+        item.hide_set(item.evaluated_get(layer.depsgraph).hide_render, view_layer=layer)
+    layer.depsgraph.update()
+
+
+def _show(place: bpy.types.LayerCollection) -> None:
+    """Exclude from the view layer the collections in `place` that renders hide, and show the others."""
+    for child in place.children:
+        if child.exclude:
+            continue
+        if child.collection.hide_render:
+            child.exclude = True
+        else:
+            child.hide_viewport = False
+            _show(child)

@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.planning.exceptions import named
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender.labelled_properties import EnumProperty, FloatProperty
@@ -98,7 +99,7 @@ def _found(context, entry) -> str:
             f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this frame, or the share is 0."
         )
     entry.agents, entry.chosen_by = named(agents, trajectory.ids), "NUMBERS"
-    return f"{entry.name}: {len(agents):,} agents found; they stay the same in all frames."
+    return f"{entry.name}: {counted(len(agents), 'agent')} found, the same in all frames."
 
 
 class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):

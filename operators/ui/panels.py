@@ -10,6 +10,7 @@ import bpy
 
 from ... import sample_scenes
 from ...crowd_lod.behaviour.walk import walks_of
+from ...crowd_lod.format import counted
 from ..blender.props import PROP
 from ..crowd.prop_button import props_in
 from ..lod_meshes.made_for import changed, forecast
@@ -109,7 +110,11 @@ class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
         layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
         frame = viewport_overlay.latest(context.scene)
         machine = next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
-        told = f"{len(machine.states)} states, {len(machine.labels)} labels; edge: {machine.edge}" if machine else "-"
+        told = (
+            f"{counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}; edge: {machine.edge}"
+            if machine
+            else "-"
+        )
         label(layout, MOVERS.get(settings.source, told), "INFO")
 
 

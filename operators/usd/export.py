@@ -9,7 +9,9 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.format import number as figure
+from ...crowd_lod.planning.frame_range import shot_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.instances import Instances, Shown, instances_of, shown, turned
 from ...crowd_lod.planning.planned import noted, told_unplanned
@@ -59,7 +61,7 @@ class Exported:
     @property
     def sentence(self) -> str:
         """The result in words."""
-        return " ".join((f"{self.agents:,} agents and {self.prototypes:,} prototypes are written.", *self.notes))
+        return " ".join((f"{counted(self.agents, 'agent')} and {counted(self.prototypes, 'prototype')} are written.", *self.notes))
 
 
 @on_record(lambda scene, wanted: wanted.frames)
@@ -110,7 +112,7 @@ def _plans(
             films[number] = filmed(scene, time, at((), time))
             yield (done + 1) / len(frames)
     if not any(len(plan.agents) for plan in plans.values()):
-        raise CrowdError(f"The camera sees no agent in the frames {frames[0]} to {frames[-1]}: there is nothing to export.")
+        raise CrowdError(f"The camera sees no agent in {shot_frames(frames)}: there is nothing to export.")
     return plans, {number: film for number, film in films.items() if film is not None}, unplanned
 
 

@@ -126,6 +126,60 @@ def state(space):
     return [getattr(each, p.identifier) for each in owners for p in each.bl_rna.properties if p.type in ("BOOLEAN", "ENUM")]
 
 
+def test_the_pictures_show_what_renders_show_and_only_that(tmp_path):
+    """Eight panels side by side, each hidden in another way: as Blender's own render has them."""
+    scene = bpy.data.scenes.new("panels")
+    scene.render.resolution_x, scene.render.resolution_y = SIZE
+    scene.camera = bpy.data.objects.new("eye", bpy.data.cameras.new("eye"))
+    scene.camera.data.type, scene.camera.data.ortho_scale = "ORTHO", 8
+    scene.collection.objects.link(scene.camera)
+    panel = mesh_data.new_mesh(
+        "panel", np.array([(0.2, -1, -3), (0.8, -1, -3), (0.8, 1, -3), (0.2, 1, -3)]), np.array([(0, 1, 2), (0, 2, 3)])
+    )
+    homes, items = [], []
+    for x in range(-4, 4):
+        homes.append(bpy.data.collections.new(f"home {x}"))
+        items.append(bpy.data.objects.new(f"panel {x}", panel))
+        items[-1].location.x = x
+        homes[-1].objects.link(items[-1])
+        scene.collection.children.link(homes[-1])
+    layer = scene.view_layers[0]
+    layer.update()
+    places = [layer.layer_collection.children[home.name] for home in homes]
+    homes[0].hide_render = items[1].hide_render = True
+    homes[2].hide_viewport = items[3].hide_viewport = places[4].hide_viewport = places[5].exclude = True
+    items[6].hide_set(True, view_layer=layer)
+    for frame, hidden in ((1, False), (2, True)):
+        items[7].hide_render = hidden
+        items[7].keyframe_insert("hide_render", frame=frame)
+    scene.frame_set(2)
+    scene.render.engine, scene.render.film_transparent, scene.render.filepath = (
+        "BLENDER_WORKBENCH",
+        True,
+        str(tmp_path / "render.png"),
+    )
+    scene.render.image_settings.file_format, scene.render.image_settings.color_mode = "PNG", "RGBA"
+    scene.render.use_compositing = scene.render.use_sequencer = False
+    with bpy.context.temp_override(scene=scene):
+        bpy.ops.render.render(write_still=True)
+    columns = np.arange(20, WIDTH, 40)
+    rendered = image_data.load_pixels(tmp_path / "render.png")[HEIGHT // 2, columns, 3] > 0
+    stage = scene.copy()
+    try:
+        stage.frame_set(2)
+        with playblast.Playblast(stage, None, SIZE) as drawn:
+            drawn.above(tmp_path / "drawn.png", "")
+    finally:
+        bpy.data.scenes.remove(stage)
+    picture = image_data.load_pixels(tmp_path / "drawn.png").astype(int)
+    shown = np.abs(picture[HEIGHT // 2, columns] - picture[20, columns]).max(axis=1) > 2
+    assert rendered.tolist() == [False, False, True, True, True, False, True, False]
+    assert shown.tolist() == rendered.tolist()
+    assert [home.hide_viewport for home in homes].count(True) == [item.hide_viewport for item in items].count(True) == 1
+    assert items[6].hide_get(view_layer=layer) and not places[0].exclude
+    bpy.data.scenes.remove(scene)
+
+
 def test_a_preview_is_drawn_by_the_overlay(tmp_path, capfd):
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     sample_scenes.make("chapter", bpy.context.scene)
