@@ -298,7 +298,7 @@ def _build(args, command: list[str]) -> dict:
                 print(predicted[0].sentence, file=sys.stderr)
             return (yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0))
 
-        cast = finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+        cast = finish(prepared(scene, work, frames or ()), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}

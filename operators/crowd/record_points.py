@@ -1,8 +1,9 @@
 """From an object's points, frame by frame, to a file of tracks: then their other frames are known, too."""
 
 import tempfile
-from collections.abc import Callable, Generator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 
@@ -28,28 +29,85 @@ SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "first_frame") 
 STEPPED = 0.95  # part of the progress
 
 
+@dataclass
+class _Record:
+    """A record that several works follow, one after the other.
+
+    frames: of the timeline, that they need besides those of the scene.
+    of: what was recorded: the scene's ends and the points' objects; None before.
+    settings: of each crowd, by which it follows the record, in the order of SOURCE.
+    """
+
+    folder: Path
+    frames: Sequence[int]
+    of: tuple | None = None
+    settings: tuple[tuple, ...] = ()
+
+    def holds(self, about: tuple, frames: Sequence[int]) -> bool:
+        """Return whether it is a record `about` the same that holds these frames, too."""
+        ends = (*about[:2], *self.frames)
+        return self.of == about and all(min(ends) <= frame <= max(ends) for frame in frames)
+
+
+_shared: dict[int, _Record] = {}  # by the session_uid of its scene
+
+
+@contextmanager
+def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterator[None]:
+    """Let all that runs `with_record` of `scene` in here follow one record, which is made when it is first needed.
+
+    frames: those of the timeline that any of them needs; the scene's own are always in it.
+    """
+    if scene.session_uid in _shared:
+        yield
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        _shared[scene.session_uid] = _Record(Path(folder), frames)
+        try:
+            yield
+        finally:
+            del _shared[scene.session_uid]
+
+
 def with_record(
     scene: bpy.types.Scene, frames: Sequence[int], work: Callable[[], Generator[float, None, Made]]
 ) -> Generator[float, None, Made]:
     """Run `work()` while the crowds of `scene` that are an object's points follow a record of them.
 
-    It holds all frames of the scene, and `frames` of the timeline, and is gone at the end. Without
-    such crowds nothing is recorded.
+    It holds all frames of the scene, and `frames` of the timeline, and is gone at the end, or with
+    the `shared_record` around. Without such crowds nothing is recorded.
 
     Yields the progress and returns the result of the work.
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
     if not crowds:
         return (yield from work())
-    own = [(crowd, name, getattr(crowd, name)) for crowd in crowds for name in SOURCE]
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder) / f"{k}.npz" for k in range(len(crowds))]
+    own = [_followed(crowd) for crowd in crowds]
+    about = scene.frame_start, scene.frame_end, tuple((crowd.name, crowd.points and crowd.points.session_uid) for crowd in crowds)
+    with shared_record(scene, frames):
+        record = _shared[scene.session_uid]
         try:
-            yield from share(recording(scene, paths, frames), 0.0, 0.3)
+            if record.holds(about, frames):
+                _follow(crowds, record.settings)
+            else:
+                paths = [record.folder / f"{k}.npz" for k in range(len(crowds))]
+                record.frames = [*record.frames, *frames]
+                yield from share(recording(scene, paths, record.frames), 0.0, 0.3)
+                record.of, record.settings = about, tuple(map(_followed, crowds))
             return (yield from share(work(), 0.3, 1.0))
         finally:
-            for crowd, name, value in own:
-                setattr(crowd, name, value)
+            _follow(crowds, own)
+
+
+def _followed(crowd) -> tuple:
+    """Return the settings by which the crowd follows its source."""
+    return tuple(getattr(crowd, name) for name in SOURCE)
+
+
+def _follow(crowds: Sequence, settings: Sequence[tuple]) -> None:
+    for crowd, own in zip(crowds, settings, strict=True):
+        for name, value in zip(SOURCE, own, strict=True):
+            setattr(crowd, name, value)
 
 
 def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
