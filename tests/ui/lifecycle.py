@@ -146,7 +146,14 @@ def rendered(folder):
                 there = 4 * ((region.y + row) * width + region.x + column)
                 agents += 1
                 same += max(abs(a - b) for a, b in zip(pixel, whole[there : there + 3], strict=True)) <= 1
-    found = {"status": status, "modal": len(robot.window().modal_operators), "size": list(image.size), "region": [region.width, region.height], "agents": agents, "same": same}
+    found = {
+        "status": status,
+        "modal": len(robot.window().modal_operators),
+        "size": list(image.size),
+        "region": [region.width, region.height],
+        "agents": agents,
+        "same": same,
+    }
     bpy.data.images.remove(screen)
     image.filepath_raw, image.file_format = str(folder / "23_render_viewport.png"), "PNG"
     image.save()
