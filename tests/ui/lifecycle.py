@@ -128,11 +128,7 @@ def rendered(folder):
     before = set(bpy.data.images)
     status = yield from robot.press("crowd_lod.render_viewport")
     (image,) = set(bpy.data.images) - before
-    yield 1.0
-    shown_in = robot.window_of(image)
-    with bpy.context.temp_override(window=shown_in):
-        bpy.ops.wm.window_close()
-    yield 0.5
+    yield from robot.close_window_of(image)
     yield from robot.picture("23_viewport")
     mine = bytes_of(image)
     screen = bpy.data.images.load(str(folder / "23_viewport.png"))
@@ -166,10 +162,7 @@ def rendered(folder):
     found["render"] = [side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y)]
     second.filepath_raw, second.file_format = str(folder / "24_render_viewport.png"), "PNG"
     second.save()
-    yield 1.0
-    with bpy.context.temp_override(window=robot.window_of(second)):
-        bpy.ops.wm.window_close()
-    yield 0.5
+    yield from robot.close_window_of(second)
     for made in (image, second):
         bpy.data.images.remove(made)
     settings().overlay_mode, settings().hud, settings().inset = "MESHES", True, True
