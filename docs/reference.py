@@ -1,4 +1,4 @@
-"""Writes the pages of reference from the properties and the parser, and the picture of a state machine.
+"""Writes the pages of reference from properties and parser, and the picture of a state machine.
 
     .venv-3.13/bin/python docs/reference.py
 

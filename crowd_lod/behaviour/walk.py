@@ -211,7 +211,10 @@ class Walk(Trajectory):
         return self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
 
     def regrouped(self, group: np.ndarray) -> "Walk":
-        """Return the same walk from its start on, where agents of another group change their phase class by its rates."""
+        """Return the same walk from its start on, with agents of other groups.
+
+        They change their phase class by the rates of these groups.
+        """
         if np.array_equal(group, self.start.group):
             return self
         other = self._regrouped

@@ -58,7 +58,10 @@ def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
 
 
 def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
-    """Return what `told_unplanned` takes of a frame; CrowdError if it lacks the plan's LODs and that is `strict`."""
+    """Return what `told_unplanned` takes of a frame.
+
+    CrowdError if it lacks the plan's LODs and that is `strict`.
+    """
     if strict and sentence:
         raise CrowdError(f"Frame {number}: {sentence}")
     return number, sentence

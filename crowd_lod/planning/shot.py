@@ -204,7 +204,7 @@ def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None
 
 
 def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None:
-    """Return (F, K, L) float32 seconds of an agent where the meshes that `found` shows cost next to nothing.
+    """Return (F, K, L) float32 seconds of an agent if meshes that `found` shows cost next to nothing.
 
     None where meshes cost so little that it does not matter.
     """

@@ -188,7 +188,7 @@ def _legend(rows: Sequence[svg.Series]) -> str:
 
 
 def _strip(told: Told) -> str:
-    """Return the timeline with a tick for each frame that has a switch or an entry, as high as its largest."""
+    """Return the timeline with a tick for each frame with a switch or an entry, high as its largest."""
     numbers, found, (wide, high) = told.numbers, told.noticed, STRIP
     at = svg.edges(numbers)
     most = found["change"].max(initial=0.0)

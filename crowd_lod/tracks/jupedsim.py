@@ -62,14 +62,20 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
 
 
 def _check(database: sqlite3.Connection) -> None:
-    """Raise sqlite3.DatabaseError if the pages of the tracks are not in order: SQLite itself reads other pages as if they were."""
+    """Raise sqlite3.DatabaseError if the pages of the tracks are not in order.
+
+    SQLite itself reads other pages as if they were the table's.
+    """
     (said,) = database.execute("PRAGMA quick_check(trajectory_data)").fetchone()
     if said != "ok":
         raise sqlite3.DatabaseError(said.replace("\n", " "))
 
 
 def _by_pages(path: Path, database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
-    """Yield the `count` rows of the database, many at a time. Unreadable where SQLite itself has to read them."""
+    """Yield the `count` rows of the database, many at a time.
+
+    Unreadable where SQLite itself has to read them.
+    """
     names = [name for _, name, *_ in database.execute("PRAGMA table_info(trajectory_data)")]
     places = [names.index(name) for name in NAMES]
     (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'trajectory_data'").fetchone()

@@ -1,4 +1,6 @@
-"""Columns of numbers of an SQLite table, read from the pages of its file, several times as fast as row by row.
+"""Columns of numbers of an SQLite table, read from the pages of its file.
+
+That is several times as fast as row by row.
 
 The file's format is documented and fixed (https://www.sqlite.org/fileformat2.html, 1.3 to 2.1). A
 table is a tree of pages; the rows are the cells of its leaves, in the order of row ids.
@@ -79,7 +81,10 @@ def _leaves(pages: np.ndarray, root: int) -> Iterator[int]:
 
 
 def _cells(pages: np.ndarray, leaves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (begin, end), each (k,) intp: where the cells of the leaves begin in the file, and where their pages end."""
+    """Return (begin, end), each (k,) intp, of the cells of the leaves.
+
+    These are where the cells begin in the file, and where their pages end.
+    """
     if (leaves == 0).any():
         raise Unreadable  # the page of the schema
     size = pages.shape[1]
@@ -98,7 +103,9 @@ def _cells(pages: np.ndarray, leaves: np.ndarray) -> tuple[np.ndarray, np.ndarra
 def _read(
     data: np.ndarray, begin: np.ndarray, end: np.ndarray, count: int, wanted: Sequence[int]
 ) -> tuple[list[np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Return the `wanted` columns of the rows whose cells `begin` there and whose pages `end` there, and the row ids.
+    """Return the `wanted` columns of the rows whose cells `begin` there, and row ids.
+
+    end: of their pages.
 
     The row ids are the first and the last of each page.
     """

@@ -107,7 +107,10 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
 
 
 def _worst(group: Group, k: int, performance: Performance) -> dict:
-    """Return the frame of the worst pose of LOD k; where states name actions, also the action's name, "" for the own."""
+    """Return the frame of the worst pose of LOD k.
+
+    Where states name actions, also the action's name, "" for the own.
+    """
     part, frame = performance.find(group.worst[k])
     return {"worst_frame": frame} | ({"worst_action": part.name} if group.actions else {})
 

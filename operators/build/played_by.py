@@ -18,7 +18,10 @@ def numbers(trajectory: Trajectory) -> list[float]:
 
 
 def actions(trajectory: Trajectory) -> str:
-    """Return the names of the actions that rigs play, a line for each group; "" if all play their own alone."""
+    """Return the names of the actions that rigs play, a line for each group.
+
+    "" if all play their own alone.
+    """
     names = trajectory.gaits.actions
     return "\n".join(", ".join(names[k] for k, _ in own) for own in trajectory.gaits.plays) if any(names) else ""
 

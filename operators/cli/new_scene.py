@@ -107,7 +107,9 @@ def _check_units(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool) -> bpy.types.Collection | None:
-    """Remove all from the open file but the object `source` and `scene`, its characters, LOD meshes, world and how it renders.
+    """Remove all from the open file but the object `source` and `scene`.
+
+    Of the scene stay its characters, LOD meshes, world and how it renders.
 
     keeps: what else the scene shows stays, in a collection that is returned.
     """
@@ -150,7 +152,9 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
 
 
 def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
-    """Append all that the first scene with meshes in the file at `path` shows, and its world if `scene` has none.
+    """Append all that the first scene with meshes in the file at `path` shows.
+
+    Its world, too, if `scene` has none.
 
     Returns its collection.
     """

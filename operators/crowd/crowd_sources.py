@@ -110,7 +110,9 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
 
 
 def outdated(scene: bpy.types.Scene) -> list[str]:
-    """Return a sentence for each crowd whose places or terrain are not what Populate would read now, and one on props.
+    """Return sentences on what Populate would now read otherwise: places, terrain, props.
+
+    There is one for each crowd, and one on props.
 
     The answer may be a second old: the sidebar asks whenever it is drawn.
     """
@@ -156,7 +158,10 @@ def check_recorded(scene: bpy.types.Scene, what: str) -> None:
 
 
 def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
-    """Return the trajectory of all crowds, and note how many points objects have: without ids that may not change."""
+    """Return the trajectory of all crowds, and note how many points objects have.
+
+    Without ids that may not change.
+    """
     found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
     counts = [crowd.points_count for _, crowd in found]
     try:
@@ -284,7 +289,9 @@ def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
 
 
 def draw_of(crowd, groups: Sequence[Group]) -> Draw:
-    """Return how the crowd's agents are drawn from the groups that it names, or from all, and from their variants.
+    """Return how the crowd's agents are drawn from groups and their variants.
+
+    The groups are those that it names, or all.
 
     A variant may be named, too: who is named without its group stands alone. CrowdError if there is no such group.
     """

@@ -1,4 +1,7 @@
-"""From an object's points, frame by frame, to a file of tracks: then their other frames are known, too."""
+"""From an object's points, frame by frame, to a file of tracks.
+
+Then their other frames are known, too.
+"""
 
 import tempfile
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -54,7 +57,9 @@ _shared: dict[int, _Record] = {}  # by the session_uid of its scene
 
 @contextmanager
 def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterator[None]:
-    """Let all that runs `with_record` of `scene` in here follow one record, which is made when it is first needed.
+    """Let all that runs `with_record` of `scene` in here follow one record.
+
+    It is made when it is first needed.
 
     frames: those of the timeline that any of them needs; the scene's own are always in it.
     """
@@ -127,7 +132,9 @@ def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
 
 
 def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()) -> Generator[float, None, list[int]]:
-    """Write the points of each live crowd of `scene` in all of its frames to `paths`; the crowds then follow these files.
+    """Write the points of each live crowd of `scene` in all of its frames to `paths`.
+
+    The crowds then follow these files.
 
     frames: more frames of the timeline.
     Yields the progress; returns how many agents each crowd has. CrowdError if points cannot be

@@ -1,4 +1,4 @@
-"""How many rigs a build makes of the character groups, and which groups share them, judged by their data."""
+"""How many rigs a build makes of character groups, and which share them, judged by their data."""
 
 from collections.abc import Sequence
 

@@ -79,7 +79,9 @@ def stored_plan(settings) -> StoredPlan | None:
 
 
 def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]) -> Use:
-    """Return how the frame at `time` uses the shot plan of the settings, and their exceptions where it does not.
+    """Return how the frame at `time` uses the shot plan of the settings.
+
+    Where it does not, it has their exceptions.
 
     policy, bias: those of the settings.
     time: in frames of the animation.

@@ -1,4 +1,4 @@
-"""The operator Simulate with JuPedSim: from a crowd's settings to a file of trajectories that moves it."""
+"""The operator Simulate with JuPedSim: from a crowd's settings to a file that moves it."""
 
 from collections.abc import Generator
 from pathlib import Path
@@ -35,7 +35,10 @@ def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generato
 
 
 def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
-    """Let the crowd `index` of `scene` follow the file of trajectories at `path`, as `simulating_crowd` writes it."""
+    """Let the crowd `index` of `scene` follow the file of trajectories at `path`.
+
+    `simulating_crowd` writes it.
+    """
     crowd = crowds_of(scene.crowd_lod)[index]
     crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", path, "M", 0
 

@@ -65,7 +65,9 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
 
 
 def terrain_of(crowd, z: float) -> Terrain | None:
-    """Return the terrain that the file keeps of the crowd, with height `z` where there is no ground; None without one.
+    """Return the terrain that the file keeps of the crowd, with height `z` where there is no ground.
+
+    None without one.
 
     CrowdError if Populate has not read it yet.
     """

@@ -30,7 +30,9 @@ def tracks_path(crowd) -> Path:
 
 
 def stamp_of(crowd) -> tuple:
-    """Return what the content of the crowd's file goes by, until it is read: its path, time of change and size.
+    """Return what the content of the crowd's file goes by, until it is read.
+
+    These are its path, time of change and size.
 
     CrowdError if there is no such file.
     """
@@ -62,7 +64,10 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
 
 
 def told_of_frames(crowd) -> str:
-    """Return which frames the crowd's file has, as far as that is known without reading it; for the sidebar."""
+    """Return which frames the crowd's file has, as far as that is known without reading it.
+
+    For the sidebar.
+    """
     scene = crowd.id_data
     try:
         tracks = _kept(stamp_of(crowd), _told(crowd, scene.render.fps / scene.render.fps_base))
@@ -74,7 +79,10 @@ def told_of_frames(crowd) -> str:
 
 
 def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
-    """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find; yield the progress, 0 to 1."""
+    """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find.
+
+    Yield the progress, 0 to 1.
+    """
     wanted = dict.fromkeys((stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE")
     for k, (stamp, told) in enumerate(wanted):
         if _kept(stamp, told) is None:

@@ -134,7 +134,9 @@ def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
 
 
 def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> np.ndarray:
-    """Where a character's bones and objects are at `times`, moments of the performance, (times, n, 3) metres.
+    """Where a character's bones and objects are at `times`, (times, n, 3) metres.
+
+    The times are moments of the performance.
 
     Its way as a whole is left out. There are three points of each bone, four of each object, and how far each shape key moves what
     it moves most.

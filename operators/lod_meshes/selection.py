@@ -86,7 +86,9 @@ def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
 
 
 def rigs_of(characters: Characters, trajectory: Trajectory, library: Library) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many armatures move a character of each group, (G,) intp, and for each character whose they are, (N,) intp.
+    """Return how many armatures move a character of each group, and whose move each character.
+
+    The first is (G,) intp, the second (N,) intp: numbers of characters.
 
     characters, library: see cast_of.
     """

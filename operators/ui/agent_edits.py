@@ -70,7 +70,10 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
 
 
 def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
-    """Return the exception of this kind for these agents alone, in all frames; a new one if there is none. It is selected and on."""
+    """Return the exception of this kind for these agents alone, in all frames; a new one if there is none.
+
+    It is selected and on.
+    """
     asked = kind, "NUMBERS", agents, True
     known = [(entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames) for entry in settings.exceptions]
     if asked not in known:

@@ -128,7 +128,10 @@ def _moments(
 
 
 def form_of(evaluated: bpy.types.Object, origin: Sequence[float], depsgraph: bpy.types.Depsgraph) -> Form | None:
-    """Return the mesh of an evaluated LOD object about `origin`; None without faces, or if renders do not show it."""
+    """Return the mesh of an evaluated LOD object about `origin`.
+
+    None without faces, or if renders do not show it.
+    """
     if evaluated.hide_render or evaluated.type not in SOLID:
         return None
     try:

@@ -88,7 +88,10 @@ def actions_in(scene, group, name):
 
 
 def faders(scene, number):
-    """{(group, step of a cross-fade): (agent, phase)} of agents that the camera sees; the phase by what is to come."""
+    """{(group, step of a cross-fade): (agent, phase)} of agents that the camera sees.
+
+    The phase by what is to come.
+    """
     trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
     crowd, found = plan.crowd, {}
     names = np.array(trajectory.gaits.paces.actions)[crowd.playing]

@@ -1,4 +1,7 @@
-"""Crowds from the points of an object: the agents are those that Blender evaluates, in each frame; bad points are told."""
+"""Crowds from the points of an object: the agents are those that Blender evaluates, in each frame.
+
+Bad points are told.
+"""
 
 import bpy
 import numpy as np
