@@ -92,10 +92,18 @@ def overlay():
     return sys.modules[f"{MODULE}.operators.overlay.viewport_overlay"]
 
 
-def window_of(image) -> bpy.types.Window:
-    """The window that shows the image."""
+def window_of(image) -> bpy.types.Window | None:
+    """The window that shows the image, or None."""
     editors = ((w, area.spaces.active) for w in bpy.context.window_manager.windows for area in w.screen.areas)
-    return next(w for w, space in editors if space.type == "IMAGE_EDITOR" and space.image == image)
+    return next((w for w, space in editors if space.type == "IMAGE_EDITOR" and space.image == image), None)
+
+
+def close_window_of(image):
+    """Wait until a window shows the image, and close it."""
+    yield from until(lambda: window_of(image))
+    with bpy.context.temp_override(window=window_of(image)):
+        bpy.ops.wm.window_close()
+    yield 0.5
 
 
 def view_3d() -> bpy.types.Area:
