@@ -96,7 +96,15 @@ def preview(
             return {"frames": rows}
         notes = (
             *shots.notes,
-            *filter(None, [told_unplanned(unplanned), leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)]),
+            *filter(
+                None,
+                [
+                    tables.nobody_seen(row["visible"] for row in rows),
+                    told_unplanned(unplanned),
+                    leaves_out(scene) and LEFT_OUT,
+                    frame_stepping.unbaked(scene),
+                ],
+            ),
         )
         plan = yield from standing(plan_json(on, command, rows, told, notes), 0.95)
         if planned is not None:
