@@ -115,7 +115,7 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
     """
     settings = scene.crowd_lod
     if settings.build is not None:
-        remove_build(scene)
+        remove_build(settings)
     for prop in settings.bl_rna.properties:
         if prop.identifier not in KEPT and not prop.is_readonly:
             settings.property_unset(prop.identifier)
