@@ -19,6 +19,7 @@ from ..blender import scene_data, stored_values
 from ..blender.collection_caches import note_change, note_held
 from ..blender.ownership import OWNED, remove_owned
 from ..crowd.scene_crowd import groups_of, home_of, policy_of, trajectory_of
+from ..lod_meshes.made_for import edited
 from ..lod_meshes.make_lods import TINTS
 from . import played_by
 from .change_detection import made_of, shown_by
@@ -223,9 +224,9 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
 def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     """Return sentences on how the build differs from the characters; "" if nowhere.
 
-    Also on LODs that deviate to fit in Memory for Characters.
+    Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
-    found = list(cast.notes)
+    found = [*filter(None, [edited(scene)]), *cast.notes]
     settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
     limited = [group.name for group in settings.groups if group.finest]
     if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:

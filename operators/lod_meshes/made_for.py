@@ -145,6 +145,13 @@ def outdated(scene: bpy.types.Scene) -> str:
     return f"LODs were made for {', '.join(told)}" if told else ""
 
 
+def edited(scene: bpy.types.Scene) -> str:
+    """Return a sentence if the characters were edited since the LODs were made of them; else ""."""
+    if CHARACTERS not in changed(scene):
+        return ""
+    return "The characters were edited since the LOD meshes were made of them: press Make LOD Meshes."
+
+
 def forecast(scene: bpy.types.Scene) -> Forecast | None:
     """Return about what making LODs anew would change; None if that is not known.
 
