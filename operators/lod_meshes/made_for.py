@@ -145,11 +145,14 @@ def outdated(scene: bpy.types.Scene) -> str:
     return f"LODs were made for {', '.join(told)}" if told else ""
 
 
-def edited(scene: bpy.types.Scene) -> str:
-    """Return a sentence if the characters were edited since the LODs were made of them; else ""."""
-    if CHARACTERS not in changed(scene):
-        return ""
-    return "The characters were edited since the LOD meshes were made of them: press Make LOD Meshes."
+def to_make_again(scene: bpy.types.Scene) -> str:
+    """Return a sentence on why a build should wait until LODs are made again; "" if it need not."""
+    settings = scene.crowd_lod
+    if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
+        return "Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again."
+    if CHARACTERS in changed(scene):
+        return "The characters were edited since the LOD meshes were made of them: press Make LOD Meshes, and Build again."
+    return ""
 
 
 def forecast(scene: bpy.types.Scene) -> Forecast | None:
