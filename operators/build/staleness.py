@@ -16,8 +16,9 @@ from ..blender.performance import digest, group_performance
 from ..crowd.scene_crowd import characters_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_reference import changes, made_for, reference
+from ..lod_meshes.cast_digest import cast_digest
 from ..lod_meshes.source_mesh import text_digest
-from .change_detection import cameras_digest, cast_digest
+from .change_detection import cameras_digest
 from .render_setup import BAKED, CAMERAS
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of the build
