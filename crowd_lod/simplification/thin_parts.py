@@ -14,7 +14,7 @@ import numpy as np
 from . import settings
 from .triangle_mesh import blocks, ranges
 
-TOGETHER = 1_000_000  # pairs of samples that are compared at a time
+PAIRED = 1_000_000  # pairs of samples that are compared at a time
 
 # (points (k, 3), directions (k, 3) of unit length) to (k,) metres
 Through = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -95,7 +95,7 @@ class _Comparison:
     def beside(self, some: np.ndarray) -> np.ndarray:
         """Which of the samples `some` (k,) are no farther from a lost one than `most`: (j,)."""
         near, lost = np.full(len(some), np.inf), np.flatnonzero(self.lost)
-        for block in blocks(len(lost), max(1, TOGETHER // max(len(some), 1))):
+        for block in blocks(len(lost), max(1, PAIRED // max(len(some), 1))):
             near = np.minimum(near, _squares(self.thin.at[lost[block]], self.thin.at[some]).min(axis=0))
         return some[near <= self.most**2]
 
@@ -106,7 +106,7 @@ class _Comparison:
         if not len(shown):
             return size
         everywhere = ~normals[shown].any(axis=1)
-        for block in blocks(len(lost), max(1, TOGETHER // len(shown))):
+        for block in blocks(len(lost), max(1, PAIRED // len(shown))):
             some = lost[block]
             away = _squares(at[some], at[shown])
             away[~everywhere & (np.abs(normals[some] @ normals[shown].T) < settings.CURRENT.thin_alike)] = np.inf
