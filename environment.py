@@ -60,7 +60,10 @@ def main(arguments: list) -> None:
 
 
 def install() -> None:
-    """Make the environment: an empty one, then this checkout (editable) with everything that pyproject.toml names."""
+    """Make the environment: an empty one, then this checkout with all that pyproject.toml names.
+
+    The checkout is editable.
+    """
     if FOLDER.is_symlink():  # to make it anew would empty another checkout's
         raise Failure(f"needs an environment of its own, and {FOLDER} is a link: remove the link")
     create = [sys.executable, "-m", "venv", "--clear", FOLDER]

@@ -1,4 +1,6 @@
-"""What the overlay adds to a redraw of the viewport while the camera moves: 10,000 agents of the plaza, in a real window.
+"""What the overlay adds to a redraw of the viewport while the camera moves.
+
+It shows 10,000 agents of the plaza, in a real window.
 
 blender --python benchmarks/redraws.py    with the extension enabled; it quits when it is done
 

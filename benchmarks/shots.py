@@ -56,7 +56,10 @@ POLICY = LevelPolicy((0.0,) * 5, "PIXELS", tolerance=TOLERANCE)
 
 
 def aimed(origin: Sequence[float], target: Sequence[float], lens: float, roll: float = 0.0) -> Camera:
-    """Return a camera at `origin` that looks at `target`, both in metres; lens in millimetres, roll in radians."""
+    """Return a camera at `origin` that looks at `target`, both in metres.
+
+    Lens in millimetres, roll in radians.
+    """
     origin, ahead = np.array(origin, float), np.subtract(target, origin)
     Z = ahead / np.linalg.norm(ahead)
     right = np.cross(Z, (0, 0, 1))

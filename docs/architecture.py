@@ -1,4 +1,4 @@
-"""Draws docs/architecture.png from the code: the floors as boxes, arrows to the floors that they import.
+"""Draws docs/architecture.png from the code: floors as boxes, arrows to those that they import.
 
     .venv-3.13/bin/python docs/architecture.py
 
@@ -37,7 +37,10 @@ def imports() -> dict[tuple[str, str], set[tuple[str, str]]]:
 
 
 def arrows(package: str, all_imports: dict) -> dict[str, set[str]]:
-    """Of each floor of the package but its own modules, "", those that it imports and that none of these imports."""
+    """Of each floor, those that it imports and that none of these imports.
+
+    The package's own modules, "", are no floor.
+    """
     below = {floor: {name for home, name in all_imports[package, floor] if home == package and name} for floor in FLOORS[package]}
     del below[""]
     reached = {}
@@ -47,7 +50,10 @@ def arrows(package: str, all_imports: dict) -> dict[str, set[str]]:
 
 
 def rows_of(below: dict[str, set[str]]) -> dict[str, int]:
-    """The row of each floor: right above what it imports, or, if it imports nothing, right below what imports it."""
+    """The row of each floor: right above what it imports.
+
+    If it imports nothing, right below what imports it.
+    """
     rows = {}
     for floor, others in below.items():
         rows[floor] = 1 + max((rows[each] for each in others), default=-1)

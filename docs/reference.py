@@ -1,4 +1,4 @@
-"""Writes the pages of reference from the properties and the parser, and the picture of a state machine.
+"""Writes the pages of reference from properties and parser, and the picture of a state machine.
 
     .venv-3.13/bin/python docs/reference.py
 
@@ -167,9 +167,8 @@ def commands_of(group: argparse.ArgumentParser) -> Iterator[argparse.ArgumentPar
 
 
 def command_section(command: argparse.ArgumentParser) -> str:
-    actions = sorted(
-        (each for each in command._actions if not isinstance(each, UNTOLD)), key=lambda each: bool(each.option_strings)
-    )
+    told = [each for each in command._actions if not isinstance(each, UNTOLD) and each.help != argparse.SUPPRESS]
+    actions = sorted(told, key=lambda each: bool(each.option_strings))
     title = command.prog.removeprefix("crowd-lod ")
     table = "\n".join(["| option | default | does |", "| --- | --- | --- |", *map(option, actions)])
     example = (command.epilog or "").removeprefix("example: ")

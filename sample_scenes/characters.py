@@ -128,7 +128,10 @@ def make_material(name: str, color: tuple, roughness: float) -> bpy.types.Materi
 
 
 def make_action(name: str, armature: bpy.types.Object, cycle: Cycle) -> bpy.types.Action:
-    """Give the armature an action `name` with a key per frame from frame 1 of the cycle's poses, which repeats."""
+    """Give the armature an action `name`, which repeats, with a key per frame of the cycle's poses.
+
+    It begins at frame 1.
+    """
     action = bpy.data.actions.new(name)
     armature.animation_data_create().action = action
     bones = armature.data.bones

@@ -1,4 +1,6 @@
-"""The station: 340 people who cross a concourse on two floors, as JuPedSim simulated them, and 60 who wait.
+"""The station: 340 people cross a concourse on two floors, and 60 wait.
+
+JuPedSim has simulated those who walk.
 
 Two crowds: the walkers follow station.npz (station_tracks.py makes it), those who wait play another
 action by a state machine. Both stand on the station's floors.

@@ -1,4 +1,6 @@
-"""The plan of the station: a concourse, a gallery above its north side, and stairs between. NumPy alone.
+"""The plan of the station: a concourse, a gallery above its north side, and stairs between.
+
+NumPy alone.
 
 World metres from the middle of the concourse; +y is north. Rectangles are (x0, y0, x1, y1).
 """

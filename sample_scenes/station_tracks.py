@@ -56,7 +56,10 @@ class Floor:
 
 
 def simulate(seed: int = 3) -> dict[str, np.ndarray]:
-    """Return the columns of the walkers' tracks, in centimetres, by their names in the file (crowd_lod/tracks/npz.py)."""
+    """Return the columns of the walkers' tracks, in centimetres, by their names in the file.
+
+    See crowd_lod/tracks/npz.py.
+    """
     draws = np.random.default_rng(seed)
     stairs, landing = shapely.box(*site.STAIRS), shapely.box(*site.LANDING)
     blocks = [shapely.box(*each) for each in (site.KIOSK, *site.WAITING, *site.COLUMNS)]

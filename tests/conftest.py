@@ -80,7 +80,10 @@ def rough_levels():
 
 @pytest.fixture(scope="module")
 def rough_characters():
-    """The sample characters have a quarter of their faces. A file of tests of the characters themselves has a fixture of this name."""
+    """The sample characters have a quarter of their faces.
+
+    A file of tests of the characters themselves has a fixture of this name.
+    """
     with pytest.MonkeyPatch.context() as patch:
         yield patched(patch, rough.characters("crowd_lod_extension"))
 

@@ -5,8 +5,11 @@ from importlib import import_module
 
 
 def levels(package: str) -> dict:
-    """(module of the package, name): number. LOD meshes are refined for a tenth as long, and measured in few poses at few points,
-    their silhouettes from few sides, drawn small."""
+    """(module of the package, name): number.
+
+    LOD meshes are refined for a tenth as long, and measured in few poses at few points, their
+    silhouettes from few sides, drawn small.
+    """
     names = "lod_meshes.deviation", "lod_meshes.methods", "batch.lod_picture"
     deviation, methods, lod_picture = (import_module(f"{package}.operators.{name}") for name in names)
     names = "simplification.settings", "validation.silhouette"

@@ -158,6 +158,25 @@ class Library:
         poses = self.posed * self.times * len(gaits.actions)
         return np.append(0, np.cumsum(np.where(self.posed > 0, poses, rigs)))
 
+    def owner(self, gaits: Gaits) -> np.ndarray:
+        """Return the group of each character, (N,) intp."""
+        return np.repeat(np.arange(len(self.posed)), np.diff(self.first(gaits)))
+
+    def moved_as(self, gaits: Gaits, leads: Sequence[int]) -> np.ndarray:
+        """Return for each character that whose rigs move it, (N,) intp.
+
+        leads: (G,), for each group that whose rigs move it; they share those of one action, rate and
+            class.
+        """
+        made: dict[tuple, int] = {}
+        first = self.first(gaits)
+        found = np.arange(first[-1])
+        for g in np.flatnonzero(self.posed == 0).tolist():
+            for number in range(first[g], first[g + 1]):
+                which, phase_class = divmod(number - int(first[g]), gaits.classes)
+                found[number] = made.setdefault((leads[g], *gaits.plays[g][which], phase_class), number)
+        return found
+
     def shown(self, gaits: Gaits, crowd: Crowd, seconds: float, agents: np.ndarray) -> np.ndarray:
         """Return (m,) int32: the index of the character that each agent shows.
 

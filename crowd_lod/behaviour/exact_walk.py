@@ -25,6 +25,7 @@ import numpy as np
 from ..crowd.agents import Crowd
 from ..crowd.maps import LabelMap
 from ..crowd.state_machine import StateMachine
+from ..format import counted
 from .step import advance, step
 
 
@@ -170,10 +171,13 @@ class Trouble:
     counts: np.ndarray
 
     def __str__(self) -> str:
-        says = {"chatters": "change state endlessly and stay in place", "stuck": "stand for good"}[self.kind]
+        one, many = {
+            "chatters": ("agent changes state endlessly and stays in place", "agents change state endlessly and stay in place"),
+            "stuck": ("agent stands for good", "agents stand for good"),
+        }[self.kind]
         where = f"most of them ({self.counts[0]}) at" if len(self.counts) > 1 else "at"
         return (
-            f"{len(self.agents)} agents {says}, {where} x {self.x[0]:.2f} m, y {self.y[0]:.2f} m "
+            f"{counted(len(self.agents), one, many)}, {where} x {self.x[0]:.2f} m, y {self.y[0]:.2f} m "
             f"(map column {self.column[0]}, row {self.row[0]} from the bottom)."
         )
 

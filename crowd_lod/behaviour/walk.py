@@ -115,6 +115,7 @@ class Walk(Trajectory):
         self._regrouped: Walk | None = None  # the last that was asked for
         # a crowd, and what is known of its next steps
         self._ahead: tuple[Crowd | None, Ahead | None] = None, None
+        self._looks_ahead = bool(self.leave)
 
     def at(self, time: float) -> Crowd:
         """Return the crowd at `time`, in frames."""
@@ -161,10 +162,14 @@ class Walk(Trajectory):
         return self._on_ground(self._at_whole(frame) if crowd is None else crowd)
 
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Walk":
-        """Return the same crowd from `time` on, a whole frame, with only `leave` left out."""
+        """Return the same crowd from `time` on, a whole frame, with only `leave` left out.
+
+        It looks no step ahead, which would be work for later frames: each step is made by itself.
+        """
         bare = self._at_whole(int(max(time - self.first_frame, 0)))
         bare = self._on_ground(bare) if self.seated else bare
         walk = replace(self, start=bare, leave=leave, first_frame=int(time), _kept={}, _lock=threading.Lock())
+        walk._looks_ahead = False
         walk.left_out = leave & self.left_out  # of the whole shot, not of what is still to come
         return walk
 
@@ -206,7 +211,10 @@ class Walk(Trajectory):
         return self.heights.at(crowd.x[agents], crowd.y[agents], crowd.z[agents])
 
     def regrouped(self, group: np.ndarray) -> "Walk":
-        """Return the same walk from its start on, where agents of another group change their phase class by its rates."""
+        """Return the same walk from its start on, with agents of other groups.
+
+        They change their phase class by the rates of these groups.
+        """
         if np.array_equal(group, self.start.group):
             return self
         other = self._regrouped
@@ -259,7 +267,7 @@ class Walk(Trajectory):
             return advance(some, *about, seconds, leave=self.left_out)[0]
 
         if known is not crowd:
-            ahead = look(crowd, self.machine, self.world, tables) if frames == 1 and self.leave else None
+            ahead = look(crowd, self.machine, self.world, tables) if frames == 1 and self._looks_ahead else None
         if ahead is not None and not ahead.turns:
             whole = self._tables(self.seconds_per_frame)
             ahead = opened(crowd, ahead, self.machine, self.world, whole, partial(long, seconds=whole.seconds))

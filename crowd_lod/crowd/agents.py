@@ -136,7 +136,7 @@ class Group:
 
 
 def varied(group: Group) -> Group:
-    """Return the measured `group` as its agents of all sizes are: what is said of it holds for each of them.
+    """Return the measured `group` with figures that hold for its agents of all sizes.
 
     The bounding sphere holds those of the least and of the greatest, so also those between. LODs of
     the greatest deviate most.

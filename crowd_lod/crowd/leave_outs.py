@@ -98,7 +98,10 @@ def needless(crowd: Crowd, machine: StateMachine, world: LabelMap) -> frozenset[
 
 
 def reachable_velocities(machine: StateMachine, world: LabelMap, states: np.ndarray) -> np.ndarray:
-    """Return the velocities (s, l, 2) m/s of all states that agents who start in `states` may be in, on the labels of the map."""
+    """Return the velocities (s, l, 2) m/s of the states that agents may be in, on the labels of the map.
+
+    states: (n,), those in which they start.
+    """
     labels = np.flatnonzero(np.bincount(world.labels.ravel(), minlength=len(machine.labels)))
     return machine.velocity[np.ix_(np.flatnonzero(_reached(machine, states, labels)), labels)]
 

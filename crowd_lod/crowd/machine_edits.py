@@ -332,7 +332,10 @@ def _put_or_drop(text: str, path: FieldPath, value: object, order: Sequence[str]
 
 
 def _naming(text: str, state: str) -> list[FieldPath]:
-    """Return the fields, deepest last, that name a state to follow: keys of weights and values of `next` and `then`."""
+    """Return the fields, deepest last, that name a state to follow.
+
+    These are keys of weights, and values of `next` and `then`.
+    """
 
     def names(path: FieldPath, value: Any) -> bool:
         field = path[:5] if path[2:3] == ("on",) else path[:3]

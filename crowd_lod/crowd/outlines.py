@@ -42,7 +42,10 @@ def outlines(cells: np.ndarray) -> list[Outline]:
 
 
 def _parts(cells: np.ndarray) -> np.ndarray:
-    """Return the number of the part that each cell belongs to, -1 for none, with a rim: (rows + 2, columns + 2) intp."""
+    """Return the number of the part that each cell belongs to, (rows + 2, columns + 2) intp, with a rim.
+
+    It is -1 for none.
+    """
     number = np.arange(cells.size).reshape(cells.shape)
     beside, above = cells[:, 1:] & cells[:, :-1], cells[1:] & cells[:-1]
     joined = np.hstack([(number[:, 1:][beside], number[:, :-1][beside]), (number[1:][above], number[:-1][above])])
@@ -81,7 +84,9 @@ def _rings(parts: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def section(points: np.ndarray, triangles: np.ndarray, z: float) -> np.ndarray:
-    """Return the lines in which triangles meet the level plane at the height `z`: (k, 2, 2) float64, segments' ends (x, y).
+    """Return the lines in which triangles meet the level plane at the height `z`.
+
+    They are (k, 2, 2) float64, the segments' ends (x, y).
 
     points: (n, 3) float64; triangles: (m, 3) indices.
     A point in the plane counts as above it. So the lines of a closed surface are closed.

@@ -63,7 +63,9 @@ def _pairs(corners: np.ndarray, rows: int, columns: int) -> Iterator[tuple[np.nd
 
 
 def _overlap(corners: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether each triangle overlaps its cell, where their bounds do, and whether it only touches it.
+    """Return whether each triangle overlaps its cell, and whether it only touches it.
+
+    Their bounds overlap.
 
     By separating axes: the cell is off the triangle if all of it lies beyond one of its edges. A
     triangle that is a line overlaps a cell that it touches.

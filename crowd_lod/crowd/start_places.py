@@ -154,7 +154,9 @@ def on_grid(area: Area, count: int, seed: int, spacing: Spacing) -> Places:
 
 
 def in_rows(curves: Sequence[tuple[np.ndarray, bool]], count: int, seed: int, spacing: Spacing) -> Places:
-    """Return places in rows along curves; all face inward from a closed curve, and to the right of an open one.
+    """Return places in rows along curves.
+
+    All face inward from a closed curve, and to the right of an open one.
 
     The first row lies on the curve, and each further one behind it. With a distance the curves fix the number of places; without one there are
     `count`, spread evenly over all rows.
@@ -211,7 +213,10 @@ def chains(edges: np.ndarray, count: int) -> list[tuple[np.ndarray, bool]]:
 
 
 def _row(points: np.ndarray, closed: bool, k: int, spacing: Spacing) -> tuple[np.ndarray, np.ndarray]:
-    """Return (points (p, 3), lengths (p - 1,)) of the row `k` along a curve; a closed one ends at its first point."""
+    """Return (points (p, 3), lengths (p - 1,)) of the row `k` along a curve.
+
+    A closed one ends at its first point.
+    """
     if not np.isfinite(points).all():
         raise CrowdError("The curves to start along have points at NaN or infinity: mend the object or its modifiers.")
     points = np.concatenate([points, points[:1]]) if closed else points
@@ -240,7 +245,10 @@ def _lengths(points: np.ndarray) -> np.ndarray:
 
 
 def _turns_left(points: np.ndarray) -> bool:
-    """Return whether a closed way (k, 3), which ends where it begins, goes counter-clockwise seen from above."""
+    """Return whether a closed way (k, 3) goes counter-clockwise seen from above.
+
+    It ends where it begins.
+    """
     x, y = (points[:, axis] - points[0, axis] for axis in (0, 1))
     return bool((x[:-1] * y[1:] - x[1:] * y[:-1]).sum() > 0)
 

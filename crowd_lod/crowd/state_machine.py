@@ -111,7 +111,10 @@ class StateMachine:
 
     @cached_property
     def fades(self) -> np.ndarray:
-        """(S, S) bool: from which states to which agents cross-fade: to another action, in a state with a fade."""
+        """(S, S) bool: from which states to which agents cross-fade.
+
+        They do so to another action, in a state with a fade.
+        """
         return self.follows & (self.fade > 0) & ~self._alike
 
     @cached_property

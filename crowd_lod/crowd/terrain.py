@@ -153,7 +153,10 @@ class Terrain:
             yield agents + at, found, triangles[same[_begins(who[same])]]
 
     def _over(self, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (agents, triangles, heights), each (k,): all triangles under or over x, y (n,), agent by agent."""
+        """Return (agents, triangles, heights), each (k,), of all triangles under or over x, y (n,).
+
+        They are listed agent by agent.
+        """
         begin, of_cell = self._cells
         columns, rows = self._grid
         place = np.stack([x, y]) - self._low[:, None]
@@ -199,7 +202,10 @@ class Terrain:
 
     @cached_property
     def _plan(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Return x, y, along, up, each (m, 3): the points from the least x and y on, and the ways to the next ones."""
+        """Return x, y, along, up, each (m, 3), of the triangles seen from above.
+
+        These are the points from the least x and y on, and the ways to the next ones.
+        """
         x, y = (np.ascontiguousarray(self.corners[:, :, axis] - self._low[axis]) for axis in (0, 1))
         return x, y, x[:, NEXT] - x, y[:, NEXT] - y
 
@@ -216,7 +222,7 @@ class Terrain:
 
     @cached_property
     def _heights(self) -> np.ndarray:
-        """(m, 5) float64: the slopes along x and y, the height at u = v = 0, the least and the greatest height."""
+        """(m, 5) float64: slopes along x and y, height at u = v = 0, the least and the greatest height."""
         (x, y, along, up), z = self._plan, self.corners[:, :, 2]
         rise, double = z[:, NEXT] - z, _double(along, up)
         slope_x = (rise[:, 0] * up[:, 1] - up[:, 0] * rise[:, 1]) / double
@@ -225,7 +231,10 @@ class Terrain:
 
     @cached_property
     def _cells(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (begin (cells + 1,) intp, triangles (k,) int32): cell c is touched by triangles[begin[c]:begin[c + 1]]."""
+        """Return (begin (cells + 1,) intp, triangles (k,) int32) that cells touch.
+
+        Cell c is touched by triangles[begin[c]:begin[c + 1]].
+        """
         plan = self.corners[:, :, :2] - self._low
         least, most = ((edge / self._size).astype(np.intp) for edge in (plan.min(axis=1) - CLOSE, plan.max(axis=1) + CLOSE))
         least, most = np.clip(least, 0, self._grid - 1), np.clip(most, 0, self._grid - 1)

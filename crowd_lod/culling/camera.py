@@ -213,8 +213,11 @@ class Planes:
     rounding: float
 
     def limits(self, margin: float | None = None, rounding: float = 0.0) -> np.ndarray:
-        """(6,) metres: the offsets, farther out by the part `rounding` of each, and at the sides by the chapter's fixed Delta,
-        `margin` metres, if there is one."""
+        """(6,) metres: the offsets, farther out by the part `rounding` of each.
+
+        At the sides they are also farther out by the chapter's fixed Delta, `margin` metres, if
+        there is one.
+        """
         found = self.offsets + rounding * np.abs(self.offsets) if rounding else self.offsets.copy()
         found[:4] += (margin or 0.0) * self.fixed[:4]
         return found

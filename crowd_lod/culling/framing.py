@@ -49,7 +49,7 @@ def framing(places: np.ndarray, across: float, below: float, above: float) -> Vi
 
 
 def _densest(places: np.ndarray) -> np.ndarray:
-    """Return (3,) the middle of those places that lie in the fullest cell of a grid, on their usual height."""
+    """Return the middle (3,) of the places in the fullest cell of a grid, on their usual height."""
     cell = np.floor((places[:, :2] - places[:, :2].min(axis=0)) / CELL).astype(np.int64)
     number = cell[:, 0] * (cell[:, 1].max() + 1) + cell[:, 1]
     _, which, counts = np.unique(number, return_inverse=True, return_counts=True)

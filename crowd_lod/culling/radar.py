@@ -8,6 +8,7 @@ import numpy as np
 from ..crowd.agents import Crowd, runs
 from ..crowd.leave_outs import FLAT, IN_ORDER, NOTHING, ONE_GROUP, LeftOut
 from ..errors import CrowdError
+from ..format import counted
 from .camera import Camera, Planes, planes, stretch
 
 # Agents a block: its few float64 columns stay in the processor's cache.
@@ -271,6 +272,6 @@ def refuse_lost(agents: np.ndarray, count: int) -> None:
     """Raise CrowdError if there are `agents` (m,), from `lost`; count: all agents."""
     if len(agents):
         raise CrowdError(
-            f"{len(agents):,} of {count:,} agents stand at NaN or infinity, the first is agent {agents[0]}: fix the points "
-            "or the map that they come from, or turn on Drop Lost Agents."
+            f"{len(agents):,} of {counted(count, 'agent')} {'stands' if len(agents) == 1 else 'stand'} at NaN or infinity, the first is "
+            f"agent {agents[0]}: fix the points or the map that they come from, or turn on Drop Lost Agents."
         )

@@ -134,12 +134,14 @@ class Shot:
     characters: how many characters of the group a build has.
     engine: one of cost_model.NAMES.
     shading: whether Shading Counts.
+    rigs: armatures of all these characters; None: one each.
     """
 
     views: Sequence[View]
     characters: int
     engine: str
     shading: bool = False
+    rigs: int | None = None
 
 
 def counting(group: Group, tolerance: float, shot: Shot) -> Group:
@@ -176,6 +178,7 @@ def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> I
     may = allowed(group, kept, tolerance, shot)
     seen = np.flatnonzero(may.any(axis=(0, 2)))
     owner = np.zeros(shot.characters, np.intp)
+    each = np.ones(1) if shot.rigs is None else np.array([shot.rigs / shot.characters])
     for count in range(1, len(kept) + 1):
         for chosen in combinations(range(len(kept)), count):
             if len(seen) and chosen[0] > seen[0]:
@@ -183,7 +186,7 @@ def priced(group: Group, kept: Sequence[int], tolerance: float, shot: Shot) -> I
             shown = np.add.reduceat(may[:, chosen[0] :], np.array(chosen) - chosen[0], axis=1)
             triangles = np.array([[group.triangles[kept[j]] for j in chosen]])
             stored = sum(group.triangles[kept[j]] for j in chosen if kept[j])
-            work = work_of(Actors(triangles, owner, np.ones(1), stored), shown)
+            work = work_of(Actors(triangles, owner, each, stored), shown)
             yield tuple(kept[j] for j in chosen), price(work, shot.engine)
 
 

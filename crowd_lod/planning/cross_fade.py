@@ -6,7 +6,10 @@ from .frame import Frame
 
 
 def fades_of(frame: Frame, width: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
-    """`fade` of each agent of `frame`. Hysteresis, which remembers, has no part in it: a LOD that fades in does not pop."""
+    """`fade` of each agent of `frame`.
+
+    Hysteresis, which remembers, has no part in it: a LOD that fades in does not pop.
+    """
     return fade(frame.distances, frame.begins, frame.crowd.group, frame.factors, width)
 
 

@@ -1,4 +1,4 @@
-"""Error against cost of a whole shot: what other tolerances, and other ways to choose LODs, would cost."""
+"""Error against cost of a whole shot: what other tolerances and ways to choose LODs would cost."""
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Art direction: exceptions from what the shot plan, or distance, would decide, for some agents and frames.
+"""Art direction: exceptions from the shot plan, or from distance, for some agents and frames.
 
 They act in the order of their list: where two concern the same agent in the same frame, the later
 one holds.
@@ -192,7 +192,9 @@ def alone(frame: Frame, exemptions: Sequence[Exemption], number: float) -> Frame
 
 
 def marked(levels: np.ndarray, number: int, exemptions: Sequence[Exemption]) -> np.ndarray:
-    """Return what a plan stores of a frame (planned.Row): `levels` (n,) uint8 with what exceptions pin and hide.
+    """Return what a plan stores of a frame (planned.Row).
+
+    These are `levels` (n,) uint8 with what exceptions pin and hide.
 
     number: of the frame on the timeline.
     """

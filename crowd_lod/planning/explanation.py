@@ -1,4 +1,4 @@
-"""Why an agent is shown as it is in a frame: every test with its numbers, and what other LODs would cost."""
+"""Why an agent is shown as it is: every test with its numbers, and what other LODs would cost."""
 
 from dataclasses import asdict, dataclass
 from typing import Any

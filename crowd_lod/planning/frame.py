@@ -170,7 +170,7 @@ def plan_of(trajectory: Trajectory, request: Request, sorter: Sorter | None = No
 
 
 def _asked(trajectory: Trajectory, crowd: Crowd, request: Request, seen: list[Moment]) -> tuple[list[np.ndarray], tuple]:
-    """Return (arrays of the crowd, values): all that the outcome of a crowd that stands still follows from."""
+    """Return (arrays of the crowd, values), from which the outcome of a still crowd follows."""
     crowds = [crowd, *(trajectory.at(moment.time) for moment in seen[1:])]
     bias = request.bias
     painted = None if bias is None else (bias.values.shape, bias.values.tobytes(), bias.area)

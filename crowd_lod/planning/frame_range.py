@@ -58,7 +58,7 @@ def parse_part(text: str, frames: Sequence[int]) -> list[int]:
             named = parse_frames(f"{match[1]}:{match[2]}", int(match[3] or 1))
             wanted.update(set(named).intersection(frames) or named)
     if strange := sorted(wanted.difference(frames)):
-        raise CrowdError(f"Frames {told_frames(strange)} of --part are not among the run's: name frames of {told_frames(frames)}.")
+        raise CrowdError(f"{frames_are(strange, ' of --part')} not among the run's: name frames of {told_frames(frames)}.")
     return sorted(wanted)
 
 
@@ -67,6 +67,20 @@ def told_frames(frames: Sequence[int]) -> str:
     begins = [frame for k, frame in enumerate(frames) if k == 0 or frame != frames[k - 1] + 1]
     ends = [frame for k, frame in enumerate(frames) if k + 1 == len(frames) or frame + 1 != frames[k + 1]]
     return ", ".join(str(a) if a == b else f"{a}:{b}" for a, b in zip(begins, ends, strict=True))
+
+
+def frames_are(frames: Sequence[int], more: str = "") -> str:
+    """Return the beginning of a sentence on increasing `frames`: "Frame 1 is", "Frames 1:3, 7 are".
+
+    more: words before the verb, such as " of --part".
+    """
+    one = len(frames) == 1
+    return f"Frame{'s' * (not one)} {told_frames(frames)}{more} {'is' if one else 'are'}"
+
+
+def shot_frames(frames: Sequence[int]) -> str:
+    """Return the frames of a shot, first and last: "frame 5", "frames 1 to 9"."""
+    return f"frame {frames[0]}" if frames[0] == frames[-1] else f"frames {frames[0]} to {frames[-1]}"
 
 
 def _known(frame: int) -> int:

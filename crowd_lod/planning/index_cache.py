@@ -1,4 +1,6 @@
-"""What the planner keeps of a crowd between frames: its blocks, and the last plan where nothing moves. Caches, never the truth.
+"""What the planner keeps of a crowd between frames: its blocks, and the last plan where nothing moves.
+
+Caches, never the truth.
 
 Boxes of blocks are made anew every `Trajectory.every` frames, and the order of the agents in them every ORDERED makings: always at
 the same frames, so that a plan is the same whichever frame came before.
@@ -89,7 +91,10 @@ def _made(trajectory: Trajectory, frame: int) -> blocks.Blocks:
 
 
 def _velocity(trajectory: Trajectory, since: int) -> VelocityBounds | None:
-    """Return bounds of the velocity while blocks made at frame `since` may be asked for; None if not known."""
+    """Return bounds of the velocity while blocks made at frame `since` may be asked for.
+
+    None if not known.
+    """
     return trajectory.velocity(since - SHUTTER, since + trajectory.every + SHUTTER)
 
 

@@ -9,6 +9,7 @@ from ..culling.camera import Camera, Window
 from ..errors import CrowdError
 from ..sorting.buckets import Buckets, sort
 from .frame import Frame, cost, tally
+from .frame_range import shot_frames
 
 # Parts of a byte of the plan: the LOD; whether it holds although it is coarser than the tolerance
 # allows, or finer; whether an exception asks for that; whether the agent is hidden.
@@ -57,7 +58,10 @@ def relevelled(frame: Frame, buckets: Buckets, levels: np.ndarray) -> Frame:
 
 
 def noted(number: int, sentence: str, strict: bool) -> tuple[int, str]:
-    """Return what `told_unplanned` takes of a frame; CrowdError if it lacks the plan's LODs and that is `strict`."""
+    """Return what `told_unplanned` takes of a frame.
+
+    CrowdError if it lacks the plan's LODs and that is `strict`.
+    """
     if strict and sentence:
         raise CrowdError(f"Frame {number}: {sentence}")
     return number, sentence
@@ -69,7 +73,7 @@ def told_unplanned(said: Sequence[tuple[int, str]]) -> str:
     for number, sentence in said:
         found.setdefault(sentence, []).append(number)
     found.pop("", None)
-    return " ".join(f"Frames {numbers[0]} to {numbers[-1]}: {sentence}" for sentence, numbers in found.items())
+    return " ".join(f"{shot_frames(numbers).capitalize()}: {sentence}" for sentence, numbers in found.items())
 
 
 def numbers_of(cameras: Sequence[Camera]) -> np.ndarray:

@@ -44,8 +44,11 @@ class Surroundings:
 
 
 def surround(frame: Frame, around: Surroundings) -> Frame:
-    """`frame` with the agents that it culled and that still matter: in `shadow` those that only cast a shadow into the picture or
-    into what mirrors show of it, in `mirrored` those that mirrors show. A pure function of its arguments."""
+    """Return `frame` with the agents that it culled and that still matter.
+
+    In `shadow` are those that only cast a shadow into the picture or into what mirrors show of it,
+    in `mirrored` those that mirrors show. A pure function of its arguments.
+    """
     begun = clock.perf_counter()
     trajectory, unseen = frame.trajectory, frame.culled
     made = index_cache.blocks_at(trajectory, frame.time) if BLOCKS in trajectory.leave & trajectory.left_out else None

@@ -180,7 +180,7 @@ def _weight(shot: Shot, avoid: float, shared: bool) -> Generator[float, None, fl
 def sampled(shot: Shot, most: int) -> tuple[Shot, slice]:
     """Return the shot of at most `most` of its agents, evenly, and which they are."""
     some = slice(None, None, max(-(-len(shot.survey.group) // most), 1))
-    return shot if some.step == 1 else Shot(shot.survey.of(some), shot.meshes, shot.engine), some
+    return shot if some.step == 1 else replace(shot, survey=shot.survey.of(some)), some
 
 
 def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None, tuple[np.ndarray, float | None]]:
@@ -204,7 +204,7 @@ def solved(shot: Shot, thresholds: Bill, weight: float) -> Generator[float, None
 
 
 def shared_table(shot: Shot, thresholds: Bill, found: Bill) -> np.ndarray | None:
-    """Return (F, K, L) float32 seconds of an agent where the meshes that `found` shows cost next to nothing.
+    """Return (F, K, L) float32 seconds of an agent if meshes that `found` shows cost next to nothing.
 
     None where meshes cost so little that it does not matter.
     """
@@ -266,7 +266,7 @@ def floor(shot: Shot) -> tuple[float, float, np.ndarray]:
         unique=least.sum(axis=1),
         instances=seen.sum(axis=1).astype(np.float64),
         instanced=(shown * each).sum(axis=(1, 2)),
-        rigs=float((seen > 0).any(axis=0).sum()),
+        rigs=work_in(shot, shown).rigs,
         rays=survey.rays,
     )
     alone = replace(work, posed=0.0, rigs=0.0, rays=0.0)

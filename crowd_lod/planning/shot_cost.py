@@ -48,16 +48,20 @@ class Shot:
     """A surveyed shot, and what its LODs cost.
 
     engine: one of cost_model.NAMES.
+    rigs, moved_as: as of Actors; None: each character has one rig of its own.
     """
 
     survey: Survey
     meshes: Meshes
     engine: str
+    rigs: np.ndarray | None = None
+    moved_as: np.ndarray | None = None
 
     @cached_property
     def actors(self) -> Actors:
-        """The characters that a build of the shot may hold, each with one rig."""
-        return Actors(self.meshes.triangles, self.survey.owner.astype(np.intp), np.ones(len(self.meshes.triangles)))
+        """The characters that a build of the shot may hold."""
+        rigs = np.ones(len(self.meshes.triangles)) if self.rigs is None else self.rigs
+        return Actors(self.meshes.triangles, self.survey.owner.astype(np.intp), rigs, moved_as=self.moved_as)
 
     @cached_property
     def instance(self) -> np.ndarray:

@@ -1,4 +1,7 @@
-"""Culling, LODs and sorting of one frame, in one of three ways that find the same: every agent, blocks of agents, or elsewhere."""
+"""Culling, LODs and sorting of one frame, in one of three ways that find the same.
+
+They go by every agent, by blocks of agents, or are made elsewhere.
+"""
 
 import time as clock
 from collections.abc import Callable

@@ -223,7 +223,7 @@ def _coarsest(survey: Survey, f: int, agents: np.ndarray, tolerance: float) -> n
 
 
 def at_tolerance(survey: Survey, bounds: np.ndarray, tolerance: float) -> Survey:
-    """Return the survey with the coarsest LODs that show at most `tolerance` pixels, or that exceptions allow.
+    """Return the survey with the coarsest LODs within `tolerance` pixels, or that exceptions allow.
 
     bounds: (G, K) metres, of each group's LODs, never decreasing along a row.
     """

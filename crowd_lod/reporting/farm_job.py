@@ -78,7 +78,7 @@ def _path(name: str, kind: str, flow: str, default: str | None, about: str) -> d
 
 
 def values(job: FarmJob) -> dict[str, Any]:
-    """Return the values of the parameters without a default, as bundles have them in parameter_values.json."""
+    """Return the values of parameters without a default, as in a bundle's parameter_values.json."""
     return {"parameterValues": [{"name": "Scene", "value": job.scene}]}
 
 

@@ -86,12 +86,20 @@ def staged_file(path: Path) -> Iterator[Path]:
     It lies in the same folder, so that paths in it that are relative to its place stay right. A
     link is followed. Errors are those of `staged`.
     """
-    _refuse_all_but("file", path)
-    target = Path(os.path.realpath(path))
+    target = followed(path)
     with staged(target.parent, target.name) as hidden:
         part = hidden.with_suffix(".part")
         yield part
         part.replace(hidden / target.name)
+
+
+def followed(path: Path) -> Path:
+    """Return where the file `path` is written: a link is followed.
+
+    CrowdError if anything but a file is there.
+    """
+    _refuse_all_but("file", path)
+    return Path(os.path.realpath(path))
 
 
 def absolute(path: Path) -> Path:

@@ -83,7 +83,8 @@ class Comparison:
             ]
             said += ["", *aligned(head, cells)]
         elif told["frames"]:
-            said += ["", f"All {len(told['frames'])} common frames are the same."]
+            count = len(told["frames"])
+            said += ["", f"All {count} common frames are the same." if count > 1 else "The one common frame is the same."]
         return "\n".join(said)
 
 

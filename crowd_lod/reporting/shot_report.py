@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..format import number
+from ..format import counted, number
 from ..levels.cost_model import NAMES
 from ..planning.budget import BudgetPlan
 from ..planning.curve import WIDTH as HELD
@@ -127,7 +127,7 @@ def lead(told: Told) -> str:
     _, triangles, memory = of_full_detail(told.shot, found)
     frames, engine = len(told.numbers), NAMES[told.shot.engine]
     return (
-        f"{frames:,} {'frame' if frames == 1 else 'frames'} of {len(survey.group):,} agents for {engine}. The plan takes "
+        f"{counted(frames, 'frame')} of {counted(len(survey.group), 'agent')} for {engine}. The plan takes "
         f"{triangles:.1%} of the triangles and {memory:.0%} of the memory that full detail takes, and changes LODs "
         f"{int(found.switches.sum()):,} times in sight. Thresholds, frame by frame, change them {int(before.switches.sum()):,} times "
         f"and cost {_less(found.above(before))}."
@@ -188,7 +188,7 @@ def _legend(rows: Sequence[svg.Series]) -> str:
 
 
 def _strip(told: Told) -> str:
-    """Return the timeline with a tick for each frame that has a switch or an entry, as high as its largest."""
+    """Return the timeline with a tick for each frame with a switch or an entry, high as its largest."""
     numbers, found, (wide, high) = told.numbers, told.noticed, STRIP
     at = svg.edges(numbers)
     most = found["change"].max(initial=0.0)

@@ -48,7 +48,10 @@ def svg(machine: StateMachine) -> str:
 
 
 def _arrows(machine: StateMachine) -> dict[tuple[int, int], list[int | None]]:
-    """Return for each two states, of which one follows the other, on which labels; None stands for the timer."""
+    """Return for each two states, of which one follows the other, on which labels.
+
+    None stands for the timer.
+    """
     found: dict[tuple[int, int], list[int | None]] = {}
     for s in range(len(machine.states)):
         for label in range(len(machine.labels)):

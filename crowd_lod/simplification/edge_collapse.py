@@ -153,13 +153,18 @@ def collapse(
 
 
 def _cheapest(cost: np.ndarray, most: int) -> np.ndarray:
-    """The `most` edges of least finite `cost` (k,), the cheapest first, and those as cheap as the last of them."""
+    """The `most` edges of least finite `cost` (k,), the cheapest first.
+
+    Those as cheap as the last of them are among them.
+    """
     order = np.flatnonzero((cost <= np.partition(cost, most - 1)[most - 1]) & (cost < np.inf))
     return order[np.argsort(cost[order], kind="stable")]
 
 
 def _merged(ends: np.ndarray, collapse_map: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(collapse_map (n,), corners (3, j)) once the second of each edge's `ends` (2, k) has become the first.
+    """(collapse_map (n,), corners (3, j)) once each edge's second end has become its first.
+
+    ends: (2, k), of the edges.
 
     corners: (3, m); triangles that become flat are dropped.
     """

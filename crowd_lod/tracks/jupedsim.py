@@ -45,11 +45,13 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
             try:
                 parts = list(_by_pages(path, database, count, tell))
             except Unreadable:
+                _check(database)
                 parts = list(_by_rows(database, count, tell))
             found = np.concatenate([np.empty(0, ROW), *parts])
-    except (sqlite3.Error, TypeError, ValueError, OverflowError) as error:
+    except (sqlite3.Error, TypeError, ValueError, OverflowError, MemoryError) as error:
         raise CrowdError(
-            f"The database {where} is not one of JuPedSim's, or damaged ({error}): it needs the tables metadata and trajectory_data."
+            f"The database {where} is not one of JuPedSim's, or damaged ({str(error) or 'its rows take more memory than there is'}): "
+            "it needs the tables metadata and trajectory_data; copy or write it again."
         ) from None
     try:
         rate = float(known.get("fps", 0))
@@ -59,8 +61,21 @@ def read_jupedsim(path: Path, tell: Callable[[float], None] = lambda _: None) ->
     return Rows(**columns, rate=rate, unit="m")
 
 
+def _check(database: sqlite3.Connection) -> None:
+    """Raise sqlite3.DatabaseError if the pages of the tracks are not in order.
+
+    SQLite itself reads other pages as if they were the table's.
+    """
+    (said,) = database.execute("PRAGMA quick_check(trajectory_data)").fetchone()
+    if said != "ok":
+        raise sqlite3.DatabaseError(said.replace("\n", " "))
+
+
 def _by_pages(path: Path, database: sqlite3.Connection, count: int, tell: Callable[[float], None]) -> Iterator[np.ndarray]:
-    """Yield the `count` rows of the database, many at a time. Unreadable where SQLite itself has to read them."""
+    """Yield the `count` rows of the database, many at a time.
+
+    Unreadable where SQLite itself has to read them.
+    """
     names = [name for _, name, *_ in database.execute("PRAGMA table_info(trajectory_data)")]
     places = [names.index(name) for name in NAMES]
     (root,) = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'trajectory_data'").fetchone()
@@ -86,3 +101,5 @@ def _by_rows(database: sqlite3.Connection, count: int, tell: Callable[[float], N
         yield np.fromiter(rows, ROW, min(ROWS_AT_ONCE, count - at))
         tell(at / count)
         breath()
+    if rows.fetchone() is not None:
+        raise ValueError(f"it has more rows than the {count:,} of its index")

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
+from ..format import counted
 from ..progress import at_once, breath
 from . import motion
 from .order import numbered, order_by
@@ -92,7 +93,7 @@ def _check_once(ids: np.ndarray, agent: np.ndarray, frame: np.ndarray, passed: n
         row = int(twice.argmax())
         raise CrowdError(
             f"The agent {ids[agent[row]]} is in frame {frame[row]:g} of {where} more than once, as in "
-            f"{np.count_nonzero(twice):,} rows: give each agent one place a frame."
+            f"{counted(int(twice.sum()), 'row')}: give each agent one place a frame."
         )
 
 

@@ -16,7 +16,10 @@ SAMPLE = 1_000_000  # speeds that the paces are found from
 
 
 def last_of(begins: np.ndarray) -> np.ndarray:
-    """Return (k,) intp: for each row the last row of its run. begins: (k,) bool, whether a run begins there."""
+    """Return (k,) intp: for each row the last row of its run.
+
+    begins: (k,) bool, whether a run begins there.
+    """
     first = np.flatnonzero(begins)
     return np.repeat(np.append(first[1:], len(begins)) - 1, np.diff(np.append(first, len(begins))))
 
@@ -56,7 +59,9 @@ def velocities(x: np.ndarray, y: np.ndarray, seconds: np.ndarray, begins: np.nda
 
 
 def headings(vx: np.ndarray, vy: np.ndarray, moving: np.ndarray, agent: np.ndarray, ids: np.ndarray) -> np.ndarray:
-    """Return where agents face, (k,) float32 radians: along their motion; who stands, as when it walked last.
+    """Return where agents face, (k,) float32 radians: along their motion.
+
+    Who stands, as when it walked last.
 
     Before an agent walks it faces where it will walk; who never does faces anywhere.
     """
@@ -76,13 +81,19 @@ def headings(vx: np.ndarray, vy: np.ndarray, moving: np.ndarray, agent: np.ndarr
 
 
 def turns(values: np.ndarray, round_about: float) -> np.ndarray:
-    """Return by how much `values` change to the next row, the shorter way about a circle, (k,); 0 at the last row."""
+    """Return by how much `values` change to the next row, the shorter way about a circle, (k,).
+
+    0 at the last row.
+    """
     change = np.diff(values, append=values[-1:])
     return change - round_about * np.rint(change / round_about)
 
 
 def summed(change: np.ndarray, begins: np.ndarray) -> np.ndarray:
-    """Return (k,) float64: the sum of `change` over the agent's rows before each row. begins: where agents begin."""
+    """Return (k,) float64: the sum of `change` over the agent's rows before each row.
+
+    begins: where agents begin.
+    """
     total = np.append(0.0, np.cumsum(change, dtype=np.float64)[:-1])
     return total - total[first_of(begins)]
 
@@ -103,7 +114,9 @@ def ladder(speed: np.ndarray) -> np.ndarray:
 
 
 def paces_of(speed: np.ndarray, begins: np.ndarray, paces: np.ndarray) -> np.ndarray:
-    """Return each row's pace, (k,) uint8: the nearest at first, then another where that is nearer by a quarter of the step.
+    """Return each row's pace, (k,) uint8.
+
+    It is the nearest at first, then another where that is nearer by a quarter of the step.
 
     speed: (k,) float32 m/s.
     begins: (k,) bool, where agents begin.

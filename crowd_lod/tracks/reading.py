@@ -63,7 +63,10 @@ def read_tracks(
 
 
 def _standing(rows: Rows) -> Rows:
-    """Return `rows` with heights of feet: those that PeTrack gives are of heads, and many files give zeros."""
+    """Return `rows` with heights of feet.
+
+    Those that PeTrack gives are of heads, and many files give zeros.
+    """
     if rows.z is None or not rows.z.any():
         return replace(rows, z=None)
     low, high = float(rows.z.min()), float(rows.z.max())

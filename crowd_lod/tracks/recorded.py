@@ -211,7 +211,10 @@ class Recorded(Trajectory):
         )
 
     def _floors(self) -> np.ndarray | None:
-        """Return the last height of each sample, (k,) metres, from which its agent gets to a floor; None on a single floor."""
+        """Return the last height of each sample, (k,) metres, from which its agent gets to a floor.
+
+        None on a single floor.
+        """
         samples, ground = self.tracks.samples, self.heights
         if ground is None or not ground.layered:
             return None

@@ -1,4 +1,6 @@
-"""Columns of numbers of an SQLite table, read from the pages of its file, several times as fast as row by row.
+"""Columns of numbers of an SQLite table, read from the pages of its file.
+
+That is several times as fast as row by row.
 
 The file's format is documented and fixed (https://www.sqlite.org/fileformat2.html, 1.3 to 2.1). A
 table is a tree of pages; the rows are the cells of its leaves, in the order of row ids.
@@ -29,7 +31,8 @@ def columns(data: np.ndarray, root: int, count: int, wanted: Sequence[int]) -> I
     data: (m,) uint8, the file.
     root: the number of the table's first page, from 1 on.
     count: how many columns the table has; a row id is none of them.
-    Unreadable where a value is no number, a row goes on in another page, or the file is not as it should be.
+    Unreadable where a value is no number, a row goes on in another page, or the file is not as it should be: as row ids must
+    grow from page to page, and no two rows share bytes, a page that is not the table's own is noticed.
     """
     if len(data) < HEADER or data[18] != 1 or data[19] != 1:  # rows may lie in a journal beside it
         raise Unreadable
@@ -40,8 +43,13 @@ def columns(data: np.ndarray, root: int, count: int, wanted: Sequence[int]) -> I
     pages = data.reshape(-1, size)
     leaves = np.array(list(_leaves(pages, root)), np.intp)
     parts = ((leaves[at : at + PAGES_AT_ONCE],) for at in range(0, len(leaves), PAGES_AT_ONCE))
-    for found in at_once(lambda some: _values(data, *_cells(pages, some), count, wanted), parts):
+    before = None
+    for found, (first, last) in at_once(lambda some: _read(data, *_cells(pages, some), count, wanted), parts):
         breath()
+        if len(first):
+            if (first[1:] <= last[:-1]).any() or (before is not None and first[0] <= before):
+                raise Unreadable
+            before = last[-1]
         yield found
 
 
@@ -58,11 +66,13 @@ def _leaves(pages: np.ndarray, root: int) -> Iterator[int]:
         if not 0 <= number < len(pages) or seen > len(pages):
             raise Unreadable
         page, begin = pages[number], _begin(number)
+        cells = int(page[begin + 3]) << 8 | int(page[begin + 4])
         if page[begin] == LEAF:
             yield number
-        elif page[begin] == INTERIOR:
-            cells = int(page[begin + 3]) << 8 | int(page[begin + 4])
+        elif page[begin] == INTERIOR and begin + 12 + 2 * cells <= len(page):
             places = page[begin + 12 : begin + 12 + 2 * cells].view(">u2").astype(np.intp)
+            if len(places) and places.max() + 4 > len(page):
+                raise Unreadable
             children = (page[places[:, None] + np.arange(4)].astype(np.uint32) << np.array([24, 16, 8, 0], np.uint32)).sum(axis=1)
             last = int(page[begin + 8 : begin + 12].view(">u4")[0])
             ahead += [last - 1, *(children.astype(np.int64)[::-1] - 1).tolist()]
@@ -71,7 +81,10 @@ def _leaves(pages: np.ndarray, root: int) -> Iterator[int]:
 
 
 def _cells(pages: np.ndarray, leaves: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (begin, end), each (k,) intp: where the cells of the leaves begin in the file, and where their pages end."""
+    """Return (begin, end), each (k,) intp, of the cells of the leaves.
+
+    These are where the cells begin in the file, and where their pages end.
+    """
     if (leaves == 0).any():
         raise Unreadable  # the page of the schema
     size = pages.shape[1]
@@ -87,16 +100,53 @@ def _cells(pages: np.ndarray, leaves: np.ndarray) -> tuple[np.ndarray, np.ndarra
     return first + offset, first + size
 
 
-def _values(data: np.ndarray, at: np.ndarray, end: np.ndarray, count: int, wanted: Sequence[int]) -> list[np.ndarray]:
-    """Return the `wanted` columns of the rows whose cells begin `at`, and whose pages end at `end`."""
-    payload = data[at]
-    at = at + 1
+def _read(
+    data: np.ndarray, begin: np.ndarray, end: np.ndarray, count: int, wanted: Sequence[int]
+) -> tuple[list[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Return the `wanted` columns of the rows whose cells `begin` there, and row ids.
+
+    end: of their pages.
+
+    The row ids are the first and the last of each page.
+    """
+    found = _values(data, begin, end, count, wanted)
+    firsts = np.flatnonzero(np.diff(end, prepend=-1))
+    lasts = np.append(firsts[1:], len(end)) - 1 if len(end) else firsts
+    return found, (_row_ids(data, begin[firsts]), _row_ids(data, begin[lasts]))
+
+
+def _row_ids(data: np.ndarray, begin: np.ndarray) -> np.ndarray:
+    """Return the row ids (k,) int64 of the cells that `begin` there, whose payload takes one byte."""
+    found, on = np.zeros(len(begin), np.int64), np.ones(len(begin), bool)
+    for k in range(1, 10):
+        byte = data[begin + k].astype(np.int64)
+        own = found << 8 | byte if k == 9 else found << 7 | byte & 127
+        found, on = np.where(on, own, found), on & (byte >= 128)
+    return found
+
+
+def _check_apart(begin: np.ndarray, stop: np.ndarray, end: np.ndarray) -> None:
+    """Raise Unreadable if cells of a page overlap, each from `begin` to `stop`; end: of its page."""
+    # a page is filled from its end on: where nothing was removed, each cell stops where the one before begins
+    apart = (stop[1:] != begin[:-1]) & (end[1:] == end[:-1])
+    if apart.any():
+        some = np.isin(end, end[1:][apart])
+        order = np.argsort(begin[some])
+        if (stop[some][order][:-1] > begin[some][order][1:]).any():
+            raise Unreadable
+
+
+def _values(data: np.ndarray, begin: np.ndarray, end: np.ndarray, count: int, wanted: Sequence[int]) -> list[np.ndarray]:
+    """Return the `wanted` columns of the rows whose cells `begin` there, and whose pages `end` there."""
+    payload = data[begin]
+    at = begin + 1
     for _ in range(8):  # the row id goes on while its bytes have the highest bit
         at = at + (data[np.minimum(at, len(data) - 1)] >= 128)
     # a byte that has it not ends the row id
     at = at + 1
     if (payload >= 128).any() or (at + payload > end).any() or (data[at] != count + 1).any():
         raise Unreadable
+    _check_apart(begin, at + payload, end)
     found: dict[int, np.ndarray] = {}
     place = at + count + 1
     for column in range(count):

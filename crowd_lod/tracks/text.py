@@ -1,4 +1,4 @@
-"""Tracks in text: CSV and TSV with titles, PedPy and PeTrack, and the tables of ETH and UCY without titles.
+"""Tracks in text: CSV and TSV with titles, PedPy, PeTrack, and tables of ETH and UCY without titles.
 
 Columns go by their titles, in any order; a title may name a unit, such as x/cm. Without titles they
 are: four, frame id x y or id frame x y, whichever moves less from row to row; eight, the obsmat of
@@ -273,7 +273,10 @@ def _untitled(columns: dict[str, Any], table: Table) -> tuple[dict[str, Any], fl
 
 
 def _step(columns: dict[str, Any]) -> float:
-    """Return how far agents get from row to row, the median in units of the file; infinite if nobody has two."""
+    """Return how far agents get from row to row, the median in units of the file.
+
+    Infinite if nobody has two.
+    """
     if not (columns["id"] == np.rint(columns["id"])).all() or not np.isfinite(columns["id"]).all():
         return np.inf
     ids, agent = numbered(columns["id"].astype(np.int64))
@@ -285,7 +288,10 @@ def _step(columns: dict[str, Any]) -> float:
 
 
 def _timed(columns: dict[str, Any], rate: float) -> tuple[dict[str, Any], float]:
-    """Return (columns, rate) with frames in place of seconds: counted if all times are multiples of one step."""
+    """Return (columns, rate) with frames in place of seconds.
+
+    They are counted if all times are multiples of one step.
+    """
     time = columns.pop("time")
     steps = np.diff(np.unique(time)) if np.isfinite(time).all() else time[:0]
     rate = rate or (float(round(1 / np.median(steps), 3)) if len(steps) and np.median(steps) > 0 else 1.0)

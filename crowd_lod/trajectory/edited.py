@@ -183,7 +183,10 @@ class Edited(Trajectory):
 
 
 def _summed(edits: Sequence[Edit], of: Callable[[Edit], tuple[float, ...]]) -> tuple[np.ndarray, np.ndarray]:
-    """Return (agents, values): the agents (k,) intp, increasing, for whom an edit has more than zeros, and their sums (k, w)."""
+    """Return (agents (k,) intp, sums (k, w)) of those for whom an edit has more than zeros.
+
+    The agents are increasing.
+    """
     found = [(edit.agents, np.array(of(edit), np.float64)) for edit in edits if any(of(edit))]
     if not found:
         return np.empty(0, np.intp), np.empty((0, 3))

@@ -129,7 +129,10 @@ class Several(Trajectory):
         return None if found is None else (found[:, 0], found[:, 1])
 
     def ground(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
-        """Return the heights of the ground under `agents`, each on its own crowd's; its own height where it has none."""
+        """Return the heights of the ground under `agents`, each on its own crowd's.
+
+        Its own height where it has none.
+        """
 
         def of_member(each: Trajectory, own: slice, some: np.ndarray) -> np.ndarray:
             found = each.ground(crowd.of(own), some)

@@ -81,7 +81,10 @@ class Trajectory(ABC):
 
     @abstractmethod
     def digests(self) -> dict[str, bytes]:
-        """Return all that `at` follows from, by names that complete "... changed": a shot plan is made for these."""
+        """Return all that `at` follows from, by names that complete "... changed".
+
+        A shot plan is made for these.
+        """
 
     @abstractmethod
     def leaving(self, leave: frozenset[LeftOut], time: float) -> "Trajectory":
@@ -189,7 +192,9 @@ class Trajectory(ABC):
         return spheres_of(self.groups)
 
     def scale(self, crowd: Crowd, agents: np.ndarray) -> np.ndarray | None:
-        """Return the sizes of `agents` (m,) in `crowd`, (m,) float32, 1 as their characters are; None if all are so.
+        """Return the sizes of `agents` (m,) in `crowd`, (m,) float32, 1 as their characters are.
+
+        None if all are so.
 
         Drawn from each agent's first key, within the range of its group.
         """

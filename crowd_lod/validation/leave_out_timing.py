@@ -20,7 +20,8 @@ from ..trajectory.trajectory import Trajectory
 class Savings:
     """Medians over repeats, in milliseconds.
 
-    full, lean: the four stages of a frame, with one step of behaviour.
+    full, lean: the four stages of a frame, with one step of behaviour, made by itself: what a walk
+        looks ahead serves many frames, and is no part of any item.
     items: the saving of each part that is left out while those before it are left out already. They
         add up to about full - lean. The height map is different, as the full pipeline does not have
         one either: its entry is the cost of the look-up on a level one.

@@ -1,5 +1,7 @@
 """The text of the proof by renders: culling, LODs, and what is not proved."""
 
+from ..format import counted
+
 
 def to_text(result: dict) -> str:
     """Return three lines from the dict of verify.json: culling, LODs, not proved."""
@@ -38,15 +40,17 @@ def _culling(rows: list[dict], bounces: int) -> str:
     wrong = [row["frame"] for row in rows if not row["culling_ok"]]
     differ, bare = (sum(row[f"{name}_pixels"] for row in rows) for name in ("b", "bare"))
     if wrong:
-        said = f"Culling: WRONG, {differ:,} pixels differ in {_frames(wrong)}"
+        said = f"Culling: WRONG, {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(wrong)}"
     elif differ:
-        said = f"Culling: {differ:,} pixels differ in {_frames(rows)}, by {max(row['b_largest'] for row in rows):.1g} at most"
+        most = max(row["b_largest"] for row in rows)
+        said = f"Culling: {counted(differ, 'pixel differs', 'pixels differ')} in {_frames(rows)}, by {most:.1g} at most"
     else:
         said = f"Culling: no pixel differs in {_frames(rows)}"
     said += f" ({bare:,} would differ without the agents kept for shadows and mirrors)." if bare > differ else "."
     if bounces:
         row = max(rows, key=lambda row: row["b_bounces_share"])
-        said += f" With the sky and {bounces} bounces up to {row['b_bounces_share']:.2%} differ visibly (frame {row['frame']})."
+        said += f" With the sky and {counted(bounces, 'bounce')} up to {row['b_bounces_share']:.2%} differ visibly "
+        said += f"(frame {row['frame']})."
     return said
 
 

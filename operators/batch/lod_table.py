@@ -14,7 +14,7 @@ from ...crowd_lod.levels.assignment import shown
 from ...crowd_lod.validation import silhouette
 from ..blender import image_data, scene_data
 from ..blender.material_colors import Looks
-from ..blender.performance import Performance, performance_of
+from ..blender.performance import Performance, group_performance
 from ..crowd.scene_crowd import characters_of, policy_of
 from ..lod_meshes.deviation import Posed, meshes_of
 from ..lod_meshes.shaded_pictures import alike, bodies_of
@@ -43,7 +43,7 @@ def tables(
         every = meshes_of(settings.levels, g, group.name)[: len(group.triangles)]
         # the last may be repeated
         meshes = [each for k, each in enumerate(every) if k == 0 or each != every[k - 1]]
-        performance = performance_of(group.name, objects, [action.name for action in group.actions])
+        performance = group_performance(group, objects)
         rows = [_row(group, k, each, camera, begins[g], metres) | _worst(group, k, performance) for k, each in enumerate(meshes)]
         rows[-1]["to_lod"] = len(every) - 1
         entry = {
@@ -107,7 +107,10 @@ def _row(group: Group, k: int, meshes: list[bpy.types.Object], camera: Camera, b
 
 
 def _worst(group: Group, k: int, performance: Performance) -> dict:
-    """Return the frame of the worst pose of LOD k; where states name actions, also the action's name, "" for the own."""
+    """Return the frame of the worst pose of LOD k.
+
+    Where states name actions, also the action's name, "" for the own.
+    """
     part, frame = performance.find(group.worst[k])
     return {"worst_frame": frame} | ({"worst_action": part.name} if group.actions else {})
 

@@ -11,6 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
+from ...crowd_lod.format import counted
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
@@ -255,7 +256,7 @@ class CROWDLOD_OT_preview(Stepwise, bpy.types.Operator):
             color=settings.overlay_color if settings.engine == "OVERLAY" else settings.color,
         )
         yield from preview(context.scene, wanted, ["sidebar"])
-        said = f"{len(wanted.frames)} frames are in {place_of(settings.folder)}."
+        said = f"{counted(len(wanted.frames), 'frame is', 'frames are')} in {place_of(settings.folder)}."
         return f"{said} {LEFT_OUT}" if leaves_out(context.scene) else said
 
 

@@ -19,7 +19,7 @@ import bpy
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import printable
-from ...crowd_lod.planning.frame_range import told_frames
+from ...crowd_lod.planning.frame_range import frames_are
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files, frame_parts, interrupt
 from ...crowd_lod.reporting.frame_parts import FrameParts
@@ -138,7 +138,7 @@ def made(
     missing = [number for number in wanted if told[number] is None]
     if missing and sharing.part is None and sharing.into is not None:
         raise CrowdError(
-            f"Frames {told_frames(missing)} are not in {printable(sharing.into)}, or were made of another scene: make them with "
+            f"{frames_are(missing)} not in {printable(sharing.into)}, or made of another scene: make them with "
             "--part, then assemble again."
         )
     prepared = False

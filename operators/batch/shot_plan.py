@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number
+from ...crowd_lod.format import counted, number
 from ...crowd_lod.levels.assignment import deviations
 from ...crowd_lod.planning.budget import Budget, BudgetPlan, decide_within
 from ...crowd_lod.planning.curve import curve_of
@@ -33,6 +33,7 @@ from ..crowd.shot_exceptions import exemptions_of
 from ..lod_meshes.candidates import TINTS
 from ..lod_meshes.deviation import measure_levels
 from ..lod_meshes.make_lods import make_levels
+from ..lod_meshes.selection import cast_of, rigs_of
 from .preview_plan import scene_json
 from .shot_survey import survey_of
 from .switch_crops import crops_of
@@ -87,7 +88,9 @@ def plan_shot(scene: bpy.types.Scene, wanted: Wanted) -> Generator[float, None, 
         survey_of(scene, wanted.frames, wanted.folder if wanted.keeps else None, wanted.blurred), READY, SURVEYED
     )
     survey = through.survey
-    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene))
+    characters = characters_of(scene)
+    rigs = rigs_of(characters, trajectory, cast_of(characters, trajectory))
+    shot = Shot(excepted(survey, exemptions), meshes_of(trajectory.groups, policy.count), scene_data.engine_of(scene), *rigs)
     found = yield from share(decide_within(shot, wanted.budget, wanted.avoid), SURVEYED, DECIDED)
     changes = noticed(shot, found.levels, trajectory.spheres.radius)
     told = Told(
@@ -164,7 +167,7 @@ def sentence(planned: Planned) -> str:
     bound = f"; {plan.bound:.1%} above the least possible at most" if isfinite(plan.bound) else ""
     raised = f" To fit in the budget, LODs deviate by up to {number(found.error)} pixels." if plan.tolerance else ""
     return (
-        f"{frames:,} frame{'s' * (frames > 1)} of {len(planned.shot.survey.group):,} agents planned. LODs change in sight "
+        f"{counted(frames, 'frame')} of {counted(len(planned.shot.survey.group), 'agent')} planned. LODs change in sight "
         f"{int(found.switches.sum()):,} times, by distance {int(before.switches.sum()):,} times, for "
         f"{max(found.above(before), 0.0):.1%} more cost at most{bound}.{raised}"
     )

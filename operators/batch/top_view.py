@@ -42,8 +42,11 @@ def straight_down(stage: bpy.types.Scene, area: Area, camera: Camera) -> bpy.typ
 
 
 def draw_crowd(mesh: bpy.types.Mesh, frame: Frame, view: Camera) -> None:
-    """Make `mesh` the drawing of `frame` for the camera `view`: agents in the tint of their LOD, those culled in grey,
-    all at their spheres' centers, and over them the map's off-color pixels. Sizes are in the picture's pixels."""
+    """Make `mesh` the drawing of `frame` for the camera `view`.
+
+    Agents have the tint of their LOD, those culled are gray, all at their spheres' centers. Over
+    them lie the map's off-color pixels. Sizes are in the picture's pixels.
+    """
     arrows, tints = map(np.concatenate, zip(_arrows(frame, view), _strays(frame, view), strict=True))
     lines, line_tints = _frustum(frame, view)
     points = np.concatenate([arrows.reshape(-1, 3), lines.reshape(-1, 3)])

@@ -12,6 +12,7 @@ import numpy as np
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.culling.stereo import EYES
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.planning.frame import Frame
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
@@ -308,7 +309,7 @@ def _not_proved(scene: bpy.types.Scene, wanted: Verify) -> list[str]:
     render, (width, height) = scene.render, cameras.image_size(scene.render)
     found = ["other frames"]
     if wanted.bounces:
-        found.append(f"more than {wanted.bounces} bounces of light")
+        found.append(f"more than {counted(wanted.bounces, 'bounce')} of light")
     else:
         found.append("the light of the sky and of bounces (--bounces 2 renders them)")
     if width != wanted.width:

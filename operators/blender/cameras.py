@@ -241,7 +241,7 @@ def cameras_at(
     films = [camera or bound_camera(scene, time) for time in times]
     eyes = {_view_camera(scene, film, view.camera_suffix) for film in films for view in scene.render.views}
     if at is None:
-        with stage() if all(map(_stands, {*films, *eyes})) else stepped(scene) as at:
+        with stage() if all(map(_stands, {*films, *eyes})) else stepped(scene, rest=False) as at:
             return cameras_at(scene, times, camera, at)
     return [cameras_from(scene, film, at({*films, *eyes}, time)) for time, film in zip(times, films, strict=True)]
 

@@ -38,7 +38,10 @@ def note_held(*collections: Collection) -> None:
 
 @bpy.app.handlers.persistent
 def restore(*_) -> None:
-    """Put back what undo has lost from collections of builds, if the file has it still (undo_post, redo_post handler)."""
+    """Put back what undo has lost from collections of builds (undo_post, redo_post handler).
+
+    Only what the file has still can be put back.
+    """
     for collection in bpy.data.collections:
         for inside, blocks, key in HELD if collection.library is None else ():
             names, there = collection.get(key), getattr(collection, inside)

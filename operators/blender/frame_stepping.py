@@ -1,7 +1,7 @@
 """Evaluates objects at other times than their scene's current frame."""
 
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 
 import bpy
 
@@ -47,7 +47,25 @@ def is_stepped(scene: bpy.types.Scene) -> bool:
 
 
 @contextmanager
-def stepped(scene: bpy.types.Scene) -> Iterator[At]:
+def _at_rest(scene: bpy.types.Scene) -> Iterator[None]:
+    """Hide the scene's build in viewports for a while: Blender then does not evaluate its hundreds of rigs."""
+    build = scene.crowd_lod.build
+    if build is None or build.hide_viewport:
+        yield
+        return
+    layers, items = scene.view_layers, build.all_objects
+    selected = [(layer, item) for layer in layers for item in items if item.select_get(view_layer=layer)]  # Blender lets go of it
+    build.hide_viewport = True
+    try:
+        yield
+    finally:
+        build.hide_viewport = False
+        for layer, item in selected:
+            item.select_set(True, view_layer=layer)
+
+
+@contextmanager
+def stepped(scene: bpy.types.Scene, rest: bool = True) -> Iterator[At]:
     """Yield a function `At` that evaluates objects by changing the scene's frame.
 
     As in playback and renders, drivers, physics and other add-ons take effect; in a `stage` they do
@@ -55,6 +73,9 @@ def stepped(scene: bpy.types.Scene) -> Iterator[At]:
 
     Rigid bodies without a baked cache need every frame up to the asked one, played in order. So
     those frames are played.
+
+    rest: the scene's build is out of sight and not evaluated meanwhile. For a few frames that takes
+        longer than it saves.
     """
     render, was = scene.render, (scene.frame_current, scene.frame_subframe)
     outer, now, world = is_stepped(scene), None, scene.rigidbody_world
@@ -73,7 +94,8 @@ def stepped(scene: bpy.types.Scene) -> Iterator[At]:
 
     _stepped.add(scene.session_uid)
     try:
-        yield at
+        with _at_rest(scene) if rest else nullcontext():
+            yield at
     finally:
         scene.frame_set(was[0], subframe=was[1])
         if not outer:

@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.reporting import file_checks
 from . import scene_cache
 from .console import quiet
@@ -82,7 +83,7 @@ def check_finite(image: bpy.types.Image, values: np.ndarray) -> None:
     if image.is_float and not np.isfinite(values).all():
         wrong = np.argwhere(~np.isfinite(values).all(axis=2))
         raise CrowdError(
-            f"The image {image.name} holds {len(wrong)} pixels at NaN or infinity, the first at column {wrong[0][1]}, row "
+            f"The image {image.name} holds {counted(len(wrong), 'pixel')} at NaN or infinity, the first at column {wrong[0][1]}, row "
             f"{wrong[0][0]} from the bottom: paint them again."
         )
 

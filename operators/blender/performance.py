@@ -15,6 +15,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.crowd.paces import mixed_in
 from ...crowd_lod.errors import CrowdError
 from .pose_mixing import AT_REST, Mixture, Played
@@ -105,6 +106,11 @@ class Performance:
         lengths = {max(own.last - own.first, 1.0) for own in (part.mixed[:2] if part.mixed else (part,))}
         return np.unique(np.concatenate([np.linspace(first, last, int(np.ceil(each * length)) + 1) for length in lengths]).round(6))
 
+    def curves_on(self, item: bpy.types.Object) -> list[bpy.types.FCurve]:
+        """Return the curves that move the object `item` in any of the parts, or its own animation."""
+        named = [_curves(part.action, part.handle) for part in self.parts if part.player is item and part.action is not None]
+        return [curve for curves in (*map(curves_of, players_of([item])), *named) for curve in curves]
+
     def only(self, name: str) -> "Performance":
         """Return the performance of one action alone; of the character's own if it plays none of that `name`."""
         return Performance([next((part for part in self.parts if part.name == name), self.parts[0])])
@@ -184,7 +190,10 @@ def _stay(curve: bpy.types.FCurve, way: float, part: Part) -> None:
 
 
 def _unkeyed(player: bpy.types.Object, part: Part) -> list[tuple[bpy.types.PoseBone, str, tuple]]:
-    """Return (bone, channel, its value now) of what the own animation of `player` moves and the action does not."""
+    """Return (bone, channel, its value now) of what only the own animation of `player` moves.
+
+    The action does not move it.
+    """
     if player.pose is None or player.animation_data is None:
         return []
     parts = part.mixed[:2] if part.mixed else (part,)
@@ -232,14 +241,25 @@ def performance_of(group: str, objects: list[bpy.types.Object], names: Iterable[
     return Performance([*own(objects).parts, *(known[name] for name in names)])
 
 
+def group_performance(group: Group, objects: list[bpy.types.Object]) -> Performance:
+    """Return the performance of the character group's own action and of those that it was measured with.
+
+    objects, errors: see performance_of.
+    """
+    return performance_of(group.name, objects, [action.name for action in group.actions])
+
+
 def called(group: str, name: str) -> list[str]:
-    """Return the names that an action may have in the file for the group to play it as `name`, the first best."""
+    """Return the names in the file of an action that the group plays as `name`, the best first."""
     owners = dict.fromkeys((group, group_of(group)))
     return [*(each for owner in owners for each in (f"{owner} {name}", f"{name} {owner}")), name]
 
 
 def _mixed(group: str, name: str, mixed: tuple[Part, Part, float]) -> Part:
-    """Return the step `name` of a cross-fade; it lasts as long as the longer of its actions. mixed: see Part."""
+    """Return the step `name` of a cross-fade; it lasts as long as the longer of its actions.
+
+    mixed: see Part.
+    """
     one, other, _ = mixed
     if one.player != other.player:
         raise CrowdError(
@@ -288,7 +308,10 @@ def _named(group: str, objects: list[bpy.types.Object], name: str) -> Part:
 
 
 def _player(objects: list[bpy.types.Object], action: bpy.types.Action) -> tuple[bpy.types.Object, int] | None:
-    """Return the first object of the character that most curves of a slot of `action` move, and the slot's handle."""
+    """Return the object that most curves of a slot of `action` move, and the slot's handle.
+
+    Of several objects of the character it is the first.
+    """
     for player in (*armatures_of(objects), *objects):
         for slot in sorted(action.slots, key=lambda slot: slot.identifier != f"OB{player.name}"):
             curves = _curves(action, slot.handle) if slot.target_id_type in ("OBJECT", "UNSPECIFIED") else []

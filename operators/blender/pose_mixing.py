@@ -16,7 +16,10 @@ AT_REST = {
 
 @dataclass(frozen=True)
 class Played:
-    """What an action says: its curves, and by how much a frame each moves the character as a whole, by (path, index)."""
+    """What an action says: its curves, and how far they move the character as a whole.
+
+    That is told a frame, by (path, index).
+    """
 
     curves: Sequence[bpy.types.FCurve]
     slopes: dict[tuple[str, int], float]
@@ -85,7 +88,10 @@ class Mixture:
 
 
 def _channel(player: bpy.types.Object, path: str, moved: bool) -> _Channel | None:
-    """Return the property at `path`, None if there is none that can be mixed; moved: by the player's own animation."""
+    """Return the property at `path`, None if there is none that can be mixed.
+
+    moved: by the player's own animation.
+    """
     if path.endswith('"]'):
         owner, name = path[: path.rindex('["')], path[path.rindex('["') :]
     else:

@@ -1,4 +1,4 @@
-"""Props: objects of a character group that some of its agents have, and the variants that they make of it."""
+"""Props: objects that some agents of a character group have, and the variants that they make."""
 
 from collections.abc import Iterator, Sequence
 from itertools import product

@@ -107,7 +107,10 @@ def _spans(items: Iterable[bpy.types.Object]) -> Iterator[tuple[float, float]]:
 
 
 def span_of(action: bpy.types.Action | None, curves: list[bpy.types.FCurve]) -> tuple[float, float]:
-    """Return the first and the last frame of `action`: as it says, or as its `curves` have keys; (1, 1) without any."""
+    """Return the first and the last frame of `action`: as it says, or as its `curves` have keys.
+
+    (1, 1) without any.
+    """
     if action is not None and action.use_frame_range:
         return tuple(action.frame_range)
     ends = [curve.range() for curve in curves if _keyed(curve)]

@@ -1,15 +1,18 @@
 """The operators of the render setup: Build, Bake, Remove Build."""
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 
 import bpy
 
+from ...crowd_lod.format import counted
+from ...crowd_lod.planning.frame_range import shot_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.progress import Made, share, standing
 from ..blender import cleanup, frame_stepping, scene_data
 from ..blender.operator import Reporting, Stepwise
 from ..crowd import lights, needs
 from ..crowd.crowd_sources import check_recorded
+from ..crowd.record_points import shared_record
 from ..crowd.scene_crowd import frame_of, groups_of, measure_groups, store_groups, trajectory_of
 from ..lod_meshes.make_lods import make_levels
 from .bake import bake
@@ -20,10 +23,15 @@ from .staleness import note_build
 from .watched_points import watch_points
 
 
-def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]]) -> Generator[float, None, Made]:
+def prepared(
+    scene: bpy.types.Scene, work: Callable[[], Generator[float, None, Made]], frames: Sequence[int] = ()
+) -> Generator[float, None, Made]:
     """Run `work()`, a build or a bake of `scene`, after the steps that it needs.
 
-    The groups are measured and LOD meshes made, if that is not done yet.
+    The groups are measured and LOD meshes made, if that is not done yet. The points of crowds are
+    recorded once for all of it.
+
+    frames: those of the timeline that the work needs.
 
     Yields the progress and returns the result of the work. Closed early, it leaves the scene as it
     was.
@@ -39,7 +47,7 @@ def prepared(scene: bpy.types.Scene, work: Callable[[], Generator[float, None, M
     frame_of(scene, layer.depsgraph, trajectory=trajectory, around=around, shutter=())
     done = False
     try:
-        with cleanup.all_or_nothing():
+        with cleanup.all_or_nothing(), shared_record(scene, frames):
             if made:
                 yield from share(make_levels(scene), 0.0, 0.3)
             elif not known:
@@ -97,8 +105,8 @@ class CROWDLOD_OT_bake(Stepwise, bpy.types.Operator):
     def steps(self, context) -> Generator[float, None, str]:
         scene = context.scene
         frames = range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
-        cast = yield from prepared(scene, lambda: bake(scene, frames))
-        baked = f"{len(frames)} frames are baked, from {frames[0]} to {frames[-1]}."
+        cast = yield from prepared(scene, lambda: bake(scene, frames), frames)
+        baked = f"{counted(len(frames), 'frame is', 'frames are')} baked: {shot_frames(frames)}."
         return " ".join(filter(None, (baked, told_of_cast(scene, cast), told_of_characters(scene), frame_stepping.unbaked(scene))))
 
 

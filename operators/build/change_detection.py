@@ -3,16 +3,15 @@
 from collections.abc import Iterable
 
 import bpy
-import numpy as np
 
 from ...crowd_lod.culling.camera import Camera
 from ...crowd_lod.planning.planned import numbers_of
 from ..blender import mesh_data
 from ..blender.rig_dependencies import curves_of, custom, players_of, read_columns, stance
+from ..lod_meshes.cast_digest import holds, slots
 from ..lod_meshes.source_mesh import text_digest
 
 CORNERS = (("co", 2, "f4"),)  # of a curve's keys: the rest is the same in all that rigs play
-SAMPLED = 200  # vertices of a mesh, roughly
 
 
 def made_of(homes: Iterable[bpy.types.Collection], played: list) -> str:
@@ -21,9 +20,9 @@ def made_of(homes: Iterable[bpy.types.Collection], played: list) -> str:
     homes: the collections of the LODs. The mesh data is left out: LODs and build share it.
     """
     items = {item: None for home in homes for item in home.objects}
-    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), _slots(item), _properties(item)] for item in items]
+    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), slots(item), _properties(item)] for item in items]
     places = [(home.name, tuple(home.instance_offset), [item.name for item in home.objects]) for home in homes]
-    return text_digest(places, played, looks, [_holds(item) for item in items], stance(*items))
+    return text_digest(places, played, looks, [holds(item) for item in items], stance(*items))
 
 
 def shown_by(top: bpy.types.Collection) -> str:
@@ -40,21 +39,8 @@ def shown_by(top: bpy.types.Collection) -> str:
     ]
     strips = [[strip.action and strip.action.name for track in item.animation_data.nla_tracks for strip in track.strips]
               for item in items if item.animation_data]  # fmt: skip
-    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), _slots(item), _properties(item)] for item in items]
-    return text_digest(inside, keys, strips, looks, [_holds(item) for item in items])
-
-
-def _holds(item: bpy.types.Object) -> tuple:
-    """Return where the object stands, its data, and what moves it."""
-    modifiers = [(m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None)) for m in item.modifiers]
-    named = [(*each, other and other.name) for *each, other in modifiers]
-    sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()
-    places = np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist()
-    return item.name, item.data and item.data.name_full, sizes, item.parent and item.parent.name, item.parent_bone, places, named
-
-
-def _slots(item: bpy.types.Object) -> list:
-    return [(slot.link, slot.material and slot.material.name_full) for slot in item.material_slots]
+    looks = [[*map(repr, (getattr(item, name) for name in mesh_data.SHOWN)), slots(item), _properties(item)] for item in items]
+    return text_digest(inside, keys, strips, looks, [holds(item) for item in items])
 
 
 def _properties(item: bpy.types.Object) -> list:
@@ -63,23 +49,6 @@ def _properties(item: bpy.types.Object) -> list:
     return [*custom(item), item.lightgroup, linked, inputs]
 
 
-def cast_digest(items: Iterable[bpy.types.Object]) -> str:
-    """Return a hash of characters: what they hold and play, and some of their vertices.
-
-    It is quick, to be asked while one works. A change of few vertices or keys may escape it.
-    """
-    items = list(items)
-    played = [(player.action.name_full, *player.action.frame_range) for player in players_of(items) if player.action is not None]
-    return text_digest([(_holds(item), _slots(item), _sampled(item)) for item in items], played)
-
-
 def cameras_digest(cameras: Iterable[Camera]) -> str:
     """Return a hash of a frame's cameras."""
     return text_digest(numbers_of(tuple(cameras)).round(5).tolist())[:8]
-
-
-def _sampled(item: bpy.types.Object) -> list:
-    if item.type != "MESH" or not len(item.data.vertices):
-        return []
-    vertices = item.data.vertices
-    return [tuple(vertices[k].co) for k in range(0, len(vertices), max(1, len(vertices) // SAMPLED))]

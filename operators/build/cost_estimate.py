@@ -14,7 +14,7 @@ from ...crowd_lod.format import number as figure
 from ...crowd_lod.levels.assignment import LevelPolicy, deviations
 from ...crowd_lod.levels.cost_model import NAMES, Actors, Price, Work, price, work_of
 from ...crowd_lod.planning.frame import Frame, plan
-from ...crowd_lod.planning.frame_range import evenly
+from ...crowd_lod.planning.frame_range import evenly, shot_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.shadows import surround
 from ...crowd_lod.progress import share
@@ -25,7 +25,7 @@ from ..crowd import lights, needs
 from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
-from ..lod_meshes.selection import MOST_FRAMES, cast_of
+from ..lod_meshes.selection import MOST_FRAMES, cast_of, rigs_of
 from .frame_update import members
 from .scaled_textures import bytes_of, shown_images
 
@@ -100,7 +100,7 @@ class Estimate:
     @property
     def sentence(self) -> str:
         told = "; ".join(f"{name}: memory {memory}, file {file}, time {time}" for name, memory, file, time in self.rows)
-        return f"The crowd takes in {NAMES[self.engine]}, frames {self.frames[0]} to {self.frames[-1]}: {told}."
+        return f"The crowd takes in {NAMES[self.engine]}, {shot_frames(self.frames)}: {told}."
 
 
 def choices_of(settings) -> dict[str, Choice]:
@@ -142,12 +142,9 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
     frames = frames or range(scene.frame_start, scene.frame_end + 1, scene.frame_step)
     looked_at = evenly(frames, MOST_FRAMES)
     trajectory, choices = trajectory_of(scene), choices_of(settings)
-    library = cast_of(characters_of(scene), trajectory)
-    first = library.first(trajectory.gaits)
-    owner = np.repeat(np.arange(len(trajectory.groups)), np.diff(first))
-    names = {group.name: g for g, group in enumerate(trajectory.groups)}
-    leads = np.array([names.get(group.variant_of, g) for g, group in enumerate(trajectory.groups)])
-    moved_as = np.arange(len(owner)) + (first[leads] - first[:-1])[owner]  # variants share rigs
+    characters = characters_of(scene)
+    library = cast_of(characters, trajectory)
+    owner, (rigs, moved_as) = library.owner(trajectory.gaits), rigs_of(characters, trajectory, library)
     shown = {name: [] for name in choices}
     bias, samples = bias_of(settings), samples_of(scene)
     rays = []
@@ -170,7 +167,7 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
         actors = Actors(
             choice.triangles,
             owner,
-            library.posed == 0,
+            rigs,
             stored,
             finest=np.array(choice.policy.finest or [0] * len(trajectory.groups)),
             moved_as=moved_as,
@@ -178,7 +175,7 @@ def estimate(scene: bpy.types.Scene, settings, frames: Sequence[int] = (), known
         for baked in (known,) if known or name != mine else (False, True):
             work = work_of(actors, np.array(shown[name]), np.array(rays), baked)
             held = np.array(shown[name]).any(axis=0) if baked else np.arange(choice.policy.count)[:, None] >= actors.finest[owner]
-            images = bytes_of(_images(characters_of(scene), settings, pictures, held, owner) if name == mine else full)
+            images = bytes_of(_images(characters, settings, pictures, held, owner) if name == mine else full)
             work = replace(work, points=work.points * len(frames) / len(looked_at), images=images)
             works[f"{name}, Baked" if baked and not known else name] = work
     return Estimate(works, scene_data.engine_of(scene), frames, looked_at)

@@ -333,7 +333,7 @@ def _show(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
 
 @bpy.app.handlers.persistent
 def follow_points(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Update the build to an object whose points are agents, and that was edited (depsgraph_update_post handler).
+    """Update the build to an edited object whose points are agents (depsgraph_update_post handler).
 
     Our own points are updated, too, but are no crowd's source: that would call this again and again.
     """

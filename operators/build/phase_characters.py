@@ -12,14 +12,14 @@ import numpy as np
 from mathutils import Matrix
 
 from ...crowd_lod.animation.phase_classes import Library
-from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.progress import share
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender import mesh_data
 from ..blender.ownership import OWNED
-from ..blender.performance import Performance, performance_of
+from ..blender.performance import Performance, group_performance
 from ..blender.render_evaluation import as_rendered
 from ..crowd.characters import check_measured
+from ..crowd.rig_needs import leads
 from ..crowd.scene_crowd import characters_of, groups_of, home_of, policy_of, trajectory_of
 from ..lod_meshes.deviation import SOLID
 from . import rigs
@@ -89,14 +89,14 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
     count, measured = policy_of(settings).count, groups_of(settings)
     check_measured(characters, measured)
     posed, models, notes, made, done = np.zeros(len(characters), np.intp), [], [], {}, False
-    performances = [performance_of(name, own, [a.name for a in measured[g].actions]) for g, (name, own, _) in enumerate(characters)]
-    leads = _leads(characters, measured, performances)
+    performances = [group_performance(group, own) for group, (_, own, _) in zip(measured, characters, strict=True)]
+    lead = leads(characters, measured)
     try:
         for g, (name, _, _) in enumerate(characters):
-            performance, family = performances[g], [v for v, lead in enumerate(leads) if lead == g]
+            performance, family = performances[g], [v for v, own in enumerate(lead) if own == g]
             homes, own, reason = [home_of(level, v, characters[v][0]) for v in family for level in levels[:count]], [], ""
-            if leads[g] != g:
-                posed[g], own = posed[leads[g]], models[leads[g]]
+            if lead[g] != g:
+                posed[g], own = posed[lead[g]], models[lead[g]]
             elif all(performance.only(action).still for action in played):
                 posed[g] = 1
             else:
@@ -117,16 +117,6 @@ def read_library(scene: bpy.types.Scene, settings) -> Generator[float, None, Lib
         if not done:
             bpy.data.batch_remove(list(made))
     return posed, models, notes, made
-
-
-def _leads(characters: list, groups: Sequence[Group], performances: list[Performance]) -> list[int]:
-    """Return for each group the group whose rigs move it: for a variant its group's, if they can."""
-    names, found = {group.name: g for g, group in enumerate(groups)}, []
-    for g, group in enumerate(groups):
-        lead = names.get(group.variant_of, g)
-        alike = performances[lead].spans == performances[g].spans and not rigs.refusal(characters[g][1])
-        found.append(lead if alike else g)
-    return found
 
 
 def _models(who: rigs.Acting, acts: list[Performance], made: dict) -> Generator[float, None, tuple[list[rigs.Model], list[str]]]:
@@ -175,8 +165,7 @@ def make_cast(
         for g, (name, objects, _) in enumerate(characters):
             homes = [home_of(level, g, name) for level in levels[:count]]
             with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-                named = [action.name for action in trajectory.groups[g].actions]
-                performance = performance_of(name, objects, named)
+                performance = group_performance(trajectory.groups[g], objects)
                 group = _Actors(g, name, homes, stage, actors, performance, models[g], performed)
                 for number in range(first[g], first[g + 1]):
                     of_levels = [k for k in range(count) if (k >= finest[g] if wanted is None else number in wanted[k])]

@@ -18,7 +18,10 @@ def numbers(trajectory: Trajectory) -> list[float]:
 
 
 def actions(trajectory: Trajectory) -> str:
-    """Return the names of the actions that rigs play, a line for each group; "" if all play their own alone."""
+    """Return the names of the actions that rigs play, a line for each group.
+
+    "" if all play their own alone.
+    """
     names = trajectory.gaits.actions
     return "\n".join(", ".join(names[k] for k, _ in own) for own in trajectory.gaits.plays) if any(names) else ""
 
@@ -30,11 +33,7 @@ def inputs(homes: Sequence[bpy.types.Collection], trajectory: Trajectory) -> lis
     """
     if not any(trajectory.gaits.actions):
         return numbers(trajectory)
-    names = {group.name: [action.name for action in group.actions] for group in trajectory.groups}
-    groups = [home.get(GROUP, home.name) for home in homes]
-    acts = [
-        performance.performance_of(group, list(home.objects), names[group])
-        for group, home in zip(groups, homes, strict=True)
-        if group in names
-    ]
+    groups = {group.name: group for group in trajectory.groups}
+    named = ((home.get(GROUP, home.name), list(home.objects)) for home in homes)
+    acts = [performance.group_performance(groups[name], own) for name, own in named if name in groups]
     return [*numbers(trajectory), actions(trajectory), *(performance.digest(act.parts) for act in acts)]

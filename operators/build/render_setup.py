@@ -333,7 +333,7 @@ def _shelve(scene: bpy.types.Scene, top: bpy.types.Collection, cast: Cast) -> No
 
 
 def _fill(shelf: bpy.types.Collection, homes: list[bpy.types.Collection], characters: list[tuple[str, list]]) -> None:
-    """Put `characters`, (name, objects) each, into `shelf`: into its emptied collections `homes`, and then into new ones."""
+    """Put `characters`, (name, objects) each, into `shelf`: first into its emptied `homes`."""
     for home in homes:
         home.name = "Crowd LOD character"  # none keeps what another is to be called
     for number, (name, items) in enumerate(characters):

@@ -17,6 +17,7 @@ from mathutils import Matrix
 from ..blender import mesh_data
 from ..blender.performance import Performance
 from ..blender.rig_dependencies import armatures_of
+from ..crowd.rig_needs import deforming, refusal
 
 FARTHEST = 1_048_574  # frames: Blender's last
 FINEST, MOST_KEYS = 16, 4096  # keys a frame of the action, and in all, at most
@@ -29,7 +30,6 @@ STILL = 1e-6  # metres, and radians: an object that moves by less stands
 ROUNDING = 1e-5  # of a bone's place, turn and size: what changes by less does not change
 TRACKS = "Crowd LOD tracks"  # a rig whose bones carry objects
 LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
-SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_SYSTEM", "COLLISION", "EXPLODE"}
 
 
 @dataclass
@@ -66,20 +66,6 @@ class Model:
     length: float
 
 
-def refusal(objects: Sequence[bpy.types.Object]) -> str:
-    """Return why rigs cannot show `objects`, judged by their data; "" if they can."""
-    for item in objects:
-        keys = getattr(item.data, "shape_keys", None)
-        if keys is not None and keys.animation_data is not None:
-            return f"the shape keys of {item.name} are animated"
-        for modifier in item.modifiers:
-            if modifier.type in SIMULATED:
-                return f"{item.name} is simulated by {modifier.name}"
-    if any(bone.bbone_segments > 1 for rig in armatures_of(objects) for bone in rig.data.bones if bone.use_deform):
-        return "its armature has bendy bones"
-    return ""
-
-
 def record(
     actors: dict, times: np.ndarray, performance: Performance
 ) -> Generator[float, None, tuple[dict[str, Bones], dict[bpy.types.Object, np.ndarray]]]:
@@ -96,7 +82,7 @@ def record(
         for block in (*armatures, *bare.values()):
             stage.collection.objects.link(block)
         bones, places = {rig.name: Bones() for rig in armatures}, {item: [] for item in actors}
-        wanted = {rig: _deforming(rig, list(actors)) for rig in armatures}
+        wanted = {rig: deforming(rig, list(actors)) for rig in armatures}
         for number, time in enumerate(times):
             performance.go_to(stage, time)
             depsgraph = stage.view_layers[0].depsgraph
@@ -145,16 +131,6 @@ def _note(own: Bones, rig: bpy.types.Object, wanted: list[str]) -> None:
     bones.foreach_get("matrix", matrices.ravel())  # column by column
     now = matrices[[bones.find(name) for name in wanted]].transpose(0, 2, 1).astype(np.float64)
     own.moves.append(world @ now @ own.back @ np.linalg.pinv(world))
-
-
-def _deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
-    """Return the bones of the armature `rig` that may deform one of `objects`.
-
-    With envelopes, all bones that deform.
-    """
-    groups = {group.name for item in objects if item.type == "MESH" for group in item.vertex_groups}
-    envelopes = any(m.type == "ARMATURE" and m.object == rig and m.use_bone_envelopes for item in objects for m in item.modifiers)
-    return [bone.name for bone in rig.data.bones if bone.use_deform and (envelopes or bone.name in groups)]
 
 
 def _plain(matrix: np.ndarray) -> tuple[np.ndarray, float]:

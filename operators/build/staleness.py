@@ -12,12 +12,13 @@ import bpy
 from ...crowd_lod.errors import CrowdError
 from ..blender import scene_cache
 from ..blender.cameras import read_cameras
-from ..blender.performance import digest, performance_of
+from ..blender.performance import digest, group_performance
 from ..crowd.scene_crowd import characters_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_reference import changes, made_for, reference
+from ..lod_meshes.cast_digest import cast_digest
 from ..lod_meshes.source_mesh import text_digest
-from .change_detection import cameras_digest, cast_digest
+from .change_detection import cameras_digest
 from .render_setup import BAKED, CAMERAS
 
 MADE_FOR = "crowd_lod_made_for"  # custom property of the build
@@ -70,7 +71,7 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     cast = {name: objects for name, objects, _ in characters_of(scene)}
     items = [item for objects in cast.values() for item in objects]
     acts = [(group, cast[group.name]) for group in trajectory.groups if group.actions and group.name in cast]
-    named = [digest(performance_of(g.name, own, [a.name for a in g.actions]).parts) for g, own in acts]
+    named = [digest(group_performance(g, own).parts) for g, own in acts]
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
         "the characters": text_digest(cast_digest(items), *named) if named else cast_digest(items),

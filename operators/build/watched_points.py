@@ -1,4 +1,7 @@
-"""Has Blender evaluate the objects whose points are agents, also where they are hidden: users hide them from renders."""
+"""Has Blender evaluate the objects whose points are agents, also where they are hidden.
+
+Users hide them from renders.
+"""
 
 import bpy
 

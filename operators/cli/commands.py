@@ -12,7 +12,7 @@ import bpy
 
 from ...crowd_lod.crowd.agents import MOST_AGENTS
 from ...crowd_lod.errors import FAULTS, CrowdError, sentence
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.planning.budget import Budget
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.progress import share
@@ -132,8 +132,9 @@ def _preview(args, command: list[str]) -> dict:
         "seconds": plan["seconds"],
         "trouble": plan["trouble"],
         "summary": (
-            f"{len(rows)} frames of {rows[0]['agents']:,} agents in {plan['seconds']:.1f} s: from {least['visible']:,} visible "
-            f"(frame {least['frame']}) to {most['visible']:,} (frame {most['frame']}).\n{told}{printable(folder)}"
+            f"{counted(len(rows), 'frame')} of {counted(rows[0]['agents'], 'agent')} in {plan['seconds']:.1f} s: from "
+            f"{least['visible']:,} visible (frame {least['frame']}) to {most['visible']:,} "
+            f"(frame {most['frame']}).\n{told}{printable(folder)}"
         ),
     }
 
@@ -297,7 +298,7 @@ def _build(args, command: list[str]) -> dict:
                 print(predicted[0].sentence, file=sys.stderr)
             return (yield from share(bake.bake(scene, frames, args.strict) if args.bake else render_setup.build(scene), 0.3, 1.0))
 
-        cast = finish(prepared(scene, work), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
+        cast = finish(prepared(scene, work, frames or ()), f"{'bake' if args.bake else 'build'} of {stem}", args.quiet)
         if args.view_layer:
             view_layers.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
@@ -311,9 +312,9 @@ def _build(args, command: list[str]) -> dict:
         bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
     seconds = clock.perf_counter() - started
     what = (
-        f"{len(frames)} frames baked, {sum(points.values()):,} points"
+        f"{counted(len(frames), 'frame')} baked, {counted(sum(points.values()), 'point')}"
         if args.bake
-        else f"built, {sum(points.values()):,} points now"
+        else f"built, {counted(sum(points.values()), 'point')} now"
     )
     return {
         "out": printable(path),
@@ -338,7 +339,7 @@ def _export(args, command: list[str]) -> dict:
     found = finish(usd.export_usd(scene, wanted), f"export of {stem}", args.quiet)
     size, out = path.stat().st_size, printable(path)
     told = {"agents": found.agents, "prototypes": found.prototypes, "phase_off": found.off, "bytes": size}
-    said = f"{len(frames)} frames, {size / 1e6:,.1f} MB: {found.sentence}"
+    said = f"{counted(len(frames), 'frame')}, {size / 1e6:,.1f} MB: {found.sentence}"
     return {"out": out, "frames": frames, **told, "notes": found.notes, "summary": f"{said}\n{out}"}
 
 

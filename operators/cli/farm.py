@@ -16,8 +16,8 @@ from typing import Any
 import bpy
 
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
-from ...crowd_lod.planning.frame_range import evenly, parse_frames, told_frames
+from ...crowd_lod.format import counted, printable
+from ...crowd_lod.planning.frame_range import evenly, frames_are, parse_frames, shot_frames
 from ...crowd_lod.reporting import file_checks, files, tables
 from ...crowd_lod.reporting.farm_job import FarmJob, template, values
 from ...crowd_lod.reporting.html_report import STYLE, cards, document, table_of
@@ -80,7 +80,7 @@ def write_job(args, command: Sequence[str]) -> dict[str, Any]:
         shutil.copyfile(FLAMENCO, part / "crowd_lod.js")
     out, tasks = printable(folder), -(-len(frames) // args.chunk)
     steps = f" in steps of {step}" if (step := job.frames[2]) > 1 else ""
-    said = f"Frames {frames[0]}:{frames[-1]}{steps}: {tasks:,} tasks of up to {args.chunk} frames."
+    said = f"{shot_frames(frames).capitalize()}{steps}: {counted(tasks, 'task')} of up to {counted(args.chunk, 'frame')}."
     return {"out": out, "frames": [frames[0], frames[-1]], "step": step, "tasks": tasks, "summary": f"{said}\n{out}"}
 
 
@@ -100,7 +100,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
     missing = [number for number in frames if number not in found]
     if missing:
         raise CrowdError(
-            f"Frames {told_frames(missing)} are not in {printable(folder / 'frames')}: render them, then assemble again."
+            f"{frames_are(missing)} not in {printable(folder / 'frames')}: render what is missing, then assemble again."
         )
     for number in frames:
         file_checks.check(found[number])
@@ -118,7 +118,7 @@ def assemble_frames(folder: Path, frames: Sequence[int], command: Sequence[str])
             (part / "frames.csv").write_text(tables.to_csv(rows), encoding="utf-8")
         (part / "report.html").write_text(_page(folder.name, frames, rows, command), encoding="utf-8")
     out = printable(folder)
-    return {"out": out, "frames": list(frames), "summary": f"{len(frames)} frames are assembled.\n{out}"}
+    return {"out": out, "frames": list(frames), "summary": f"{counted(len(frames), 'frame is', 'frames are')} assembled.\n{out}"}
 
 
 def _number(path: Path) -> int | None:

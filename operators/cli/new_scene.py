@@ -11,7 +11,7 @@ import numpy as np
 
 from ...crowd_lod.culling.framing import framing
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.progress import share
 from ...crowd_lod.reporting import files
@@ -78,7 +78,7 @@ def made(args, command: list[str]) -> dict:
         "out": printable(path),
         "frames": [scene.frame_start, scene.frame_end],
         "camera": [round(each, 3) for each in scene.camera.matrix_world.translation],
-        "summary": f"{said}\n{count:,} frames at {scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
+        "summary": f"{said}\n{counted(count, 'frame')} at {scene.render.fps / scene.render.fps_base:g} a second.\n{printable(path)}",
     }
 
 
@@ -107,13 +107,15 @@ def _check_units(scene: bpy.types.Scene, path: Path) -> None:
 
 
 def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool) -> bpy.types.Collection | None:
-    """Remove all from the open file but the object `source` and `scene`, its characters, LOD meshes, world and how it renders.
+    """Remove all from the open file but the object `source` and `scene`.
+
+    Of the scene stay its characters, LOD meshes, world and how it renders.
 
     keeps: what else the scene shows stays, in a collection that is returned.
     """
     settings = scene.crowd_lod
     if settings.build is not None:
-        remove_build(scene)
+        remove_build(settings)
     for prop in settings.bl_rna.properties:
         if prop.identifier not in KEPT and not prop.is_readonly:
             settings.property_unset(prop.identifier)
@@ -150,7 +152,9 @@ def _empty(scene: bpy.types.Scene, source: bpy.types.Object | None, keeps: bool)
 
 
 def _add_ground(scene: bpy.types.Scene, path: Path) -> bpy.types.Collection:
-    """Append all that the first scene with meshes in the file at `path` shows, and its world if `scene` has none.
+    """Append all that the first scene with meshes in the file at `path` shows.
+
+    Its world, too, if `scene` has none.
 
     Returns its collection.
     """

@@ -18,8 +18,8 @@ import bpy
 from ... import sample_scenes
 from ...crowd_lod import __version__
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
-from ...crowd_lod.planning.frame_range import parse_part, told_frames
+from ...crowd_lod.format import counted, printable
+from ...crowd_lod.planning.frame_range import frames_are, parse_part
 from ...crowd_lod.reporting import files, plan_file
 from ..batch.shared_frames import Sharing, allowed
 
@@ -57,9 +57,13 @@ def sharing_of(args, command: Sequence[str], scene: bpy.types.Scene, folder: Pat
         _say(args, f"Memory is free for {jobs} process{'es' * (jobs > 1)}, not for {args.jobs}.")
     own, others = files.killed_runs(folder, key)
     if own:
-        _say(args, f"Going on with {own} of {len(frames)} frames from a run that was ended.")
+        _say(args, f"Going on with {own} of {counted(len(frames), 'frame')} from a run that was ended.")
     if others:
-        _say(args, f"{others} frames of another run into this folder, which was ended, are not used: it had other arguments.")
+        _say(
+            args,
+            f"{counted(others, 'frame is', 'frames are')} not used, of another run into this folder that was ended: "
+            "it had other arguments.",
+        )
     if jobs > 1:
         scene.render.threads_mode, scene.render.threads = "FIXED", _threads(jobs)
     return Sharing(key=key, jobs=jobs, worker=worker_of(args, command, jobs))
@@ -193,7 +197,7 @@ def remove_parts(folder: Path) -> None:
 def told_of_part(sharing: Sharing, rows: Sequence[dict]) -> dict[str, Any]:
     """Return a command's result that made a part of a run."""
     out, frames = printable(sharing.into), [row["frame"] for row in rows]
-    return {"out": out, "frames": rows, "summary": f"Frames {told_frames(frames)} are in {out}."}
+    return {"out": out, "frames": rows, "summary": f"{frames_are(frames)} in {out}."}
 
 
 def _say(args, sentence: str) -> None:

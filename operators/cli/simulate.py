@@ -12,7 +12,7 @@ from .scene_files import blend_path, finish, open_scene, save, stem_of
 def simulated(args, command: list[str]) -> dict:
     """Write the scene with its crowd simulated, and the trajectories beside it."""
     stem = stem_of(args)
-    path = blend_path(args.out or Path(f"{stem}_simulated.blend"))
+    path = files.followed(blend_path(args.out or Path(f"{stem}_simulated.blend")))
     tracks = path.with_suffix(".sqlite")
     with files.staged(path.parent, path.name, tracks.name) as hidden:
         settings = open_scene(args.scene).crowd_lod

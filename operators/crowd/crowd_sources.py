@@ -16,6 +16,7 @@ from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.crowd.terrain import Ground, Terrain
 from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.progress import aside
 from ...crowd_lod.tracks.cast import groups_of_agents
 from ...crowd_lod.tracks.recorded import Recorded
@@ -103,13 +104,15 @@ def notes(crowds: Sequence, trajectory: Trajectory) -> Iterator[str]:
             lost = len(places or ()) - len(part.start)
             if lost:
                 yield (
-                    f"{lost:,} of {len(places or ()):,} places are left out: they lie off the label map, or where its labels let "
-                    "nobody start."
+                    f"{lost:,} of {counted(len(places or ()), 'place')} {'is' if lost == 1 else 'are'} left out: off the label map, or "
+                    "where its labels let nobody start."
                 )
 
 
 def outdated(scene: bpy.types.Scene) -> list[str]:
-    """Return a sentence for each crowd whose places or terrain are not what Populate would read now, and one on props.
+    """Return sentences on what Populate would now read otherwise: places, terrain, props.
+
+    There is one for each crowd, and one on props.
 
     The answer may be a second old: the sidebar asks whenever it is drawn.
     """
@@ -155,7 +158,10 @@ def check_recorded(scene: bpy.types.Scene, what: str) -> None:
 
 
 def populated(scene: bpy.types.Scene, groups: tuple[Group, ...], depsgraph: bpy.types.Depsgraph) -> Trajectory:
-    """Return the trajectory of all crowds, and note how many points objects have: without ids that may not change."""
+    """Return the trajectory of all crowds, and note how many points objects have.
+
+    Without ids that may not change.
+    """
     found = [(k, crowd) for k, crowd in enumerate(crowds_of(scene.crowd_lod)) if is_live(crowd)]
     counts = [crowd.points_count for _, crowd in found]
     try:
@@ -283,7 +289,9 @@ def _kept(data: bytes, make: Callable[[], Trajectory]) -> Trajectory:
 
 
 def draw_of(crowd, groups: Sequence[Group]) -> Draw:
-    """Return how the crowd's agents are drawn from the groups that it names, or from all, and from their variants.
+    """Return how the crowd's agents are drawn from groups and their variants.
+
+    The groups are those that it names, or all.
 
     A variant may be named, too: who is named without its group stands alone. CrowdError if there is no such group.
     """

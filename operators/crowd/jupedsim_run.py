@@ -106,7 +106,7 @@ def _remedy() -> str:
 
 
 def _site(wanted: Wanted) -> tuple[Any, Any, list[Any]]:
-    """Return where agents walk (a Polygon), where they may start, and the convex Polygons that they walk to."""
+    """Return where agents walk (a Polygon), may start, and the convex Polygons that they walk to."""
     shapely = _module("shapely")
     labels = wanted.world.labels
 
@@ -147,7 +147,10 @@ def _solid(wanted: Wanted) -> Any:
 
 
 def _target(goal: Any, part: Any) -> Any:
-    """Return a convex Polygon in `goal` that agents in `part` walk to: JuPedSim takes no other; None if there is none."""
+    """Return a convex Polygon in `goal` that agents in `part` walk to: JuPedSim takes no other.
+
+    None if there is none.
+    """
     shapely = _module("shapely")
     if goal.geom_type != "Polygon":  # where it only touches the part
         return None
@@ -159,7 +162,9 @@ def _target(goal: Any, part: Any) -> Any:
 
 
 def _places(starts: Any, count: int, draws: np.random.Generator) -> np.ndarray:
-    """Return (count, 2) float64 places in `starts`, APART from each other: those of a grid, jittered and shuffled.
+    """Return (count, 2) float64 places in `starts`, APART from each other.
+
+    They are those of a grid, jittered and shuffled.
 
     CrowdError if so many do not fit.
     """
@@ -209,7 +214,10 @@ def _enter(simulation: Any, places: np.ndarray, targets: list[Any], nearest: boo
 
 
 class _Numbered:
-    """A simulation as its writer sees it, with the agents numbered from 0: JuPedSim counts on from run to run."""
+    """A simulation as its writer sees it, with the agents numbered from 0.
+
+    JuPedSim counts on from run to run.
+    """
 
     def __init__(self, simulation: Any, ids: list[int]) -> None:
         self._simulation, self._numbers = simulation, {own: number for number, own in enumerate(ids)}

@@ -1,4 +1,6 @@
-"""Meshes that Populate makes and the file keeps: ground and places, read from objects that a handler cannot evaluate.
+"""Meshes that Populate makes and the file keeps: ground and places.
+
+They are read from objects that a handler cannot evaluate.
 
 A mesh is never changed: another one takes its place. So copies of a scene may share it.
 """
@@ -85,7 +87,9 @@ def moving(objects: Sequence[bpy.types.Object]) -> list[str]:
 def evaluated_triangles(
     objects: Sequence[bpy.types.Object], depsgraph: bpy.types.Depsgraph
 ) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh, np.ndarray, np.ndarray]]:
-    """Yield (object, evaluated mesh, points (n, 3) float64 in world space, triangles (m, 3) int32) of each shape.
+    """Yield (object, evaluated mesh, points (n, 3) float64, triangles (m, 3) int32) of each shape.
+
+    The points are in world space.
 
     These are those of the objects themselves, and of all that they instance. The mesh is valid until the next.
     Triangles of mirrored objects are turned, so that they face as Blender shows them.

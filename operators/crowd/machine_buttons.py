@@ -7,6 +7,7 @@ import bpy
 from ...crowd_lod.crowd import machine_edits as edits
 from ...crowd_lod.crowd.state_machine import parse
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.reporting import files
 from ..blender.labelled_properties import BoolProperty, EnumProperty, IntProperty, StringProperty
 from ..blender.operator import Reporting
@@ -160,7 +161,7 @@ class CROWDLOD_OT_machine_import(_File, Reporting, bpy.types.Operator):
         text = bpy.data.texts.new(path.name)
         text.from_string(content)
         context.scene.crowd_lod.machine = text
-        return f"{text.name}: {len(machine.states)} states, {len(machine.labels)} labels."
+        return f"{text.name}: {counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}."
 
 
 class CROWDLOD_OT_machine_export(_File, _Editing, bpy.types.Operator):

@@ -105,7 +105,7 @@ def _triangles(items: list[bpy.types.Object], depsgraph: bpy.types.Depsgraph) ->
 
 @bpy.app.handlers.persistent
 def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Handler of depsgraph_update_post: have the areas follow where an object of theirs or a setting has changed.
+    """Handler of depsgraph_update_post: have the areas follow their objects and settings.
 
     Not in renders and not in the background: there Populate has made them.
     """
@@ -122,7 +122,10 @@ def moved_or_edited(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> N
 
 
 def _outdated(scene: bpy.types.Scene) -> bool:
-    """Return whether the areas were laid over another ground, map or state machine; quick while none of them changes."""
+    """Return whether the areas were laid over another ground, map or state machine.
+
+    Quick while none of them changes.
+    """
     settings = scene.crowd_lod
     asked = *settings.center, *settings.size, settings.machine and settings.machine.as_string(), settings.map_image
     before, _asked[scene.session_uid] = _asked.get(scene.session_uid), asked

@@ -21,7 +21,9 @@ def closed(mesh: bpy.types.Mesh) -> bool:
 
 
 def in_volume(item: bpy.types.Object, points: np.ndarray, told: str) -> np.ndarray:
-    """Return which of the points (n, 3) lie inside the closed mesh of the evaluated object `item`, (n,) bool.
+    """Return which of the points (n, 3) lie inside the closed mesh of the object `item`, (n,) bool.
+
+    The object is evaluated.
 
     A ray from a point inside meets the surface an odd number of times.
     CrowdError if the mesh has no inside; `told` is what the error calls it.

@@ -7,6 +7,7 @@ from ...crowd_lod.crowd.agents import MOST_AGENTS, Group
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.crowd.variants import Draw
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.trajectory.points import Points, Snapshot, drawn_for, dressed
 from ..blender import scene_data
 
@@ -35,7 +36,7 @@ def points_of_crowd(  # noqa: PLR0913 - what a crowd of points depends on
     found = dressed(read_points(crowd.points, depsgraph, scene.crowd_lod.forward, chosen, names), seed, draw)
     if found.ids is None and crowd.points_count not in (0, len(found.x)):
         raise CrowdError(
-            f"The object {crowd.points.name} has {len(found.x):,} points, and had {crowd.points_count:,} at Populate: give its "
+            f"The object {crowd.points.name} has {counted(len(found.x), 'point')}, and had {crowd.points_count:,} at Populate: give its "
             "points an attribute id of whole numbers, by which agents are known, or press Populate again."
         )
     time = scene_data.time_of(depsgraph.scene_eval)

@@ -20,7 +20,10 @@ def props_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
 
 
 def mark(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], chance: float) -> None:
-    """Mark `objects` as props that agents have by `chance`; CrowdError, and nothing is marked, if one cannot be."""
+    """Mark `objects` as props that agents have by `chance`.
+
+    CrowdError, and nothing is marked, if one cannot be.
+    """
     before = {item: item.get(PROP) for item in objects}
     try:
         for item in objects:

@@ -1,8 +1,12 @@
-"""From an object's points, frame by frame, to a file of tracks: then their other frames are known, too."""
+"""From an object's points, frame by frame, to a file of tracks.
+
+Then their other frames are known, too.
+"""
 
 import tempfile
-from collections.abc import Callable, Generator, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 
@@ -11,7 +15,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.progress import Made, share
 from ...crowd_lod.reporting import files
 from ...crowd_lod.tracks import npz
@@ -28,28 +32,87 @@ SOURCE = ("source", "tracks_file", "tracks_unit", "tracks_rate", "first_frame") 
 STEPPED = 0.95  # part of the progress
 
 
+@dataclass
+class _Record:
+    """A record that several works follow, one after the other.
+
+    frames: of the timeline, that they need besides those of the scene.
+    of: what was recorded: the scene's ends and the points' objects; None before.
+    settings: of each crowd, by which it follows the record, in the order of SOURCE.
+    """
+
+    folder: Path
+    frames: Sequence[int]
+    of: tuple | None = None
+    settings: tuple[tuple, ...] = ()
+
+    def holds(self, about: tuple, frames: Sequence[int]) -> bool:
+        """Return whether it is a record `about` the same that holds these frames, too."""
+        ends = (*about[:2], *self.frames)
+        return self.of == about and all(min(ends) <= frame <= max(ends) for frame in frames)
+
+
+_shared: dict[int, _Record] = {}  # by the session_uid of its scene
+
+
+@contextmanager
+def shared_record(scene: bpy.types.Scene, frames: Sequence[int] = ()) -> Iterator[None]:
+    """Let all that runs `with_record` of `scene` in here follow one record.
+
+    It is made when it is first needed.
+
+    frames: those of the timeline that any of them needs; the scene's own are always in it.
+    """
+    if scene.session_uid in _shared:
+        yield
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        _shared[scene.session_uid] = _Record(Path(folder), frames)
+        try:
+            yield
+        finally:
+            del _shared[scene.session_uid]
+
+
 def with_record(
     scene: bpy.types.Scene, frames: Sequence[int], work: Callable[[], Generator[float, None, Made]]
 ) -> Generator[float, None, Made]:
     """Run `work()` while the crowds of `scene` that are an object's points follow a record of them.
 
-    It holds all frames of the scene, and `frames` of the timeline, and is gone at the end. Without
-    such crowds nothing is recorded.
+    It holds all frames of the scene, and `frames` of the timeline, and is gone at the end, or with
+    the `shared_record` around. Without such crowds nothing is recorded.
 
     Yields the progress and returns the result of the work.
     """
     crowds = [crowd for crowd in crowds_of(scene.crowd_lod) if is_live(crowd)]
     if not crowds:
         return (yield from work())
-    own = [(crowd, name, getattr(crowd, name)) for crowd in crowds for name in SOURCE]
-    with tempfile.TemporaryDirectory() as folder:
-        paths = [Path(folder) / f"{k}.npz" for k in range(len(crowds))]
+    own = [_followed(crowd) for crowd in crowds]
+    about = scene.frame_start, scene.frame_end, tuple((crowd.name, crowd.points and crowd.points.session_uid) for crowd in crowds)
+    with shared_record(scene, frames):
+        record = _shared[scene.session_uid]
         try:
-            yield from share(recording(scene, paths, frames), 0.0, 0.3)
+            if record.holds(about, frames):
+                _follow(crowds, record.settings)
+            else:
+                paths = [record.folder / f"{k}.npz" for k in range(len(crowds))]
+                record.frames = [*record.frames, *frames]
+                yield from share(recording(scene, paths, record.frames), 0.0, 0.3)
+                record.of, record.settings = about, tuple(map(_followed, crowds))
             return (yield from share(work(), 0.3, 1.0))
         finally:
-            for crowd, name, value in own:
-                setattr(crowd, name, value)
+            _follow(crowds, own)
+
+
+def _followed(crowd) -> tuple:
+    """Return the settings by which the crowd follows its source."""
+    return tuple(getattr(crowd, name) for name in SOURCE)
+
+
+def _follow(crowds: Sequence, settings: Sequence[tuple]) -> None:
+    for crowd, own in zip(crowds, settings, strict=True):
+        for name, value in zip(SOURCE, own, strict=True):
+            setattr(crowd, name, value)
 
 
 def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
@@ -69,7 +132,9 @@ def on_record(frames: Callable[..., Sequence[int]]) -> Callable:
 
 
 def recording(scene: bpy.types.Scene, paths: Sequence[Path], frames: Sequence[int] = ()) -> Generator[float, None, list[int]]:
-    """Write the points of each live crowd of `scene` in all of its frames to `paths`; the crowds then follow these files.
+    """Write the points of each live crowd of `scene` in all of its frames to `paths`.
+
+    The crowds then follow these files.
 
     frames: more frames of the timeline.
     Yields the progress; returns how many agents each crowd has. CrowdError if points cannot be
@@ -116,7 +181,7 @@ def take_points(scene: bpy.types.Scene, item: bpy.types.Object, path: Path) -> G
     except BaseException:
         settings.source, settings.points = before
         raise
-    return f"{count:,} agents follow the points of {item.name}, recorded in {printable(path)}."
+    return f"{counted(count, 'agent follows', 'agents follow')} the points of {item.name}, recorded in {printable(path)}."
 
 
 def _looked_at(crowd, depsgraph: bpy.types.Depsgraph, groups: tuple[Group, ...]) -> Snapshot | None:
@@ -190,7 +255,7 @@ class CROWDLOD_OT_record_points(Stepwise, bpy.types.Operator):
         for crowd in crowds:
             if bpy.data.filepath:
                 crowd.tracks_file = bpy.path.relpath(crowd.tracks_file)
-        told = ", ".join(f"{count:,} agents in {printable(path)}" for count, path in zip(counts, paths, strict=True))
+        told = ", ".join(f"{counted(count, 'agent')} in {printable(path)}" for count, path in zip(counts, paths, strict=True))
         return f"Recorded: {told}. To follow the object again, set Source to Points."
 
 

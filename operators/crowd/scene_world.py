@@ -23,7 +23,9 @@ def machine_of(settings) -> machines.StateMachine:
 
 
 def actions_named(scene: bpy.types.Scene, group: str) -> tuple[str, ...]:
-    """Return the names of the actions that states name for agents of a character group, in order, with the steps of cross-fades.
+    """Return the names of the actions that agents of a character group play, in order.
+
+    States name them; the steps of cross-fades are among them.
 
     They are those of the crowds that have agents of the `group`. CrowdError if a state machine is bad.
     """

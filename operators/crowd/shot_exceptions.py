@@ -89,7 +89,9 @@ def numbered_of(settings, trajectory: Trajectory, policy: LevelPolicy) -> tuple[
 
 
 def find_agents(scene: bpy.types.Scene, entry, trajectory: Trajectory, depsgraph: bpy.types.Depsgraph) -> np.ndarray:
-    """Return the agents (m,) intp that the entry's region or map chooses at the scene's frame, or its share of them.
+    """Return the agents (m,) intp that the entry's region or map chooses at the scene's frame.
+
+    It is the entry's share of them.
 
     depsgraph: of the scene, at its frame.
     """
@@ -148,7 +150,10 @@ def _map_digest(image: bpy.types.Image) -> str:
 
 
 def _whom(entry, trajectory: Trajectory) -> Callable[[float, frame_stepping.At], np.ndarray]:
-    """Return a function (time, at) -> agents (m,) intp that the exception means; check what can be checked before."""
+    """Return a function (time, at) -> agents (m,) intp that the exception means.
+
+    Check what can be checked before.
+    """
     stored_values.check(entry)
     if not entry.all_frames and entry.first_frame > entry.last_frame:
         raise CrowdError(

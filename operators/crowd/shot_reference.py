@@ -15,6 +15,7 @@ from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.levels.assignment import Bias, LevelPolicy
 from ...crowd_lod.planning.exceptions import Exemption, alone
 from ...crowd_lod.planning.frame import Frame
+from ...crowd_lod.planning.frame_range import shot_frames
 from ...crowd_lod.planning.planned import numbers_of, same_cameras, with_row
 from ...crowd_lod.reporting.plan_file import AGAIN, StoredPlan, read
 from ...crowd_lod.trajectory.trajectory import Trajectory
@@ -78,7 +79,9 @@ def stored_plan(settings) -> StoredPlan | None:
 
 
 def use_of(settings, trajectory: Trajectory, policy: LevelPolicy, bias: Bias | None, time: float, eyes: Sequence[Camera]) -> Use:
-    """Return how the frame at `time` uses the shot plan of the settings, and their exceptions where it does not.
+    """Return how the frame at `time` uses the shot plan of the settings.
+
+    Where it does not, it has their exceptions.
 
     policy, bias: those of the settings.
     time: in frames of the animation.
@@ -101,7 +104,7 @@ def _row(
             return None, ""
         f = stored.place(time)
         if f is None:
-            return None, f"The shot plan covers frames {stored.numbers[0]} to {stored.numbers[-1]}: here thresholds hold."
+            return None, f"The shot plan covers {shot_frames(stored.numbers)}: here thresholds hold."
         changed = changes(stored.made_for, made_for(settings, trajectory, policy, bias))
         exact = abs(stored.times[f] - time) < 1e-6
         if not changed and exact and not same_cameras(stored.cameras[f], numbers_of(eyes)):

@@ -1,4 +1,4 @@
-"""The operator Simulate with JuPedSim: from a crowd's settings to a file of trajectories that moves it."""
+"""The operator Simulate with JuPedSim: from a crowd's settings to a file that moves it."""
 
 from collections.abc import Generator
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 from ...crowd_lod.crowd.outlines import section
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import number, printable
+from ...crowd_lod.format import counted, number, printable
 from ...crowd_lod.reporting import files
 from ..blender import mesh_data, stored_values
 from ..blender.labelled_properties import IntProperty
@@ -31,11 +31,14 @@ def simulating_crowd(scene: bpy.types.Scene, index: int, path: Path) -> Generato
     """
     wanted = _wanted(scene, index)
     arrived = yield from simulating(wanted, path)
-    return f"{wanted.count:,} agents were simulated for {number(wanted.seconds)} s; {arrived:,} arrived."
+    return f"{counted(wanted.count, 'agent was', 'agents were')} simulated for {number(wanted.seconds)} s; {arrived:,} arrived."
 
 
 def follow(scene: bpy.types.Scene, index: int, path: str) -> None:
-    """Let the crowd `index` of `scene` follow the file of trajectories at `path`, as `simulating_crowd` writes it."""
+    """Let the crowd `index` of `scene` follow the file of trajectories at `path`.
+
+    `simulating_crowd` writes it.
+    """
     crowd = crowds_of(scene.crowd_lod)[index]
     crowd.source, crowd.tracks_file, crowd.tracks_unit, crowd.tracks_rate = "FILE", path, "M", 0
 

@@ -22,7 +22,9 @@ LIVE = "RECTANGLE", "GRID"  # these follow from the settings alone
 
 
 def read_places(crowd, forward: str, depsgraph: bpy.types.Depsgraph) -> None:
-    """Keep the places where the crowd starts, as `depsgraph` has evaluated its object; none where they need no object.
+    """Keep the places where the crowd starts, as `depsgraph` has evaluated its object.
+
+    None where they need no object.
 
     forward: the way the characters face, as in the settings.
     CrowdError if there are no such places.
@@ -165,7 +167,7 @@ def _along_curves(crowd, item: bpy.types.Object, depsgraph: bpy.types.Depsgraph)
 
 
 def _curves(item: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Iterator[tuple[np.ndarray, bool]]:
-    """Yield (points (k, 3), whether it is closed) of the object's splines or chains of edges, world metres."""
+    """Yield (points (k, 3) world metres, whether closed) of the object's splines or chains of edges."""
     evaluated = item.evaluated_get(depsgraph)
     matrix = np.array(evaluated.matrix_world, np.float64)
     bare = _without_bevel(item) if item.type == "CURVE" else None

@@ -1,4 +1,7 @@
-"""Agents that chatter or get stuck, found ahead of time at a bounded cost, and off-color pixels of the map."""
+"""Agents that chatter or get stuck, found ahead of time, and off-color pixels of the map.
+
+The search has a bounded cost.
+"""
 
 from dataclasses import dataclass, replace
 

@@ -65,7 +65,9 @@ def read_terrain(crowd, depsgraph: bpy.types.Depsgraph) -> None:
 
 
 def terrain_of(crowd, z: float) -> Terrain | None:
-    """Return the terrain that the file keeps of the crowd, with height `z` where there is no ground; None without one.
+    """Return the terrain that the file keeps of the crowd, with height `z` where there is no ground.
+
+    None without one.
 
     CrowdError if Populate has not read it yet.
     """
@@ -102,8 +104,9 @@ def terrain_notes(crowd, trajectory: Trajectory) -> Iterator[str]:
     if not trajectory.level:
         over = int(ground.missing(start.x, start.y).sum())
         if over:
+            have, them, stand = ("has", "it", "stands") if over == 1 else ("have", "them", "stand")
             yield (
-                f"{over:,} of {len(start):,} agents have no ground of the terrain {_name(crowd)} under them, and stand at the "
+                f"{over:,} of {len(start):,} agents {have} no ground of the terrain {_name(crowd)} under {them}, and {stand} at the "
                 f"crowd's height, {number(ground.z)} m."
             )
     top = crowd.id_data.crowd_lod.characters

@@ -8,7 +8,7 @@ import bpy
 
 from ...crowd_lod.crowd.maps import FARTHEST
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.progress import aside, share
 from ...crowd_lod.tracks.reading import content_of, read_tracks
 from ...crowd_lod.tracks.tracks import Tracks
@@ -30,7 +30,9 @@ def tracks_path(crowd) -> Path:
 
 
 def stamp_of(crowd) -> tuple:
-    """Return what the content of the crowd's file goes by, until it is read: its path, time of change and size.
+    """Return what the content of the crowd's file goes by, until it is read.
+
+    These are its path, time of change and size.
 
     CrowdError if there is no such file.
     """
@@ -62,7 +64,10 @@ def tracks_of_crowd(crowd, usual: float) -> Tracks:
 
 
 def told_of_frames(crowd) -> str:
-    """Return which frames the crowd's file has, as far as that is known without reading it; for the sidebar."""
+    """Return which frames the crowd's file has, as far as that is known without reading it.
+
+    For the sidebar.
+    """
     scene = crowd.id_data
     try:
         tracks = _kept(stamp_of(crowd), _told(crowd, scene.render.fps / scene.render.fps_base))
@@ -70,11 +75,14 @@ def told_of_frames(crowd) -> str:
         tracks = None
     if tracks is None:
         return "Populate tells the file's frames"
-    return f"{len(tracks.ids):,} agents, {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} fps"
+    return f"{counted(len(tracks.ids), 'agent')}, {tracks.first:g} to {tracks.last:g} at {tracks.rate:g} fps"
 
 
 def reading_files(crowds: list, usual: float) -> Generator[float, None, None]:
-    """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find; yield the progress, 0 to 1."""
+    """Read the files of `crowds` that are not known yet, for `tracks_of_crowd` to find.
+
+    Yield the progress, 0 to 1.
+    """
     wanted = dict.fromkeys((stamp_of(crowd), _told(crowd, usual)) for crowd in crowds if crowd.source == "FILE")
     for k, (stamp, told) in enumerate(wanted):
         if _kept(stamp, told) is None:

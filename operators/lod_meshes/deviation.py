@@ -8,6 +8,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.progress import share
 from ...crowd_lod.simplification import thin_parts
 from ...crowd_lod.simplification.hausdorff import Moving, interval
@@ -135,7 +136,9 @@ def _apart(joints: np.ndarray, one: np.ndarray) -> np.ndarray:
 
 
 def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance: Performance) -> np.ndarray:
-    """Where a character's bones and objects are at `times`, moments of the performance, (times, n, 3) metres.
+    """Where a character's bones and objects are at `times`, (times, n, 3) metres.
+
+    The times are moments of the performance.
 
     Its way as a whole is left out. There are three points of each bone, four of each object, and how far each shape key moves what
     it moves most.
@@ -391,7 +394,7 @@ class CROWDLOD_OT_measure_levels(Stepwise, bpy.types.Operator):
 
     def steps(self, context) -> Generator[float, None, str]:
         yield from measure_levels(context.scene)
-        return f"The LODs of {len(context.scene.crowd_lod.groups)} character groups are measured."
+        return f"The LODs of {counted(len(context.scene.crowd_lod.groups), 'character group')} are measured."
 
 
 CLASSES = (CROWDLOD_OT_measure_levels,)

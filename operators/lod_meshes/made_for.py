@@ -1,4 +1,4 @@
-"""For which shot LODs by tolerance were made, and what another shot would change."""
+"""For which settings and shot LODs were made, and what another shot would change in those by tolerance."""
 
 import base64
 import json
@@ -18,12 +18,17 @@ from ...crowd_lod.format import number
 from ...crowd_lod.levels.selection import LADDER, Shot, View
 from ..blender import scene_cache, scene_data
 from ..blender.cameras import read_cameras
+from ..crowd.scene_crowd import count_of
 from ..crowd.scene_world import actions_named
+from . import cast_digest
 from .selection import chosen
 
 # custom properties of the collection of all LODs: what they were made for, and what they were
 # chosen from
 MADE_FOR, CHOSEN_FROM = "crowd_lod_made_for", "crowd_lod_chosen_from"
+CHARACTERS = "characters"  # that they are as they were
+# changes after which the candidates are others than those that LODs were chosen from
+UNFORESEEN = {"actions", "decimation", "character groups", CHARACTERS}
 _known: dict[int, tuple[tuple, "Forecast | None"]] = scene_cache.kept({}, by_scene=True)
 
 
@@ -73,6 +78,7 @@ def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[S
     keep: for each group, the candidates that it has.
     """
     top = scene.crowd_lod.levels
+    cast_digest.look_again(scene)
     top[MADE_FOR] = json.dumps(_facts(scene))
     top[CHOSEN_FROM] = json.dumps(
         {
@@ -86,6 +92,7 @@ def note_shot(scene: bpy.types.Scene, groups: Sequence[Group], shots: Sequence[S
                     "bounds": [*map(float, group.bounds)],
                     "shaded": [*map(float, group.shaded)],
                     "characters": shot.characters,
+                    "rigs": shot.rigs,
                     "keep": [*map(int, own)],
                     "views": [_packed(view.counted()) for view in shot.views],
                 }
@@ -109,25 +116,32 @@ def _unpacked(stored: list, camera: Camera, farther: float) -> View:
 
 
 def changed(scene: bpy.types.Scene) -> dict[str, tuple[str, str]]:
-    """Return what the LODs by tolerance were made for and is otherwise now: {name: (then, now)}.
+    """Return what the LODs were made for and is otherwise now: {name: (then, now)}.
 
-    LODs by ratio, and those that do not say what they were made for, are never outdated.
+    Both are "" of characters that were edited. Also what LODs lack of what the settings ask for.
+    Those that do not say what they were made for lack nothing else.
     """
     settings = scene.crowd_lod
-    stored = settings.levels.get(MADE_FOR) if settings.levels is not None else None
-    if settings.choice != "BY_TOLERANCE" or not isinstance(stored, str):
+    if settings.levels is None:
         return {}
-    try:
-        before = json.loads(stored)
-    except ValueError:
-        return {}
-    now = _facts(scene)
-    return {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
+    before, now = {}, _facts(scene)
+    with suppress(TypeError, ValueError):  # a script may have put anything there
+        before = dict(json.loads(settings.levels.get(MADE_FOR, "{}")))
+    found = {name: (before[name], now[name]) for name in now if name in before and before[name] != now[name]}
+    return _lacks(settings) | found | ({CHARACTERS: ("", "")} if CHARACTERS in found else {})
+
+
+def _lacks(settings) -> dict[str, tuple[str, str]]:
+    """Return how many LODs and groups there are, if the settings ask for others; as `changed`."""
+    levels, asked, groups = settings.levels.children, count_of(settings), len(settings.groups)
+    made = len(levels[0].children) if levels else 0
+    found = {"levels": (str(len(levels)), str(asked))} if len(levels) < asked else {}
+    return found | ({"character groups": (str(made), str(groups))} if groups and made != groups else {})
 
 
 def outdated(scene: bpy.types.Scene) -> str:
     """Return a sentence on what has changed since the LODs were made; "" if nothing."""
-    told = [f"{name} {then} (now {now})" for name, (then, now) in changed(scene).items()]
+    told = [f"{name} {then} (now {now})" if then else f"other {name}" for name, (then, now) in changed(scene).items()]
     return f"LODs were made for {', '.join(told)}" if told else ""
 
 
@@ -136,12 +150,15 @@ def forecast(scene: bpy.types.Scene) -> Forecast | None:
 
     It takes the agents that the shot showed when the LODs were made: what another lens leaves out,
     or brings in, is not counted. No LOD is made or measured, and the answer is kept until something
-    changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds. Nor is it where states name
-    other actions: LODs were not measured in them.
+    changes. With a limit of memory it is not known: to try tolerances until LODs fit takes seconds.
+    Nor is it by ratio, and where the candidates themselves would be others: see UNFORESEEN.
     """
     settings = scene.crowd_lod
     stored = settings.levels.get(CHOSEN_FROM) if settings.levels is not None else None
-    if not isinstance(stored, str) or settings.memory or not (news := changed(scene)) or "actions" in news:
+    if not isinstance(stored, str) or settings.memory or settings.choice != "BY_TOLERANCE":
+        return None
+    news = changed(scene)
+    if not news or UNFORESEEN & set(news):
         return None
     key = stored, json.dumps(_facts(scene)), json.dumps(_scale(scene)), settings.shading_counts
     known = _known.get(scene.session_uid)
@@ -179,7 +196,7 @@ def _forecast(scene: bpy.types.Scene, stored: dict) -> Forecast | None:
     ]
     engine, shading = scene_data.engine_of(scene), settings.shading_counts
     shots = [
-        Shot([_unpacked(view, camera, closer) for view in own["views"]], own["characters"], engine, shading)
+        Shot([_unpacked(view, camera, closer) for view in own["views"]], own["characters"], engine, shading, own.get("rigs"))
         for own in stored["groups"]
     ]
     keep = chosen(settings, groups, shots, 1.0).keep
@@ -211,10 +228,16 @@ def _scale(scene: bpy.types.Scene) -> list:
 
 
 def _facts(scene: bpy.types.Scene) -> dict[str, str]:
-    """Return what the choice of LODs depends on, besides the crowd. A lens that moves is left out."""
+    """Return what the LODs depend on, besides the crowd. A lens that moves is left out."""
     settings, render, camera = scene.crowd_lod, scene.render, scene.camera
+    method = settings.bl_rna.properties["method"].enum_items.get(settings.method)
+    facts = {"decimation": method.name if method else "unknown"}
+    with suppress(CrowdError):  # missing characters are told elsewhere
+        facts[CHARACTERS] = cast_digest.looked_at(scene)
+    if settings.choice == "BY_RATIO":
+        return facts | {"ratios": ", ".join(f"{ratio:.3g}" for ratio in settings.ratios[1 : settings.level_count])}
     part = render.resolution_percentage / 100
-    facts = {
+    facts |= {
         "tolerance": f"{settings.tolerance:g} px",
         "memory": f"{settings.memory:g} MB",
         "resolution": f"{render.resolution_x * part:.0f} x {render.resolution_y * part:.0f}",

@@ -18,6 +18,7 @@ from ..blender import scene_data
 from ..blender.cameras import cameras_at
 from ..blender.performance import own
 from ..crowd.characters import check_measured
+from ..crowd.rig_needs import Characters, armatures, leads
 from ..crowd.scene_crowd import characters_of
 from ..crowd.scene_world import bias_of
 
@@ -50,7 +51,10 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
     chosen = evenly(frames, MOST_FRAMES)
     bias, cameras = bias_of(settings), cameras_at(scene, chosen)
     center, radius = (np.array([getattr(group, name) for group in trajectory.groups]) for name in ("center", "radius"))
-    library, gaits = cast_of(characters_of(scene), trajectory), trajectory.gaits
+    characters, gaits = characters_of(scene), trajectory.gaits
+    library = cast_of(characters, trajectory)
+    (rigs, moved_as), owner = rigs_of(characters, trajectory, library), library.owner(gaits)
+    made = rigs * np.bincount(owner[np.unique(moved_as)], minlength=len(rigs))  # those of variants count where they are made
     first, found = library.first(gaits), [[] for _ in trajectory.groups]
     for done, (frame, eyes) in enumerate(zip(chosen, cameras, strict=True), start=1):
         crowd = trajectory.at(frame)
@@ -65,12 +69,12 @@ def views(scene: bpy.types.Scene, settings, trajectory: Trajectory) -> Generator
         yield done / len(chosen)
     anywhere = [View(eyes[0], eyes[0].near, eyes[0].far) for eyes in cameras]
     return [
-        Shot(each or anywhere, int(own), scene_data.engine_of(scene), settings.shading_counts)
-        for each, own in zip(found, np.diff(first), strict=True)
+        Shot(each or anywhere, int(own), scene_data.engine_of(scene), settings.shading_counts, int(count))
+        for each, own, count in zip(found, np.diff(first), made, strict=True)
     ]
 
 
-def cast_of(characters: Sequence[tuple[str, list[bpy.types.Object], tuple]], trajectory: Trajectory) -> Library:
+def cast_of(characters: Characters, trajectory: Trajectory) -> Library:
     """Return the Library that a build makes of `characters` (see characters_of) of a `trajectory`.
 
     A group that plays nothing but an action of one frame has one pose. For every other group, rigs
@@ -79,6 +83,17 @@ def cast_of(characters: Sequence[tuple[str, list[bpy.types.Object], tuple]], tra
     check_measured(characters, trajectory.groups)
     still = [own(objects).still and not any(trajectory.gaits.actions) for _, objects, _ in characters]
     return Library(np.array(still, np.intp))
+
+
+def rigs_of(characters: Characters, trajectory: Trajectory, library: Library) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many armatures move a character of each group, and whose move each character.
+
+    The first is (G,) intp, the second (N,) intp: numbers of characters.
+
+    characters, library: see cast_of.
+    """
+    lead = leads(characters, trajectory.groups)
+    return armatures(characters, trajectory.groups, lead) * (library.posed == 0), library.moved_as(trajectory.gaits, lead)
 
 
 @dataclass(frozen=True)

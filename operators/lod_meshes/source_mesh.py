@@ -214,7 +214,10 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
 
 
 def _store_normals(mesh: bpy.types.Mesh) -> bool:
-    """Store the corners' normals as the attribute NORMALS; return whether they are custom, or of sharp edges."""
+    """Store the corners' normals as the attribute NORMALS.
+
+    Return whether they are custom, or of sharp edges.
+    """
     custom = mesh.has_custom_normals or any(read_attributes(mesh).get("sharp_edge", ((), (), ()))[2])
     if mesh.normals_domain != "FACE":  # flat faces need none
         normals = np.empty((len(mesh.loops), 3), np.float32)

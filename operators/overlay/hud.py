@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...crowd_lod.format import counted
 from ...crowd_lod.planning.agent_under_cursor import Account
 from ...crowd_lod.planning.frame import Frame
 from ..blender.color_space import encoded
@@ -54,7 +55,7 @@ def figures(
     """
     agents, visible = frame.crowd.there, len(frame.buckets.order)
     culled = (agents - visible) / agents if agents else 0.0
-    said = [Line(f"{agents:,} agents, {visible:,} visible, {culled:.1%} culled")]
+    said = [Line(f"{counted(agents, 'agent')}, {visible:,} visible, {culled:.1%} culled")]
     counts = enumerate(frame.buckets.counts)
     said += [Line(f"LOD {k}  {count:,}", colors.of_name(k) if colors.by_lod else None) for k, count in counts]
     said += [] if colors.by_lod else legend(colors)
@@ -71,7 +72,7 @@ def figures(
             Line(", ".join(f"{name} {value}" for name, value in told(account)), colors.of_agent(account.agent, account.visible))
         )
     if frame.dropped:
-        said.append(Line(f"{frame.dropped:,} agents at NaN or infinity are left out."))
+        said.append(Line(f"{counted(frame.dropped, 'agent')} at NaN or infinity {'is' if frame.dropped == 1 else 'are'} left out."))
     return tuple(said)
 
 

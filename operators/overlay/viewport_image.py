@@ -3,18 +3,22 @@
 Blender's own Render Viewport Image does not call the draw handlers of add-ons.
 """
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import partial
+
 import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ..blender import cameras, image_data
-from ..blender.operator import Reporting
+from ..blender.operator import Stepwise
 from ..crowd import needs
 from . import viewport_overlay, visibility
 from .playblast import Canvas, camera_matrices
 
 
-class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
+class CROWDLOD_OT_render_viewport(Stepwise, bpy.types.Operator):
     """Render the viewport with the crowd; in camera view, at the size of a render"""
 
     bl_idname = "crowd_lod.render_viewport"
@@ -28,7 +32,7 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
             return False
         return super().poll(context)
 
-    def run(self, context) -> str:
+    def steps(self, context) -> Iterator[float]:
         shown, space = viewport_overlay.shown_of(context.scene), context.space_data
         if shown.batches is None:
             raise CrowdError(f"The viewport shows no crowd: {shown.problem}")
@@ -36,19 +40,30 @@ class CROWDLOD_OT_render_viewport(Reporting, bpy.types.Operator):
         view, projection, size = _seen(context, space, region)
         settings, canvas = context.scene.crowd_lod, Canvas(size)
         crowd = visibility.shows_crowd(settings, space) and not visibility.shows_build(settings, context.view_layer, space)
-        if context.window is not None:  # one call of Blender's draws it all, for seconds where there is no graphics card
-            context.window.cursor_modal_set("WAIT")
         try:
-            batches = shown.batches if crowd else None
-            pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), batches)
+            with _waiting(context.window):
+                batches = shown.batches if crowd else None
+                pixels = canvas.picture(context.scene, context.view_layer, (space, region), (view, projection), batches)
         finally:
             canvas.free()
-            if context.window is not None:
-                context.window.cursor_modal_restore()
+        yield 0.9
         image = image_data.write_image("Viewport with crowd", pixels[..., :3])
         if not bpy.app.background:
-            _show(image)
+            bpy.app.timers.register(partial(_show, image.name))
         return f"{image.name}: {size[0]} x {size[1]} pixels."
+
+
+@contextmanager
+def _waiting(window: bpy.types.Window | None) -> Iterator[None]:
+    """Show a wait cursor: one call of Blender's takes seconds where there is no graphics card."""
+    if window is None:
+        yield
+        return
+    window.cursor_modal_set("WAIT")
+    try:
+        yield
+    finally:
+        window.cursor_modal_restore()
 
 
 def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
@@ -62,8 +77,14 @@ def _seen(context, space, region) -> tuple[np.ndarray, np.ndarray, tuple[int, in
     return view, projection, (region.width, region.height)
 
 
-def _show(image: bpy.types.Image) -> None:
-    """Open the image in a new window."""
+def _show(name: str) -> None:
+    """Open the image, if it is still there, in a new window.
+
+    A timer calls this. An operator with a progress bar that opens a window never ends, in Blender 5.2.
+    """
+    image = bpy.data.images.get(name)
+    if image is None:
+        return
     bpy.ops.wm.window_new()
     area = bpy.context.window_manager.windows[-1].screen.areas[0]
     area.type = "IMAGE_EDITOR"

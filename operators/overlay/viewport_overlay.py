@@ -151,7 +151,10 @@ def legend_of(scene: bpy.types.Scene) -> list[hud.Line]:
 
 
 def steps_back(context) -> str:
-    """Return a sentence if the context's viewport shows the build, and so no characters of the overlay; else ""."""
+    """Return a sentence if the context's viewport shows the build, and so no characters of the overlay.
+
+    Else "".
+    """
     shows = visibility.shows_build(context.scene.crowd_lod, context.view_layer, context.space_data)
     return visibility.STEPS_BACK if shows else ""
 

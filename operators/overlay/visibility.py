@@ -31,7 +31,9 @@ def shows_build(settings, layer: bpy.types.ViewLayer, space: bpy.types.SpaceView
 
 @contextmanager
 def revealed(scene: bpy.types.Scene) -> Iterator[None]:
-    """Show what the scene's viewports hide by a setting that they share with those of other scenes; hide it again at the end.
+    """Show what the scene's viewports hide by a setting that they share with those of other scenes.
+
+    Hide it again at the end.
 
     Those are collections and objects disabled in viewports.
     """
@@ -46,7 +48,7 @@ def revealed(scene: bpy.types.Scene) -> Iterator[None]:
 
 
 def show_as_rendered(layer: bpy.types.ViewLayer) -> None:
-    """Let viewports show of the view layer what its renders show, and only that, but for what `revealed` shows.
+    """Let viewports show of the view layer only what its renders show, and what `revealed` shows.
 
     The view layer's own settings change. Those of objects may be animated: they count as they are now.
     """

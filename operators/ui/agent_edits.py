@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.planning.exceptions import named
 from ...crowd_lod.trajectory.trajectory import Trajectory
 from ..blender.labelled_properties import EnumProperty, FloatProperty
@@ -69,7 +70,10 @@ class CROWDLOD_OT_edit_agent(Reporting, bpy.types.Operator):
 
 
 def _entry(settings, kind: str, name: str, agents: str) -> bpy.types.PropertyGroup:
-    """Return the exception of this kind for these agents alone, in all frames; a new one if there is none. It is selected and on."""
+    """Return the exception of this kind for these agents alone, in all frames; a new one if there is none.
+
+    It is selected and on.
+    """
     asked = kind, "NUMBERS", agents, True
     known = [(entry.kind, entry.chosen_by, entry.agents.strip(), entry.all_frames) for entry in settings.exceptions]
     if asked not in known:
@@ -98,7 +102,7 @@ def _found(context, entry) -> str:
             f"The exception {entry.name} finds nobody: no agent stands in {where.name} at this frame, or the share is 0."
         )
     entry.agents, entry.chosen_by = named(agents, trajectory.ids), "NUMBERS"
-    return f"{entry.name}: {len(agents):,} agents found; they stay the same in all frames."
+    return f"{entry.name}: {counted(len(agents), 'agent')} found, the same in all frames."
 
 
 class CROWDLOD_OT_find_agents(Reporting, bpy.types.Operator):

@@ -2,6 +2,7 @@
 
 import bpy
 
+from ...crowd_lod.format import counted
 from ..blender.labelled_properties import BoolProperty, PointerProperty, StringProperty
 from ..blender.operator import Reporting
 from ..crowd import map_areas
@@ -63,7 +64,8 @@ class CROWDLOD_OT_add_area(Reporting, bpy.types.Operator):
         if not items:
             return "Choose an object or a collection for the area."
         cells = map_areas.make(settings, context.evaluated_depsgraph_get())
-        return f"{', '.join(item.name for item in items)}: {label}; {cells:,} cells of the map lie under areas."
+        lie = counted(cells, "cell of the map lies", "cells of the map lie")
+        return f"{', '.join(item.name for item in items)}: {label}; {lie} under areas."
 
 
 class _Area:
@@ -102,7 +104,7 @@ class CROWDLOD_OT_refresh_areas(Reporting, bpy.types.Operator):
 
     def run(self, context) -> str:
         cells = map_areas.make(context.scene.crowd_lod, context.evaluated_depsgraph_get())
-        return f"{cells:,} cells of the map lie under walls and areas."
+        return f"{counted(cells, 'cell of the map lies', 'cells of the map lie')} under walls and areas."
 
 
 def draw_areas(layout, context, settings) -> None:

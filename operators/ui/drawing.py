@@ -1,4 +1,7 @@
-"""What the panels draw with. Texts of ours are not translated: Blender's dictionary is of other fields."""
+"""What the panels draw with.
+
+Texts of ours are not translated: Blender's dictionary is of other fields.
+"""
 
 import textwrap
 from collections.abc import Sequence

@@ -1,4 +1,7 @@
-"""The state machine editor: lists of states, of the rules of one of them, and of labels. It only draws."""
+"""The state machine editor: lists of states, of the rules of one of them, and of labels.
+
+It only draws.
+"""
 
 import textwrap
 
@@ -24,7 +27,10 @@ _counted: dict[int, tuple] = scene_cache.kept({}, by_scene=True)
 
 
 def counts_of(scene: bpy.types.Scene, states: list[str]) -> list[int]:
-    """Return how many agents are in each state at the frame that the overlay shows; [] if that is not known."""
+    """Return how many agents are in each state at the frame that the overlay shows.
+
+    [] if that is not known.
+    """
     frame = viewport_overlay.latest(scene)
     if frame is None or list(frame.trajectory.states.names[: len(states)]) != states:
         return []

@@ -1,4 +1,7 @@
-"""The fields of the state machine editor. They keep nothing: each reads the scene's text and writes it."""
+"""The fields of the state machine editor.
+
+They keep nothing: each reads the scene's text and writes it.
+"""
 
 import math
 from collections.abc import Callable
@@ -49,7 +52,10 @@ def _hex(color) -> str:
 
 
 def _field(kind: str, name: str, empty=None) -> tuple[Callable, Callable]:
-    """Return (get, set) of a field of the selected state or label. empty: the value that removes the field."""
+    """Return (get, set) of a field of the selected state or label.
+
+    empty: the value that removes the field.
+    """
 
     def get(self) -> Any:
         scene = self.id_data

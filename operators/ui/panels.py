@@ -10,6 +10,7 @@ import bpy
 
 from ... import sample_scenes
 from ...crowd_lod.behaviour.walk import walks_of
+from ...crowd_lod.format import counted
 from ..blender.props import PROP
 from ..crowd.prop_button import props_in
 from ..lod_meshes.made_for import changed, forecast
@@ -109,7 +110,11 @@ class CROWDLOD_PT_behaviour(Step, bpy.types.Panel):
         layout.menu("CROWDLOD_MT_machine_presets", icon="PRESET")
         frame = viewport_overlay.latest(context.scene)
         machine = next((walk.machine for walk in walks_of(frame.trajectory)), None) if frame else None
-        told = f"{len(machine.states)} states, {len(machine.labels)} labels; edge: {machine.edge}" if machine else "-"
+        told = (
+            f"{counted(len(machine.states), 'state')}, {counted(len(machine.labels), 'label')}; edge: {machine.edge}"
+            if machine
+            else "-"
+        )
         label(layout, MOVERS.get(settings.source, told), "INFO")
 
 
@@ -173,11 +178,8 @@ class CROWDLOD_PT_levels(Step, bpy.types.Panel):
         """Draw two lines: what has changed since LODs were made, and about what others would be."""
         since, change, line = changed(context.scene), forecast(context.scene), letters_of(context)
         said = "Press Make LOD Meshes" if settings.levels is None else "LOD meshes are made"
-        if len(since) == 1:
-            ((name, (then, _)),) = since.items()
-            said = f"Made for a {name} of {then}" if name != "engine" else f"Made for {then}"
-        elif since:
-            said = f"Changed: {', '.join(since)}"
+        if since:
+            said = f"Changed: {', '.join(f'{name} (was {then})' if then else name for name, (then, _) in since.items())}"
         label(layout, shorten(said, line, placeholder="..."), "FILE_REFRESH" if since else "INFO")
         counts = [f"{group.name} {len(set(group.triangles) - {0})}" for group in settings.groups]
         told = f"LODs: {', '.join(counts)}" if settings.levels is not None and counts else ""

@@ -9,6 +9,7 @@ import bpy
 from bl_operators.presets import AddPresetBase
 from bl_ui.utils import PresetPanel
 
+from ...crowd_lod.format import counted
 from ..blender.labelled_properties import CONTEXT, EnumProperty
 from ..blender.operator import Reporting
 from ..crowd.outdated_estimate import outdate
@@ -62,7 +63,7 @@ class CROWDLOD_OT_reset(Reporting, bpy.types.Operator):
         # no setting's update callback is called
         note_thresholds(settings)
         outdate(settings, context)
-        return f"{len(names)} settings are at their defaults."
+        return f"{counted(len(names), 'setting is at its default', 'settings are at their defaults')}."
 
 
 class _Adding(AddPresetBase):

@@ -9,7 +9,9 @@ import numpy as np
 
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.format import number as figure
+from ...crowd_lod.planning.frame_range import shot_frames
 from ...crowd_lod.planning.index_cache import approach
 from ...crowd_lod.planning.instances import Instances, Shown, instances_of, shown, turned
 from ...crowd_lod.planning.planned import noted, told_unplanned
@@ -59,7 +61,7 @@ class Exported:
     @property
     def sentence(self) -> str:
         """The result in words."""
-        return " ".join((f"{self.agents:,} agents and {self.prototypes:,} prototypes are written.", *self.notes))
+        return " ".join((f"{counted(self.agents, 'agent')} and {counted(self.prototypes, 'prototype')} are written.", *self.notes))
 
 
 @on_record(lambda scene, wanted: wanted.frames)
@@ -68,14 +70,16 @@ def export_usd(scene: bpy.types.Scene, wanted: UsdExport) -> Generator[float, No
 
     LOD meshes that are missing are made. Nothing else in the scene changes. Closed early, it leaves no file.
     """
-    usd = openusd()
-    with files.staged(wanted.path.parent, wanted.path.name) as hidden:
+    usd, path = openusd(), files.followed(wanted.path)
+    if printable(path) != str(path):
+        raise CrowdError(f"OpenUSD cannot write to {printable(path)}, which is no text in UTF-8: choose another place with --out.")
+    with files.staged(path.parent, path.name) as hidden:
         yield from share(ready(scene), 0.0, READY)
         trajectory = trajectory_of(scene)
         library = library_of_poses(scene, trajectory, POSES, wanted.animated)
         plans, films, unplanned = yield from share(_plans(scene, wanted, library), READY, PLANNED)
         cast = instances_of([*plans.values()])
-        with CrowdFile(usd, scene, wanted.path, hidden, (cast, names_of(trajectory, library, cast.prototypes))) as file:
+        with CrowdFile(usd, scene, path, hidden, (cast, names_of(trajectory, library, cast.prototypes))) as file:
             seconds = [trajectory.seconds(scene_data.remapped(scene.render, frame)) for frame in wanted.frames]
             posing = write_prototypes(scene, (trajectory, library, cast.prototypes), wanted.frames, seconds, file.mesh)
             yield from share(posing, PLANNED, POSED)
@@ -110,7 +114,7 @@ def _plans(
             films[number] = filmed(scene, time, at((), time))
             yield (done + 1) / len(frames)
     if not any(len(plan.agents) for plan in plans.values()):
-        raise CrowdError(f"The camera sees no agent in the frames {frames[0]} to {frames[-1]}: there is nothing to export.")
+        raise CrowdError(f"The camera sees no agent in {shot_frames(frames)}: there is nothing to export.")
     return plans, {number: film for number, film in films.items() if film is not None}, unplanned
 
 

@@ -1,7 +1,8 @@
 """The file: one point instancer with all prototypes, and materials."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,8 @@ class CrowdFile:
             prototype: f"{self.PROTOTYPES}/{usd.Tf.MakeValidIdentifier(name)}"
             for prototype, name in zip(instances.prototypes.tolist(), names, strict=True)
         }
-        self.stage = usd.Usd.Stage.CreateNew(str(hidden / path.name))
+        with self._writing():
+            self.stage = usd.Usd.Stage.CreateNew(str(hidden / path.name))
         geometry = usd.UsdGeom
         geometry.SetStageUpAxis(self.stage, geometry.Tokens.z)
         geometry.SetStageMetersPerUnit(self.stage, scene_data.metres(scene))
@@ -144,8 +146,14 @@ class CrowdFile:
         speed = self.scene.render.fps / self.scene.render.fps_base
         self.stage.SetTimeCodesPerSecond(speed)
         self.stage.SetFramesPerSecond(speed)
-        try:
+        with self._writing():
             self.stage.GetRootLayer().Save()
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        """Raise CrowdError where OpenUSD cannot write the file."""
+        try:
+            yield
         except self.usd.Tf.ErrorException as error:
             reason = (re.findall(r" : '(.*?)'", str(error)) or ["it does not say why"])[0].rpartition(": ")[2]
             raise CrowdError(

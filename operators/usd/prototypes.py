@@ -10,7 +10,7 @@ from mathutils import Matrix
 from ...crowd_lod.animation.phase_classes import Library
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.trajectory.trajectory import Trajectory
-from ..blender.performance import Performance, performance_of
+from ..blender.performance import Performance, group_performance
 from ..blender.render_evaluation import as_rendered
 from ..crowd.characters import check_measured
 from ..crowd.scene_crowd import characters_of, home_of, policy_of
@@ -48,8 +48,8 @@ def library_of_poses(scene: bpy.types.Scene, trajectory: Trajectory, poses: int,
     """
     played, posed = trajectory.gaits.actions, []
     check_measured(characters_of(scene), trajectory.groups)
-    for group, (name, objects, _) in zip(trajectory.groups, characters_of(scene), strict=True):
-        performance = performance_of(name, objects, [action.name for action in group.actions])
+    for group, (_, objects, _) in zip(trajectory.groups, characters_of(scene), strict=True):
+        performance = group_performance(group, objects)
         still = all(performance.only(action).still for action in played)
         posed.append(1 if still else 0 if animated else poses)
     return Library(np.array(posed, np.intp))
@@ -88,7 +88,7 @@ def write_prototypes(
             continue
         homes = [home_of(level, g, name) for level in levels]
         with as_rendered(item for home in homes for item in home.objects) as (stage, actors):
-            performance = performance_of(name, objects, [action.name for action in trajectory.groups[g].actions])
+            performance = group_performance(trajectory.groups[g], objects)
             numbers = np.unique(mine % first[-1])
             for done, number in enumerate(numbers.tolist()):
                 prototypes = mine[mine % first[-1] == number].tolist()
@@ -128,7 +128,10 @@ def _moments(
 
 
 def form_of(evaluated: bpy.types.Object, origin: Sequence[float], depsgraph: bpy.types.Depsgraph) -> Form | None:
-    """Return the mesh of an evaluated LOD object about `origin`; None without faces, or if renders do not show it."""
+    """Return the mesh of an evaluated LOD object about `origin`.
+
+    None without faces, or if renders do not show it.
+    """
     if evaluated.hide_render or evaluated.type not in SOLID:
         return None
     try:

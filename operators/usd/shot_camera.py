@@ -28,7 +28,10 @@ class Filmed:
 
 
 def filmed(scene: bpy.types.Scene, time: float, depsgraph: bpy.types.Depsgraph) -> Filmed | None:
-    """Return what films `scene` at `time` (scene_data.time_of), as `depsgraph` has it; None if it is panoramic."""
+    """Return what films `scene` at `time` (scene_data.time_of), as `depsgraph` has it.
+
+    None if it is panoramic.
+    """
     item = bound_camera(scene, time)
     film, data = camera_from(item, scene.render, depsgraph), item.evaluated_get(depsgraph).data
     if film.kind == "PANO":

@@ -1,4 +1,7 @@
-"""The benchmarks' peers do the same work as the core; `stages` itself refuses a peer that finds other agents."""
+"""The benchmarks' peers do the same work as the core.
+
+`stages` itself refuses a peer that finds other agents.
+"""
 
 import sys
 from pathlib import Path

@@ -1,4 +1,7 @@
-"""A second build changes nothing but what must; a removed one leaves nothing; files of older versions follow."""
+"""A second build changes nothing but what must; a removed one leaves nothing.
+
+Files of older versions follow.
+"""
 
 import re
 

@@ -1,4 +1,7 @@
-"""The characters themselves are not in the picture of their crowd, and nothing else is hidden; judged by pixels."""
+"""The characters themselves are not in the picture of their crowd, and nothing else is hidden.
+
+Judged by pixels.
+"""
 
 import bpy
 import numpy as np

@@ -1,4 +1,7 @@
-"""What a build is said to hold and to show is what Blender's depsgraph has; what fits in memory is built, and nothing else."""
+"""What a build is said to hold and to show is what Blender's depsgraph has.
+
+What fits in memory is built, and nothing else.
+"""
 
 import json
 

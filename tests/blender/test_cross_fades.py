@@ -8,7 +8,7 @@ from crowd_lod_extension.crowd_lod.crowd.paces import mixed_in
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.blender import mesh_data, scene_data
-from crowd_lod_extension.operators.blender.performance import performance_of
+from crowd_lod_extension.operators.blender.performance import group_performance, performance_of
 from crowd_lod_extension.operators.build import bake, render_setup
 from crowd_lod_extension.operators.crowd.scene_crowd import (
     characters_of,
@@ -88,7 +88,10 @@ def actions_in(scene, group, name):
 
 
 def faders(scene, number):
-    """{(group, step of a cross-fade): (agent, phase)} of agents that the camera sees; the phase by what is to come."""
+    """{(group, step of a cross-fade): (agent, phase)} of agents that the camera sees.
+
+    The phase by what is to come.
+    """
     trajectory, plan = trajectory_of(scene), frame_of(scene, bpy.context.evaluated_depsgraph_get())
     crowd, found = plan.crowd, {}
     names = np.array(trajectory.gaits.paces.actions)[crowd.playing]
@@ -153,7 +156,7 @@ def test_deviations_hold_within_cross_fades(fading):
     scene = fading
     (group, *_), (_, objects, _) = groups_of(scene.crowd_lod), characters_of(scene)[0]
     meshes = deviation.meshes_of(scene.crowd_lod.levels, 0, "adult")
-    act = performance_of("adult", objects, [action.name for action in group.actions])
+    act = group_performance(group, objects)
     for span, name in zip(act.spans, act.names, strict=True):
         if mixed_in(name):
             with deviation.Posed(objects, meshes, act) as posed:

@@ -96,7 +96,10 @@ def cylinder(name, armature, upper):
 
 
 def bending_armature():
-    """Two bones along z, the upper from 1 to 2; at rest at frame 1, bent by 90 degrees at frame 21, at rest at 41."""
+    """Two bones along z, the upper from 1 to 2.
+
+    At rest at frame 1, bent by 90 degrees at frame 21, at rest at 41.
+    """
     data = bpy.data.armatures.new("rig")
     rig = bpy.data.objects.new("rig", data)
     bpy.context.scene.collection.objects.link(rig)
@@ -128,7 +131,10 @@ def test_wrong_weights_show_in_motion_alone():
 
 
 def test_the_pose_that_only_seems_second_worst_is_measured_as_well():
-    """A patch is 0.1 m off at frame 1; at frame 12 it is a little less, but one point, which the poses' few samples miss, more."""
+    """A patch is 0.1 m off at frame 1.
+
+    At frame 12 it is a little less, but one point, which the poses' few samples miss, more.
+    """
     x, y = np.meshgrid(np.arange(65), np.arange(65))
     corner = (x[:-1, :-1] + 65 * y[:-1, :-1]).ravel()
     quads = (corner[:, None] + (0, 1, 66, 65)).tolist()

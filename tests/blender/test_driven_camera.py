@@ -1,5 +1,7 @@
-"""Cameras that depend on more than themselves: plans see what renders see. The judge is a render engine that says which
-camera Blender hands it."""
+"""Cameras that depend on more than themselves: plans see what renders see.
+
+The judge is a render engine that says which camera Blender hands it.
+"""
 
 import bpy
 import numpy as np

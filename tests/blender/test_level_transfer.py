@@ -42,8 +42,11 @@ def uvs_at(mesh, layer, face, weights):
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("split", [False, True])
 def test_uvs_of_every_map_are_right_on_both_sides_of_a_seam_within_one_island(way, split):
-    """The tube's u is the angle and its v the height, in the first map; the second has them the other way round. Split
-    along its seam, as importers leave meshes, it is no different, and does not gape."""
+    """The tube's u is the angle and its v the height, in the first map.
+
+    The second has them the other way round. Split along its seam, as importers leave meshes, it is
+    no different, and does not gape.
+    """
     mesh = tube("body", 48, 24, split=split)
     second = mesh.uv_layers.new(name="Second")
     for a, b in zip(mesh.uv_layers["UVMap"].uv, second.uv, strict=True):

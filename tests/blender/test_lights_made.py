@@ -1,4 +1,7 @@
-"""Lights that nodes and instancing make: read where they are, followed, and in the pictures; judged by verify's pixels."""
+"""Lights that nodes and instancing make: read where they are, followed, and in the pictures.
+
+Judged by verify's pixels.
+"""
 
 import bpy
 import numpy as np

@@ -3,9 +3,12 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.levels.selection import LADDER
-from crowd_lod_extension.operators.lod_meshes.made_for import CHOSEN_FROM, forecast
+from crowd_lod_extension.operators.build import render_setup, staleness
+from crowd_lod_extension.operators.lod_meshes import cast_digest
+from crowd_lod_extension.operators.lod_meshes.made_for import CHOSEN_FROM, MADE_FOR, forecast
 from crowd_lod_extension.operators.lod_meshes.make_lods import make_levels
 from crowd_lod_extension.operators.ui import steps
+from mathutils import Matrix
 
 
 def made(scene) -> dict[str, list[int]]:
@@ -56,3 +59,63 @@ def test_what_is_spoilt_or_takes_long_foretells_nothing(scene):
     for spoilt in ("", "[]", "{}", '{"camera": ["PERSP", 1], "groups": [{}]}', "nothing"):
         settings.levels[CHOSEN_FROM] = spoilt
         assert forecast(scene) is None, spoilt
+
+
+def told_of(scene) -> str:
+    return next((sentence for sentence, _ in steps.messages(scene) if sentence.startswith("LODs were made for")), "")
+
+
+def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
+    settings = scene.crowd_lod
+    settings.choice, settings.count, settings.frames, settings.way = "BY_TOLERANCE", 20, "1:20", "PRECISE"
+    made(scene)
+    assert not told_of(scene) and steps.following(scene) != "crowd_lod.make_levels"
+    settings.choice, settings.level_count = "BY_RATIO", 6
+    assert f"levels {len(settings.levels.children)} (now 6)" in told_of(scene) and steps.following(scene) == "crowd_lod.make_levels"
+    settings.level_count = 2
+    made(scene)
+    assert not told_of(scene)
+    for name, own, other, said in (
+        ("ratios", (1.0, 0.4, 0.12, 0.05, 0.03, 0.02, 0.015, 0.01), (1.0, 0.2) + (0.1,) * 6, "ratios 0.4 (now 0.2)"),
+        ("method", "DECIMATE", "POSE_AWARE", "decimation Decimate Modifier (now Pose-Aware)"),
+    ):
+        setattr(settings, name, other)
+        assert said in told_of(scene) and steps.following(scene) == "crowd_lod.make_levels"
+        setattr(settings, name, own)
+        assert not told_of(scene)
+    settings.groups.add().name = "new"
+    assert "character groups 2 (now 3)" in told_of(scene)
+
+
+@pytest.mark.parametrize("spoilt", ["", "[]", "[1]", "{", 7, '{"ratios": 3}'])
+def test_lods_with_a_spoilt_note_are_told_of_without_an_error(scene, spoilt):
+    settings = scene.crowd_lod
+    settings.choice, settings.level_count, settings.way = "BY_RATIO", 2, "PRECISE"
+    made(scene)
+    settings.levels[MADE_FOR] = spoilt
+    settings.level_count = 3
+    assert "levels 2 (now 3)" in told_of(scene)
+
+
+def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that_only_move_are_not(scene, monkeypatch):
+    monkeypatch.setattr(cast_digest, "LOOK", 0.0)
+    monkeypatch.setattr(staleness, "LOOK", 0.0)
+    settings = scene.crowd_lod
+    settings.choice, settings.level_count, settings.way, settings.count = "BY_RATIO", 2, "PRECISE", 20
+    mesh = next(item for item in settings.characters.all_objects if item.type == "MESH")
+    for frame, height in ((1, 0.0), (20, 0.3)):
+        mesh.location.z = height
+        mesh.keyframe_insert("location", frame=frame)
+    scene.frame_set(1)
+    made(scene)
+    list(render_setup.build(scene))
+    staleness.note_build(scene)
+    scene.frame_set(10)
+    assert not told_of(scene) and not staleness.changed(scene)
+    mesh.data.transform(Matrix.Scale(1.3, 4))
+    assert told_of(scene) == "LODs were made for other characters" and steps.following(scene) == "crowd_lod.make_levels"
+    assert staleness.changed(scene) == ["the characters"]
+    made(scene)
+    assert not told_of(scene)
+    mesh.modifiers.new("Thicker", "SOLIDIFY")
+    assert told_of(scene)

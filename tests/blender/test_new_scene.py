@@ -28,6 +28,7 @@ def people(levelled, tmp_path):
     levelled.timeline_markers.new("cut", frame=2).camera = levelled.camera
     bpy.data.scenes.new("Other").collection.objects.link(bpy.data.objects.new("Set", bpy.data.meshes.new("Set")))
     scatter(levelled, 60, where=(50, 60, 4))
+    bpy.ops.crowd_lod.build()
     path = tmp_path / "people.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
     return path

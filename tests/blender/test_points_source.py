@@ -1,4 +1,7 @@
-"""Crowds from the points of an object: the agents are those that Blender evaluates, in each frame; bad points are told."""
+"""Crowds from the points of an object: the agents are those that Blender evaluates, in each frame.
+
+Bad points are told.
+"""
 
 import bpy
 import numpy as np
@@ -6,6 +9,7 @@ import pytest
 from crowd_lod_extension.crowd_lod.crowd.leave_outs import NOTHING
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.validation.exact_frustum import sees
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd.scene_crowd import frame_of, trajectory_of
 
 from ..support.scatter import scatter
@@ -298,6 +302,24 @@ def test_recorded_crowd_is_the_live_one_in_each_frame(moving):
     assert np.array_equal(recorded.looks, trajectory.looks)
     middle = recorded.at(2.5)
     np.testing.assert_allclose(middle.x, (recorded.at(2).x + recorded.at(3).x) / 2, atol=1e-6)
+
+
+def test_points_are_recorded_once_for_all_that_a_bake_needs(scene, tmp_path):
+    scatter_of = scatter(scene, 30, instances=True, attributes=[("id", "INT", np.arange(30))])
+    scene.crowd_lod.source, scene.crowd_lod.points, scene.crowd_lod.choice = "POINTS", scatter_of, "BY_TOLERANCE"
+    scene.frame_start, scene.frame_end = 1, 4
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "points.blend"))
+    seen = []
+    note = bpy.app.handlers.persistent(lambda scene, _: seen.append((scene.name, scene.frame_current)))
+    bpy.app.handlers.frame_change_post.append(note)
+    try:
+        words = ["build", str(tmp_path / "points.blend"), "--bake", "--frames", "1,8", "--out", str(tmp_path / "baked.blend")]
+        assert commands._run([*words, "--quiet"], "crowd-lod") == 0
+    finally:
+        bpy.app.handlers.frame_change_post.remove(note)
+    # LODs by tolerance, the estimate and the bake each follow a record; none looks at frame 6 itself
+    assert seen.count(("Scene", 6)) == 1
+    assert bpy.context.scene.crowd_lod.source == "POINTS"
 
 
 def test_bake_records_first_and_leaves_the_source_as_it_was(moving):

@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from crowd_lod_extension.crowd_lod.animation.skinning import pose, skin
 from crowd_lod_extension.crowd_lod.errors import CrowdError
+from crowd_lod_extension.crowd_lod.planning.shot_cost import work_in
 from crowd_lod_extension.crowd_lod.progress import finished
+from crowd_lod_extension.operators.batch.shot_plan import Wanted, plan_shot
 from crowd_lod_extension.operators.blender import scene_data
 from crowd_lod_extension.operators.blender.rig_dependencies import action_range
 from crowd_lod_extension.operators.build import bake, render_setup
+from crowd_lod_extension.operators.build.cost_estimate import estimate
 from crowd_lod_extension.operators.crowd import crowd_sources
 from crowd_lod_extension.operators.crowd.scene_crowd import (
     characters_of,
@@ -176,6 +179,30 @@ def test_build_bake_and_overlay_show_who_has_what(ready):
         points = skin(mesh, pose(character.frames, np.array([4 / (last - first)], np.float32)))[0]
         own = itself(scene, g, 4 / (last - first))
         np.testing.assert_allclose([points.min(axis=0), points.max(axis=0)], [own.min(axis=0), own.max(axis=0)], atol=1e-4)
+
+
+@pytest.mark.once
+@pytest.mark.parametrize("sways", [False, True])
+def test_rigs_are_estimated_and_planned_as_they_are_built(dressed, tmp_path, sways):
+    scene = dressed
+    if sways:  # a prop with a motion of its own, longer than the body's: its variants share no rigs
+        bag = bpy.data.objects["bag"]
+        bag.keyframe_insert("rotation_euler", frame=1)
+        bag.rotation_euler.x += 0.5
+        bag.keyframe_insert("rotation_euler", frame=90)
+    scene.crowd_lod.level_count, scene.crowd_lod.thresholds[0] = 1, 0.9
+    populated(scene)
+    list(make_levels(scene))
+    found = finished(estimate(scene, scene.crowd_lod, [50])).works
+    known = finished(estimate(scene, scene.crowd_lod, [50], known=True)).works["By Ratio"]
+    plan = finished(plan_shot(scene, Wanted([50], tmp_path)))
+    made = []
+    for make in (lambda: list(render_setup.build(scene)), lambda: finished(bake.bake(scene, [50]))):
+        make()
+        made.append(sum(item.type == "ARMATURE" for item in scene.crowd_lod.build.all_objects))
+    assert made == [found["By Ratio"].rigs, known.rigs] and found["By Ratio, Baked"].rigs == known.rigs
+    assert made[0] == (7 if sways else 3) * 16  # body and what hangs on it of adults without and with a bag; of children one
+    assert work_in(plan.shot, plan.plan.bill.shown).rigs == known.rigs
 
 
 def test_lods_of_a_variant_hold_its_props_and_their_deviation_is_told(ready):

@@ -130,7 +130,10 @@ def test_poses_are_held_while_the_shutter_is_open(built):
 
 
 def props(scene, *objects):
-    """`scene` with a crowd of these objects, with their LODs, built; [the objects that agents show, in order]."""
+    """`scene` with a crowd of these objects, with their LODs, built.
+
+    [the objects that agents show, in order].
+    """
     top = bpy.data.collections.new("Props")
     scene.collection.children.link(top)
     scene.crowd_lod.characters, scene.crowd_lod.level_count = top, 1

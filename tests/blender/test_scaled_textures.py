@@ -129,8 +129,11 @@ def test_images_are_in_what_builds_are_said_to_cost(crowd):
 @pytest.mark.once
 @pytest.mark.skipif(sys.platform != "linux", reason="reads a process's peak memory from Linux's /proc")
 def test_bake_of_far_agents_renders_without_the_full_image(crowd, tmp_path):
-    """Peak memory of a render in a process of its own, of an image of 4096 x 4096, 64 MB. The file is without the characters and LOD
-    meshes themselves, of whose materials Cycles of Blender 5.2 loads all images, hidden or not: the scene's settings name them."""
+    """Peak memory of a render in a process of its own, of an image of 4096 x 4096, 64 MB.
+
+    The file is without the characters and LOD meshes themselves, of whose materials Cycles of
+    Blender 5.2 loads all images, hidden or not: the scene's settings name them.
+    """
     image = picture("large", 4096)
     image.filepath_raw, image.file_format = str(tmp_path / "large.png"), "PNG"
     image.save()

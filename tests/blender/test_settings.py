@@ -14,7 +14,10 @@ STUCK = """{"version": 1, "labels": {"ground": {"color": "#808080"}},
 
 
 def relief(scene, scale=6.0):
-    """A height map of waves over the crowd's ground; the function z(x, y) where it is bilinear is HeightMap's."""
+    """A height map of waves over the crowd's ground.
+
+    The function z(x, y) where it is bilinear is HeightMap's.
+    """
     values = np.ones((8, 8, 4), np.float32)
     values[..., 0] = np.random.default_rng(3).uniform(0, 1, (8, 8))
     image = bpy.data.images.new("relief", 8, 8, float_buffer=True, is_data=True)

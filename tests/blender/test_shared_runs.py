@@ -33,7 +33,7 @@ def test_chunks_are_assembled_to_the_files_of_one_run(file, tmp_path, capfd):
         assert run(name, file, *options, "--part", chunk, "--out", tmp_path / "two") == 0
         if chunk == chunks[0]:
             assert run("assemble", tmp_path / "two") == 1
-            assert f"Frames {chunks[1]} are not in" in capfd.readouterr().err
+            assert f"Frame {chunks[1]} is not in" in capfd.readouterr().err
     assert os.listdir(tmp_path / "two") == ["parts"]
     assert run("assemble", tmp_path / "two", "--quiet") == 0
     assert contents(tmp_path / "two") == contents(tmp_path / "one")
@@ -73,7 +73,7 @@ def test_a_frame_is_made_by_one_process(tmp_path):
 def test_parts_that_do_not_belong_to_the_run_are_refused(file, tmp_path, capfd):
     (name, *options), out = PREVIEW, tmp_path / "out"
     assert run(name, file, *options, "--part", "2,9", "--out", out) == 1
-    assert "Frames 2 of --part are not among the run's: name frames of 1, 9, 20." in capfd.readouterr().err
+    assert "Frame 2 of --part is not among the run's: name frames of 1, 9, 20." in capfd.readouterr().err
     assert run(name, file, *options, "--part", "1", "--jobs", 2, "--out", out) == 1
     assert run(name, file, *options, "--jobs", 0, "--out", out) == 1
     assert run("assemble", out) == 1 and "There are no parts" in capfd.readouterr().err

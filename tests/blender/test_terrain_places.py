@@ -1,4 +1,7 @@
-"""Populate reads terrain and places to start; the file keeps them, and says when what they were made of has changed."""
+"""Populate reads terrain and places to start.
+
+The file keeps them, and says when what they were made of has changed.
+"""
 
 from math import radians
 
@@ -32,7 +35,10 @@ def box(scene, name, low, high):
 
 
 def station(scene):
-    """Two floors and stairs, as a collection of boxes; one is scaled, turned, mirrored, and one is an instance."""
+    """Two floors and stairs, as a collection of boxes.
+
+    One is scaled, turned, mirrored, and one is an instance.
+    """
     home = bpy.data.collections.new("Station")
     scene.collection.children.link(home)
     step = bpy.data.collections.new("Step")

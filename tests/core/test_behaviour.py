@@ -37,7 +37,10 @@ def test_a_step_within_a_cell_is_listing_1_1_bit_for_bit():
 
 @pytest.mark.parametrize("seed", range(6))
 def test_steps_over_borders_are_the_listing_cut_at_each(seed):
-    """Any table, any map, up to 60 cells a step, against a plain loop in rational arithmetic; so is the count of reads."""
+    """Any table, any map, up to 60 cells a step, against a plain loop in rational arithmetic.
+
+    So is the count of reads.
+    """
     random = np.random.default_rng(seed)
     machine, world = random_machine(random), random_world(random)
     crowd = populate(60, seed, 1, machine, world)

@@ -47,7 +47,10 @@ def test_a_robot_of_many_parts_shows_as_much(ratio):
 
 
 def test_the_area_that_parts_show_is_that_of_their_shapes():
-    """A ball shows pi r^2 from everywhere; a plate of area a, seen from the four corners of a cube, a / sqrt(3)."""
+    """A ball shows pi r^2 from everywhere.
+
+    A plate of area a, seen from the four corners of a cube, a / sqrt(3).
+    """
     ball, faces = drum(48, 25)
     up = ball[:, 2:] * np.pi / 2
     ball = np.concatenate([np.cos(up) * ball[:, :2], np.sin(up)], axis=1)

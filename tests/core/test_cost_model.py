@@ -1,4 +1,7 @@
-"""What builds cost: counted one by one; the LODs that are chosen cost least, and fit in memory with the least error."""
+"""What builds cost: counted one by one.
+
+The LODs that are chosen cost least, and fit in memory with the least error.
+"""
 
 from dataclasses import replace
 from itertools import combinations

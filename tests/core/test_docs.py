@@ -1,4 +1,7 @@
-"""What the pages say is there: links, options, files, functions. And they are narrow and short enough to read."""
+"""What the pages say is there: links, options, files, functions.
+
+And they are narrow and short enough to read.
+"""
 
 import ast
 import re

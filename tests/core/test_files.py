@@ -147,7 +147,10 @@ def test_what_a_killed_run_put_in_place_half_way_the_next_takes_back(tmp_path, a
 
 @posix
 def test_another_run_that_ends_well_is_not_undone_with_the_killed_one(tmp_path):
-    """One waits before its second rename; another, which has written the same files, may put them in place afterwards."""
+    """One waits before its second rename.
+
+    Another, which has written the same files, may put them in place afterwards.
+    """
     (tmp_path / "0").write_text("old")
     second = start(tmp_path, "wait")
     assert second.stdout.readline() == "written\n"

@@ -92,7 +92,14 @@ def test_a_part_names_frames_of_the_run(text, part):
 
 
 @pytest.mark.parametrize(
-    "text, said", [("1,2", "Frames 2 of"), ("40:41", "Frames 40:41 of"), ("5:1", "backwards"), ("a", "neither")]
+    "text, said",
+    [
+        ("1,2", "Frame 2 of --part is not"),
+        ("1,2,4", "Frames 2, 4 of --part are not"),
+        ("40:41", "Frames 40:41 of"),
+        ("5:1", "backwards"),
+        ("a", "neither"),
+    ],
 )
 def test_a_part_that_names_others_is_refused(text, said):
     with pytest.raises(CrowdError, match=said):

@@ -12,6 +12,7 @@ from crowd_lod_extension.crowd_lod.behaviour.lookahead import look, onward, open
 from crowd_lod_extension.crowd_lod.behaviour.step import advance, step
 from crowd_lod_extension.crowd_lod.behaviour.tabulated_step import Tables
 from crowd_lod_extension.crowd_lod.crowd.agents import populate
+from crowd_lod_extension.crowd_lod.crowd.leave_outs import ALL
 from crowd_lod_extension.crowd_lod.crowd.maps import LabelMap
 from crowd_lod_extension.crowd_lod.crowd.state_machine import load_preset, preset_names
 from hypothesis import given, settings
@@ -121,6 +122,13 @@ def test_a_trajectory_is_the_same_whichever_frames_were_asked_for(edge, few, mon
     for time in times:
         assert same(trajectory.at(time), trajectory.full.at(time))
     assert trajectory._ahead[1] is not None and trajectory.full._ahead[1] is None
+
+
+def test_a_crowd_that_is_timed_makes_each_step_by_itself():
+    trajectory = shot(walking(), ground([(3, slice(None))]), count=300)
+    timed = trajectory.leaving(ALL, 9)
+    assert timed.left_out and all(same(timed.at(time), trajectory.at(time)) for time in (9, 10, 11))
+    assert trajectory._ahead[1] is not None and timed._ahead[1] is None
 
 
 def test_who_must_look_each_step_is_stepped_as_a_whole(monkeypatch):

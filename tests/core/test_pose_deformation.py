@@ -174,7 +174,10 @@ def test_what_rounds_take_over_from_those_before_is_what_they_would_find(posed, 
 
 
 def test_what_turns_by_keys_has_the_derivatives_of_the_turn():
-    """A tube turned as a whole, and one bent into an arc, whose derivative along the tube is known; far from the caps."""
+    """A tube turned as a whole, and one bent into an arc, whose derivative along the tube is known.
+
+    Far from the caps.
+    """
     points, triangles = tube()
     whole = turn(np.array(0.8))
     arc = 0.7 * points[:, 2]

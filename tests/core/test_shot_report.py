@@ -169,7 +169,7 @@ def test_what_no_frame_shows_is_not_needed():
     told = unneeded(shot, shown, ["adult", "child"])
     adult = [f"LOD {k} of adult: no frame shows it; saves {2 * TRIANGLES[0, k]:,.0f} triangles" for k in (0, 2, 3)]
     assert [each.partition(", ")[0] if "LOD" in each else each for each in told[:3]] == adult
-    assert told[3].startswith(f"1 of adult's 2 poses: no frame shows them; saves {TRIANGLES[0].sum():,.0f} triangles")
+    assert told[3].startswith(f"1 of adult's 2 poses: no frame shows it; saves {TRIANGLES[0].sum():,.0f} triangles")
     assert [each[:14] for each in told[4:7]] == ["LOD 2 of child", "LOD 3 of child", "1 of child's 2"]
     assert re.fullmatch(r"\d+ of 30 agents: outside of all frames, with no shadow or mirror image in them\.", told[7])
     survey.kind[:] = CULLED

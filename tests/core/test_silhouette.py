@@ -97,7 +97,10 @@ def test_a_small_error_is_measured_finer_and_a_large_one_coarser(expected):
 
 @pytest.mark.parametrize("size", [0.04, 1.0, 30.0])
 def test_a_tooth_is_measured_closer_than_the_masks_are_fine(size):
-    """A square whose side one has a tooth `size` pixels long; the camera is so near that masks are no finer than four a pixel."""
+    """A square whose side one has a tooth `size` pixels long.
+
+    The camera is so near that masks are no finer than four a pixel.
+    """
     camera = replace(straight(kind="ORTHO"), pixels=(2000, 2000))
     unit = camera.pixels_per_unit
     square = np.array([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)], float) * 300 / unit

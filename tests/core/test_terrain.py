@@ -34,7 +34,10 @@ def box(x, y, z):
 
 
 def two_floors(stairs=False):
-    """A floor at 0 and one at 4 over its far part; a ramp, or stairs, from y 20 to 40 joins them at x from -10 to 10."""
+    """A floor at 0 and one at 4 over its far part.
+
+    A ramp, or stairs, from y 20 to 40 joins them at x from -10 to 10.
+    """
     ground, upper = quad((-40, 40), (0, 100), 0.0), quad((-40, 40), (40, 100), 4.0)
     if stairs:
         steps = [box((-10, 10), (20 + k, 21 + k), (0, 0.2 * (k + 1))) for k in range(20)]

@@ -279,3 +279,35 @@ def test_a_database_cut_anywhere_is_refused_or_read_whole(tmp_path):
             assert len(read_rows(path)) == count
         except CrowdError as error:
             assert "crowd.sqlite is not one of JuPedSim's" in str(error)
+
+
+def test_a_database_with_a_page_that_is_not_its_own_is_refused(tmp_path):
+    path = tmp_path / "crowd.sqlite"
+    database(path)
+    wanted, data = read_rows(path), path.read_bytes()
+    pages = np.frombuffer(data, np.uint8).reshape(-1, int.from_bytes(data[16:18]))
+    random, refused = np.random.default_rng(4), 0
+    for k in range(1, len(pages)):
+        for other in (pages[k - 1], pages[(k + 1) % len(pages)], np.roll(pages[k], 7), random.integers(256, size=len(pages[k])), 0):
+            spoilt = pages.copy()
+            spoilt[k] = other
+            path.write_bytes(spoilt.tobytes())
+            try:
+                found = read_rows(path)
+                assert all((found.columns[name] == wanted.columns[name]).all() for name in wanted.columns), k
+            except CrowdError as error:
+                assert "crowd.sqlite" in str(error)
+                refused += 1
+    assert refused > 3 * len(pages)
+
+
+def test_a_row_whose_place_is_told_twice_is_noticed(tmp_path):
+    path = tmp_path / "crowd.sqlite"
+    database(path)
+    data = bytearray(path.read_bytes())
+    size = int.from_bytes(data[16:18])
+    leaf = next(page for page in range(size, len(data), size) if data[page] == sqlite_pages.LEAF and data[page + 4] > 50)
+    data[leaf + 10 : leaf + 12] = data[leaf + 8 : leaf + 10]  # its second row is its first, too
+    path.write_bytes(data)
+    with pytest.raises(CrowdError, match="crowd.sqlite is not one of JuPedSim's, or damaged"):
+        read_rows(path)

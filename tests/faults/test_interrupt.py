@@ -29,6 +29,8 @@ COMMANDS = {
     "verify": "verify {small} --frames 1 --width 64 --samples 1 --out out",
     "error": "report error {small} --repeats 1 --out out",
     "extremes": "report extremes --most 20000 --out out/x.md",
+    "simulate": "simulate {small} --seconds 2 --agents 20 --out out/x.blend",
+    "export": "export {small} --frames 1,9 --out out/x.usdc",
     "package": "package --out out",
 }
 

@@ -23,26 +23,38 @@ COMMANDS = {  # words, and the output's name
     "sample": (["sample", "chapter"], "chapter.blend"),
     "error": (["report", "error", "SCENE", "--repeats", "1", "--quiet"], "out"),
     "extremes": (["report", "extremes", "--most", "1000", "--quiet"], "table.md"),
+    "scene": (["scene", "TRACKS", "--characters", "SCENE", "--quiet"], "crowd.blend"),
+    "simulate": (["simulate", "SCENE", "--seconds", "1", "--agents", "20", "--quiet"], "crowd.blend"),
+    "export": (["export", "SCENE", "--frames", "1,2", "--quiet"], "crowd.usdc"),
+    "job": (["job", "SCENE", "--quiet"], "job"),
 }
+KILLED = [name for name in COMMANDS if name not in ("scene", "simulate", "export", "job")]  # these put files in place as others do
+TRACKS = "# framerate: 24\n" + "".join(f"{id} {frame} {id} {0.05 * frame}\n" for id in range(5) for frame in range(8))
 
 
 class Trials:
     """A Blender for many trials: see trials.py."""
 
     def __init__(self, folder):
-        self.scene = folder / "small.blend"
+        self.places = {"SCENE": folder / "small.blend", "TRACKS": folder / "tracks.txt"}
+        self.places["TRACKS"].write_text(TRACKS)
+        self.scene = self.places["SCENE"]
         self.process = subprocess.Popen(
             [sys.executable, Path(__file__).with_name("trials.py"), self.scene],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )  # fmt: skip
         assert "ready\n" in iter(self.process.stdout.readline, "")  # after Blender's own lines
 
+    def words(self, name, out):
+        """The command's words, with which it writes to the path `out`."""
+        return [str(self.places.get(word, word)) for word in COMMANDS[name][0]] + ["--out", str(out)]
+
     def run(self, name, out, limit=None):
         """(exit code, what was said on stderr) of the command, which writes to the path `out`."""
         if name == "operator":
             words = ["operator", self.scene, out]
         else:
-            words = [self.scene if word == "SCENE" else word for word in COMMANDS[name][0]] + ["--out", out]
+            words = self.words(name, out)
         print(json.dumps({"words": [str(word) for word in words], "limit": limit}), file=self.process.stdin, flush=True)
         answer = json.loads(self.process.stdout.readline())
         return answer["status"], answer["said"]
@@ -58,8 +70,7 @@ def trials(tmp_path_factory):
 
 def start(trials, name, out):
     """The command as a process of its own."""
-    words = [trials.scene if word == "SCENE" else word for word in COMMANDS[name][0]] + ["--out", out]
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *words]
+    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *trials.words(name, out)]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 
 
@@ -132,8 +143,8 @@ def test_a_full_disk_is_one_sentence_and_all_is_as_before(trials, tmp_path, disk
 
 
 def test_killed_at_any_moment_the_outputs_are_of_one_run_and_the_next_cleans(trials, tmp_path):
-    for name, (_, file) in COMMANDS.items():
-        out = tmp_path / name / file
+    for name in KILLED:
+        out = tmp_path / name / COMMANDS[name][1]
         out.parent.mkdir()
         started = time.monotonic()
         assert start(trials, name, out).wait(300) == 0
@@ -193,7 +204,8 @@ def test_links_are_followed_and_what_is_no_file_or_folder_is_refused(trials, tmp
     link = tmp_path / f"link{suffix}"
     link.symlink_to(far / file)
     assert trials.run(name, link) == (0, "")
-    assert link.is_symlink() and (far / file).is_file() == bool(suffix) and os.listdir(far) == [file]
+    beside = ["crowd.sqlite"] * (name == "simulate")
+    assert link.is_symlink() and (far / file).is_file() == bool(suffix) and sorted(os.listdir(far)) == [file, *beside]
     os.mkfifo(tmp_path / f"pipe{suffix}")
     (tmp_path / f"device{suffix}").symlink_to("/dev/null")
     wrong = tmp_path / f"wrong{suffix}"
@@ -213,8 +225,11 @@ def test_a_folder_with_an_undecodable_name_is_written(trials, tmp_path, name):
     folder = tmp_path / os.fsdecode(b"caf\xe9")
     folder.mkdir()
     out = folder / COMMANDS.get(name, (None, "out"))[1]
-    assert trials.run(name, out) == (0, "")
-    assert out.exists() and os.listdir(tmp_path) == [folder.name]
+    status, said = trials.run(name, out)
+    if name == "export":
+        assert status == 1 and one_sentence(said) and "which is no text in UTF-8" in said and os.listdir(folder) == []
+    else:
+        assert (status, said) == (0, "") and out.exists() and os.listdir(tmp_path) == [folder.name]
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -224,8 +239,7 @@ def test_names_too_long_and_a_working_folder_that_is_gone_are_one_sentence(trial
     assert status == 1 and one_sentence(said) and "cannot be written" in said, said
     gone = tmp_path / "gone"
     gone.mkdir()
-    words = [trials.scene if word == "SCENE" else word for word in COMMANDS[name][0]] + ["--out", "out" + suffix]
-    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *map(str, words)]
+    command = [sys.executable, "-m", "crowd_lod_extension.operators.cli.commands", *trials.words(name, "out" + suffix)]
     leave = lambda: os.rmdir(gone)  # noqa: E731
     run = subprocess.run(command, cwd=gone, preexec_fn=leave, capture_output=True, text=True)
     said = run.stderr.removeprefix("sh: 0: getcwd() failed: No such file or directory\n")  # of a shell that Blender starts

@@ -2,6 +2,7 @@
 
 import os
 import random
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -10,9 +11,11 @@ import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.errors import CrowdError
 from crowd_lod_extension.crowd_lod.planning.agent_under_cursor import account
+from crowd_lod_extension.operators.cli import commands
 from crowd_lod_extension.operators.crowd import scene_crowd
 
 from ..blender import conftest
+from .test_outputs import TRACKS
 
 pytestmark = pytest.mark.faults
 registered, empty_file, kept = conftest.registered, conftest.empty_file, conftest.kept
@@ -32,6 +35,8 @@ resource.setrlimit(resource.RLIMIT_AS, (taken + (400 << 20),) * 2)
 sys.exit(commands.main(sys.argv[1:]))
 """
 TRIALS = 20 * int(os.environ.get("CROWD_LOD_TRIALS", "1"))
+WORDS = ("scene {tracks} --characters {crowd}", "simulate {crowd} --seconds 1", "export {crowd} --frames 1,2", "job {crowd}")
+FILE = {"scene": "x.blend", "simulate": "x.blend", "export": "x.usdc", "job": "job"}
 STEPS = ("build", "bake", "populate", "remove_build", "measure_levels", "make_levels", "frame", "look")
 
 
@@ -150,3 +155,25 @@ def test_what_is_spoilt_is_refused_in_one_sentence_and_nothing_is_left(built, ke
             assert len(said.strip().splitlines()) == 1 and len(said) < 700, (trial, name, done, said)
         assert "Traceback" not in said + capfd.readouterr().err, (trial, name, done, said)
     assert refused  # else nothing was spoilt
+
+
+@pytest.mark.parametrize("spoil", (spoil_property, spoil_setting, spoil_structure), ids=lambda spoil: spoil.__name__)
+def test_commands_refuse_a_spoilt_file_in_one_sentence_and_write_nothing(built, kept, tmp_path, capfd, spoil):
+    dice, crowd, out = random.Random(spoil.__name__), tmp_path / "crowd.blend", tmp_path / "out"
+    (tmp_path / "tracks.txt").write_text(TRACKS)
+    for trial in range(TRIALS // 2):
+        bpy.ops.wm.open_mainfile(filepath=str(kept / "built.blend"), load_ui=False)
+        opened = bpy.context.scene
+        opened.frame_end, opened.crowd_lod.count, opened.crowd_lod.goal_labels = 2, 20, "left edge, right edge"
+        done = [spoil(opened, dice) for _ in range(3)]
+        bpy.ops.wm.save_as_mainfile(filepath=str(crowd), copy=True)
+        words = dice.choice(WORDS).format(crowd=crowd, tracks=tmp_path / "tracks.txt").split()
+        out.mkdir()
+        capfd.readouterr()
+        status = commands._run([*words, "--quiet", "--out", str(out / FILE[words[0]])], "crowd-lod")
+        said = capfd.readouterr().err
+        about = trial, words[0], done, said
+        told = [line for line in said.splitlines() if line.startswith("crowd-lod: ")]
+        assert "Traceback" not in said and status in (0, 1) and len(told) == status, about
+        assert bool(list(out.iterdir())) == (status == 0), about
+        shutil.rmtree(out)

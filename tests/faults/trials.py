@@ -61,7 +61,7 @@ def small(file: Path) -> None:
     scene = bpy.context.scene
     sample_scenes.make("chapter", scene)
     scene.crowd_lod.count, scene.crowd_lod.way = 60, "PRECISE"
-    scene.frame_end = 3
+    scene.frame_end, scene.crowd_lod.goal_labels = 3, "left edge, right edge"
     store_groups(scene.crowd_lod, measure_groups(scene))
     list(make_levels(scene))
     bpy.ops.wm.save_as_mainfile(filepath=str(file), copy=True)

@@ -23,7 +23,10 @@ TINTS = np.array([(1, 0.1, 0.1, 1), (0.1, 1, 0.1, 1), (0.1, 0.1, 1, 1), (1, 1, 0
 
 @pytest.fixture(scope="module")
 def scene():
-    """The sample's characters; the adult carries a cube on a bone, and swings a cone that has no armature at all."""
+    """The sample's characters.
+
+    The adult carries a cube on a bone, and swings a cone that has no armature at all.
+    """
     scene = bpy.data.scenes.new("meshes")
     sample_scenes.make("chapter", scene)
     adult = scene.crowd_lod.characters.children["adult"]

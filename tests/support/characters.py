@@ -7,7 +7,10 @@ import numpy as np
 def tube(
     name: str, around: int = 24, along: int = 24, radius: float = 0.2, height: float = 2.0, split: bool = False
 ) -> bpy.types.Mesh:
-    """An open upright tube of quads with one UV seam, u around and v along; `split` along the seam, as importers do it."""
+    """An open upright tube of quads with one UV seam, u around and v along.
+
+    `split` along the seam, as importers do it.
+    """
     columns = around + split
     angle = np.linspace(0, 2 * np.pi, around, endpoint=False)
     angle = np.append(angle, angle[:1]) if split else angle

@@ -7,7 +7,10 @@ HOLD = 32
 
 
 class Agent:
-    """x, y, seconds as rationals; the cell is carried along, so that no place on a border is ever in doubt."""
+    """x, y, seconds as rationals.
+
+    The cell is carried along, so that no place on a border is ever in doubt.
+    """
 
     def __init__(self, x, y, state, machine, labels, area):
         self.x, self.y, self.state, self.machine, self.labels = F(float(x)), F(float(y)), int(state), machine, labels

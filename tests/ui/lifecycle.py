@@ -126,14 +126,9 @@ def rendered(folder):
     space.overlay.show_floor = space.overlay.show_axis_x = space.overlay.show_axis_y = False
     yield from seen()
     before = set(bpy.data.images)
-    with robot.over():
-        status = sorted(bpy.ops.crowd_lod.render_viewport())
+    status = yield from robot.press("crowd_lod.render_viewport")
     (image,) = set(bpy.data.images) - before
-    yield 1.0
-    shown_in = robot.window_of(image)
-    with bpy.context.temp_override(window=shown_in):
-        bpy.ops.wm.window_close()
-    yield 0.5
+    yield from robot.close_window_of(image)
     yield from robot.picture("23_viewport")
     mine = bytes_of(image)
     screen = bpy.data.images.load(str(folder / "23_viewport.png"))
@@ -147,7 +142,14 @@ def rendered(folder):
                 there = 4 * ((region.y + row) * width + region.x + column)
                 agents += 1
                 same += max(abs(a - b) for a, b in zip(pixel, whole[there : there + 3], strict=True)) <= 1
-    found = {"status": status, "size": list(image.size), "region": [region.width, region.height], "agents": agents, "same": same}
+    found = {
+        "status": status,
+        "modal": len(robot.window().modal_operators),
+        "size": list(image.size),
+        "region": [region.width, region.height],
+        "agents": agents,
+        "same": same,
+    }
     bpy.data.images.remove(screen)
     image.filepath_raw, image.file_format = str(folder / "23_render_viewport.png"), "PNG"
     image.save()
@@ -160,9 +162,7 @@ def rendered(folder):
     found["render"] = [side * render.resolution_percentage // 100 for side in (render.resolution_x, render.resolution_y)]
     second.filepath_raw, second.file_format = str(folder / "24_render_viewport.png"), "PNG"
     second.save()
-    with bpy.context.temp_override(window=robot.window_of(second)):
-        bpy.ops.wm.window_close()
-    yield 0.5
+    yield from robot.close_window_of(second)
     for made in (image, second):
         bpy.data.images.remove(made)
     settings().overlay_mode, settings().hud, settings().inset = "MESHES", True, True

@@ -1,4 +1,6 @@
-"""The overlay in a window: blender --python overlay_steps.py -- FOLDER. Changes what it shows behind Blender's back, and where.
+"""The overlay in a window: blender --python overlay_steps.py -- FOLDER.
+
+Changes what it shows behind Blender's back, and where.
 
 Nothing here asks for a redraw after a change, except where it waits for one that must not draw.
 """

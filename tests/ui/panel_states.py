@@ -53,7 +53,10 @@ def session():
 
 
 def told(setting):
-    """A setting as test_panels.py needs it: name, type, least, most, how many, choices; None for what nobody sets."""
+    """A setting as test_panels.py needs it: name, type, least, most, how many, choices.
+
+    None for what nobody sets.
+    """
     if setting.is_readonly or setting.type == "COLLECTION" or setting.is_hidden:
         return None
     low, high = (setting.hard_min, setting.hard_max) if setting.type in ("INT", "FLOAT") else (0, 0)
@@ -62,7 +65,10 @@ def told(setting):
 
 
 def answered(changes: list):
-    """Make the changes in the file as it was saved; draw after each of them, until one draw says something."""
+    """Make the changes in the file as it was saved.
+
+    Draw after each of them, until one draw says something.
+    """
     if robot.overlay()._failure:
         robot.toggle()
     bpy.context.preferences.view.ui_scale = 1.0

@@ -51,7 +51,10 @@ def start(folder):
 
 
 def perform(steps, results: dict, folder: Path):
-    """Take the `steps`, each after the seconds that the one before yields; then write `results` to the folder, and quit."""
+    """Take the `steps`, each after the seconds that the one before yields.
+
+    Then write `results` to the folder, and quit.
+    """
 
     def tick():
         try:
@@ -89,10 +92,18 @@ def overlay():
     return sys.modules[f"{MODULE}.operators.overlay.viewport_overlay"]
 
 
-def window_of(image) -> bpy.types.Window:
-    """The window that shows the image."""
+def window_of(image) -> bpy.types.Window | None:
+    """The window that shows the image, or None."""
     editors = ((w, area.spaces.active) for w in bpy.context.window_manager.windows for area in w.screen.areas)
-    return next(w for w, space in editors if space.type == "IMAGE_EDITOR" and space.image == image)
+    return next((w for w, space in editors if space.type == "IMAGE_EDITOR" and space.image == image), None)
+
+
+def close_window_of(image):
+    """Wait until a window shows the image, and close it."""
+    yield from until(lambda: window_of(image))
+    with bpy.context.temp_override(window=window_of(image)):
+        bpy.ops.wm.window_close()
+    yield 0.5
 
 
 def view_3d() -> bpy.types.Area:
@@ -113,8 +124,11 @@ def over(kind="WINDOW"):
 
 
 def press(button: str, /, escape_after: float | None = None, **properties):
-    """Press the button of the operator; wait until its work is done, or press Esc after some seconds. Returns FINISHED
-    or CANCELLED, MODAL where Blender keeps to itself how it ended, or what it raised."""
+    """Press the button of the operator; wait until its work is done, or press Esc after some seconds.
+
+    Returns FINISHED or CANCELLED, MODAL where Blender keeps to itself how it ended, or what it
+    raised.
+    """
     module, function = button.split(".")
     try:
         with over():
@@ -134,14 +148,20 @@ def press(button: str, /, escape_after: float | None = None, **properties):
 
 
 def until(condition, limit: float = 30.0, often: float = 0.2):
-    """Wait until the condition holds, and look every `often` seconds; at the limit go on, the results will tell."""
+    """Wait until the condition holds, and look every `often` seconds.
+
+    At the limit go on, the results will tell.
+    """
     began = time.monotonic()
     while not condition() and time.monotonic() - began < limit:
         yield often
 
 
 def drawn(rest: float = 0.5):
-    """Have the viewport drawn anew; wait until that is done, and what it left to a timer, however slow the machine."""
+    """Have the viewport drawn anew.
+
+    Wait until that is done, and what it left to a timer, however slow the machine.
+    """
     before = len(_draws)
     view_3d().tag_redraw()
     yield from until(lambda: len(_draws) > before, often=min(rest, 0.2))

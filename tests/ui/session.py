@@ -169,7 +169,10 @@ def build():
 
 
 def painted():
-    """Paint the map while the animation is played: whether it counts at once, and in the end; whether the painting is undone so."""
+    """Paint the map while the animation is played: whether it counts at once, and in the end.
+
+    Whether the painting is undone so.
+    """
     trajectory_of, image = overlay().trajectory_of, settings().map_image
     world = trajectory_of(scene()).world
     pixels = image.pixels[:]

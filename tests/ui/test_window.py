@@ -117,7 +117,7 @@ def test_quad_view_windows_local_view_and_hidden_overlays(seen):
 
 def test_the_viewports_own_picture_has_the_colors_of_the_screen(seen):
     rendered = seen["lifecycle"]["rendered"]
-    assert rendered["status"] == ["FINISHED"] and rendered["size"] == rendered["region"]
+    assert rendered["status"] == "MODAL" and rendered["modal"] == 0 and rendered["size"] == rendered["region"]
     assert rendered["through the camera"] == rendered["render"]
     # both draw the scenery, which hides some, in samples of their own
     assert rendered["agents"] > 1000 and rendered["same"] > 0.97 * rendered["agents"]

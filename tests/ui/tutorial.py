@@ -46,7 +46,10 @@ def session():
 
 
 def own_scene():
-    """In the default scene, in place of the cube: a rigged, walking character, selected. Few frames, agents and proofs, to be quick."""
+    """In the default scene, in place of the cube: a rigged, walking character, selected.
+
+    Few frames, agents and proofs, to be quick.
+    """
     bpy.data.objects.remove(bpy.data.objects["Cube"])
     characters, scenery = (import_module(f"{robot.MODULE}.sample_scenes.{name}") for name in ("characters", "scenery"))
     (group,) = characters.make_characters(scene().collection, builds=characters.BUILDS[:1])
@@ -98,7 +101,10 @@ def blue_button(seen: np.ndarray) -> tuple[int, int]:
 
 
 def picture(name: str):
-    """Save a picture of the viewport and its sidebar. Returns all of the window: (height, width, 4) of 0 to 1, from below."""
+    """Save a picture of the viewport and its sidebar.
+
+    Returns all of the window: (height, width, 4) of 0 to 1, from below.
+    """
     yield from robot.drawn(1.0)
     yield from robot.picture("window")
     image = bpy.data.images.load(str(FOLDER / "window.png"))

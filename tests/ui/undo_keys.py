@@ -58,7 +58,10 @@ def makes_a_step(name: str) -> bool:
 
 
 def there_and_back(chosen, known: list):
-    """Press the buttons `chosen`, undo and redo all by keys; `known`: all states of the file since it was opened."""
+    """Press the buttons `chosen`, undo and redo all by keys.
+
+    `known`: all states of the file since it was opened.
+    """
     known.append(state())
     for name in chosen:
         quicken(robot.scene(), FILES)

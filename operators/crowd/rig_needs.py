@@ -1,0 +1,95 @@
+"""How many rigs a build makes of character groups, and which share them, judged by their data."""
+
+from collections.abc import Sequence
+
+import bpy
+import numpy as np
+
+from ...crowd_lod.crowd.agents import Group
+from ..blender.performance import Performance, group_performance
+from ..blender.rig_dependencies import DELTAS, PLACE, armatures_of
+
+SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_SYSTEM", "COLLISION", "EXPLODE"}
+Characters = Sequence[tuple[str, list[bpy.types.Object], tuple]]  # see characters_of
+
+
+def refusal(objects: Sequence[bpy.types.Object]) -> str:
+    """Return why rigs cannot show `objects`, judged by their data; "" if they can."""
+    for item in objects:
+        keys = getattr(item.data, "shape_keys", None)
+        if keys is not None and keys.animation_data is not None:
+            return f"the shape keys of {item.name} are animated"
+        for modifier in item.modifiers:
+            if modifier.type in SIMULATED:
+                return f"{item.name} is simulated by {modifier.name}"
+    if any(bone.bbone_segments > 1 for rig in armatures_of(objects) for bone in rig.data.bones if bone.use_deform):
+        return "its armature has bendy bones"
+    return ""
+
+
+def deforming(rig: bpy.types.Object, objects: Sequence[bpy.types.Object]) -> list[str]:
+    """Return the bones of the armature `rig` that may deform one of `objects`.
+
+    With envelopes, all bones that deform.
+    """
+    groups = {group.name for item in objects if item.type == "MESH" for group in item.vertex_groups}
+    envelopes = any(m.type == "ARMATURE" and m.object == rig and m.use_bone_envelopes for item in objects for m in item.modifiers)
+    return [bone.name for bone in rig.data.bones if bone.use_deform and (envelopes or bone.name in groups)]
+
+
+def leads(characters: Characters, groups: Sequence[Group]) -> list[int]:
+    """Return for each group the number of that whose rigs move it: for a variant its group's, if they can.
+
+    groups: as they were measured, of the `characters`.
+    CrowdError if a group has no such action any more.
+    """
+    names, found = {group.name: g for g, group in enumerate(groups)}, []
+    for g, group in enumerate(groups):
+        lead = names.get(group.variant_of, g)
+        found.append(lead if lead != g and _alike(characters, groups, lead, g) and not refusal(characters[g][1]) else g)
+    return found
+
+
+def _alike(characters: Characters, groups: Sequence[Group], *pair: int) -> bool:
+    one, other = (group_performance(groups[g], characters[g][1]).spans for g in pair)
+    return one == other
+
+
+def armatures(characters: Characters, groups: Sequence[Group], lead: Sequence[int]) -> np.ndarray:
+    """Return how many armatures move one character of each group, (G,) intp.
+
+    There is one for each armature that deforms it, and one for all that moves as a whole. Groups
+    of one `lead` (see leads) have the same, which move each of them.
+    """
+    found = np.zeros(len(groups), np.intp)
+    for g in set(lead):
+        family = [v for v, own in enumerate(lead) if own == g]
+        objects = list(dict.fromkeys(item for v in family for item in characters[v][1]))
+        act = group_performance(groups[g], characters[g][1])
+        bending = sum(bool(deforming(rig, objects)) for rig in armatures_of(objects))
+        found[family] = bending + any(_carried(item, act) for item in objects)
+    return found
+
+
+def _carried(item: bpy.types.Object | None, act: Performance) -> bool:
+    """Return whether the object moves as a whole, or what it is parented to."""
+    while item is not None:
+        if item.parent_type == "BONE" or len(item.constraints) or _placed(item, act):
+            return True
+        item = item.parent
+    return False
+
+
+def _placed(item: bpy.types.Object, act: Performance) -> bool:
+    """Return whether drivers or curves that vary place the object."""
+    data = item.animation_data
+    if data is not None and any(driver.data_path.startswith((*PLACE, *DELTAS)) for driver in data.drivers):
+        return True
+    steady = {(path, index) for part in act.parts for path, index, _ in part.travels if part.player is item}
+    placing = (curve for curve in act.curves_on(item) if curve.data_path.startswith((*PLACE, *DELTAS)))
+    return any((curve.data_path, curve.array_index) not in steady and _varies(curve) for curve in placing)
+
+
+def _varies(curve: bpy.types.FCurve) -> bool:
+    heights = {point.co[1] for points in (curve.keyframe_points, curve.sampled_points) for point in points}
+    return len(heights) > 1

@@ -1,0 +1,70 @@
+"""Whether characters were edited: quick hashes of what they are, to be asked while one works."""
+
+import time as clock
+from collections.abc import Iterable
+
+import bpy
+import numpy as np
+
+from ..blender import scene_cache
+from ..blender.rig_dependencies import DELTAS, PLACE, curves_of, players_of
+from ..crowd.scene_crowd import characters_of
+from .source_mesh import text_digest
+
+SAMPLED = 200  # vertices of a mesh, roughly
+LOOK = 1.0  # seconds between two looks at a scene's characters
+_known: dict[int, tuple[float, str]] = scene_cache.kept({}, by_scene=True)
+
+
+def cast_digest(items: Iterable[bpy.types.Object]) -> str:
+    """Return a hash of characters: what they hold and play, and some of their vertices.
+
+    It is the same in all frames. A change of few vertices or keys may escape it.
+    """
+    items = list(items)
+    played = [(player.action.name_full, *player.action.frame_range) for player in players_of(items) if player.action is not None]
+    return text_digest([(holds(item, still=not _moves(item)), slots(item), _sampled(item)) for item in items], played)
+
+
+def looked_at(scene: bpy.types.Scene) -> str:
+    """Return `cast_digest` of the scene's characters, at most a second old; CrowdError if they are none."""
+    now = clock.monotonic()
+    looked, found = _known.get(scene.session_uid, (-LOOK, ""))
+    if now >= looked + LOOK:
+        found = look_again(scene)
+    return found
+
+
+def look_again(scene: bpy.types.Scene) -> str:
+    """Return `cast_digest` of the scene's characters as they are now; CrowdError if they are none."""
+    found = cast_digest(item for _, objects, _ in characters_of(scene) for item in objects)
+    scene_cache.tidy()
+    _known[scene.session_uid] = clock.monotonic(), found
+    return found
+
+
+def _moves(item: bpy.types.Object) -> bool:
+    """Return whether the object's own place is animated, and so tells the frame."""
+    data = item.animation_data
+    curves = [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))] if data is not None else []
+    return any(curve.data_path in (*PLACE, *DELTAS) for curve in curves)
+
+
+def _sampled(item: bpy.types.Object) -> list:
+    if item.type != "MESH" or not len(item.data.vertices):
+        return []
+    vertices = item.data.vertices
+    return [tuple(vertices[k].co) for k in range(0, len(vertices), max(1, len(vertices) // SAMPLED))]
+
+
+def holds(item: bpy.types.Object, still: bool = True) -> tuple:
+    """Return the object's data, what moves it, and, if it stands `still`, where."""
+    modifiers = [(m.name, m.type, m.show_render, m.show_viewport, getattr(m, "object", None)) for m in item.modifiers]
+    named = [(*each, other and other.name) for *each, other in modifiers]
+    sizes = (len(item.data.vertices), len(item.data.loops)) if item.type == "MESH" else ()
+    places = np.array([*item.matrix_basis, *item.matrix_parent_inverse]).tolist() if still else []
+    return item.name, item.data and item.data.name_full, sizes, item.parent and item.parent.name, item.parent_bone, places, named
+
+
+def slots(item: bpy.types.Object) -> list:
+    return [(slot.link, slot.material and slot.material.name_full) for slot in item.material_slots]
