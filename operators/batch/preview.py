@@ -29,6 +29,7 @@ from ..crowd import lights, needs
 from ..crowd.record_points import on_record
 from ..crowd.scene_crowd import characters_of, frame_of, groups_of, measure_groups, policy_of, store_groups, trajectory_of
 from ..lod_meshes.deviation import measure_levels
+from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import make_levels
 from ..overlay.playblast import Playblast, need_gpu
 from . import lod_table, top_view
@@ -96,7 +97,16 @@ def preview(
             return {"frames": rows}
         notes = (
             *shots.notes,
-            *filter(None, [told_unplanned(unplanned), leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)]),
+            *filter(
+                None,
+                [
+                    tables.nobody_seen(row["visible"] for row in rows),
+                    told_unplanned(unplanned),
+                    to_make_again(stage),
+                    leaves_out(scene) and LEFT_OUT,
+                    frame_stepping.unbaked(scene),
+                ],
+            ),
         )
         plan = yield from standing(plan_json(on, command, rows, told, notes), 0.95)
         if planned is not None:

@@ -19,6 +19,7 @@ from ..blender import scene_data, stored_values
 from ..blender.collection_caches import note_change, note_held
 from ..blender.ownership import OWNED, remove_owned
 from ..crowd.scene_crowd import groups_of, home_of, policy_of, trajectory_of
+from ..lod_meshes.made_for import to_make_again
 from ..lod_meshes.make_lods import TINTS
 from . import played_by
 from .change_detection import made_of, shown_by
@@ -223,14 +224,12 @@ def install(scene: bpy.types.Scene, cast: Cast) -> bpy.types.Collection:
 def told_of_cast(scene: bpy.types.Scene, cast: Cast) -> str:
     """Return sentences on how the build differs from the characters; "" if nowhere.
 
-    Also on LODs that deviate to fit in Memory for Characters.
+    Also on edited characters, and on LODs that deviate to fit in Memory for Characters.
     """
-    found = list(cast.notes)
+    found = [*filter(None, [to_make_again(scene)]), *cast.notes]
     settings, slides = scene.crowd_lod, trajectory_of(scene).gaits.paces.off
     limited = [group.name for group in settings.groups if group.finest]
-    if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
-        found.append("Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again.")
-    elif settings.choice == "BY_TOLERANCE" and settings.memory_tolerance:
+    if settings.choice == "BY_TOLERANCE" and settings.memory == settings.memory_made and settings.memory_tolerance:
         pixels = figure(settings.memory_tolerance)
         found.append(f"To fit in {settings.memory:g} MB, LODs deviate by up to {pixels} pixels in the frames that were looked at.")
         if limited:

@@ -145,6 +145,16 @@ def outdated(scene: bpy.types.Scene) -> str:
     return f"LODs were made for {', '.join(told)}" if told else ""
 
 
+def to_make_again(scene: bpy.types.Scene) -> str:
+    """Return a sentence on why a build should wait until LODs are made again; "" if it need not."""
+    settings = scene.crowd_lod
+    if settings.choice == "BY_TOLERANCE" and settings.memory != settings.memory_made:
+        return "Memory for Characters has changed since the LOD meshes were made: press Make LOD Meshes, and Build again."
+    if CHARACTERS in changed(scene):
+        return "The characters were edited since the LOD meshes were made of them: press Make LOD Meshes, and Build again."
+    return ""
+
+
 def forecast(scene: bpy.types.Scene) -> Forecast | None:
     """Return about what making LODs anew would change; None if that is not known.
 

@@ -3,6 +3,7 @@
 import bpy
 import pytest
 from crowd_lod_extension.crowd_lod.levels.selection import LADDER
+from crowd_lod_extension.crowd_lod.progress import finished
 from crowd_lod_extension.operators.build import render_setup, staleness
 from crowd_lod_extension.operators.lod_meshes import cast_digest
 from crowd_lod_extension.operators.lod_meshes.made_for import CHOSEN_FROM, MADE_FOR, forecast
@@ -115,6 +116,7 @@ def test_lods_of_characters_that_were_edited_are_to_be_made_again_and_those_that
     mesh.data.transform(Matrix.Scale(1.3, 4))
     assert told_of(scene) == "LODs were made for other characters" and steps.following(scene) == "crowd_lod.make_levels"
     assert staleness.changed(scene) == ["the characters"]
+    assert "characters were edited" in render_setup.told_of_cast(scene, finished(render_setup.build(scene)))
     made(scene)
     assert not told_of(scene)
     mesh.modifiers.new("Thicker", "SOLIDIFY")
