@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import CrowdError
+from ..format import counted
 from . import morton_order, random_streams
 from .maps import LabelMap
 from .paces import mixed_in
@@ -328,7 +329,7 @@ def check_counts(count: int, groups: Shares = 1) -> None:
     """Raise CrowdError if a count of agents or of groups is out of range; groups: see populate."""
     groups = groups if isinstance(groups, int) else len(groups)
     if not 1 <= count <= MOST_AGENTS:
-        raise CrowdError(f"The crowd has {count} agents; set a count from 1 to {MOST_AGENTS}.")
+        raise CrowdError(f"The crowd has {counted(count, 'agent')}: set Agents to a number from 1 to {MOST_AGENTS:,}.")
     if not 1 <= groups <= MOST_GROUPS:
         raise CrowdError(f"The crowd has {groups} character groups; give it 1 to {MOST_GROUPS}.")
 

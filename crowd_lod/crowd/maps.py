@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import CrowdError
+from ..format import counted
 
 # Metres from the world's origin. Blender's positions are float32: from here on they lie 6 cm and
 # more apart, further than a walker's step from one frame to the next.
@@ -307,7 +308,9 @@ def labels_from_colors(pixels: np.ndarray, colors: np.ndarray, names: tuple[str,
     strays = off[strange[which]]
     if len(strays) > MOST_STRAYS * labels.size:
         found, counts = found[strange], counts[strange]
-        listed = ", ".join(f"#{code:06x} ({count} pixels)" for code, count in zip(found[:4], counts[:4], strict=True))
+        listed = ", ".join(
+            f"#{code:06x} ({counted(int(count), 'pixel')})" for code, count in zip(found[:4], counts[:4], strict=True)
+        )
         more = f" and {len(found) - 4} more" if len(found) > 4 else ""
         row, column = strays[0]
         table = ", ".join(f"{name} #{code:06x}" for name, code in zip(names, known, strict=True))

@@ -4,6 +4,7 @@ import csv
 import heapq
 import io
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,14 @@ from ..planning.frame import Frame
 from ..planning.switches import NOTHING
 
 PLAN_VERSION = 2  # of plan.json: 2 has all fields of 1, and `shot`
+
+
+def nobody_seen(counts: Iterable[int]) -> str:
+    """Return a sentence if no frame has an agent in sight, else "".
+
+    counts: of the agents that are in sight, or in the file, in each frame.
+    """
+    return "" if any(counts) else "The camera sees no agent: turn it, or move the crowd by its Center."
 
 
 def row(number: int, frame: Frame, more: dict[str, float]) -> dict[str, int | float]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from ..connected_components import connected_components
 from ..errors import CrowdError
+from ..format import counted
 from ..progress import finished
 from . import settings
 from .components import areas, grown, within
@@ -116,7 +117,8 @@ def _check(shape: Shape, ratio: float, name: str) -> None:
     if not len(triangles):
         raise CrowdError(f"The mesh {name} has no faces: remove it from its character group or give it some.")
     if not np.isfinite(points).all():
-        raise CrowdError(f"The mesh {name} has {int((~np.isfinite(points)).any(axis=1).sum())} vertices at NaN or infinity.")
+        wrong = int((~np.isfinite(points)).any(axis=1).sum())
+        raise CrowdError(f"The mesh {name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity.")
 
 
 def _best(shape: Shape, seams: np.ndarray, target: int, skin: Skin | None, effort: float) -> Generator[None, None, Collapsed]:

@@ -104,5 +104,15 @@ class Settings:
     # of the way to a piece's middle: where the triangles beneath its corners are sought
     bound_inside: float = 0.1
 
+    # Thin parts, which a LOD may show from some sides alone.
+    # of the size: samples of a large triangle are no farther apart
+    thin_spacing: float = 1 / 32
+    # of the deviation: what is thinner is less than half a pixel wide where a LOD of a pixel begins
+    thin_least: float = 0.5
+    # of a thickness, that a LOD must have: of half a pixel, 16 samples in a pixel then meet it
+    thin_shown: float = 0.25
+    # cosine between the normals of two places that the same views show edge on
+    thin_alike: float = 0.9
+
 
 CURRENT = Settings()

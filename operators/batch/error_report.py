@@ -15,7 +15,7 @@ import numpy as np
 from ...crowd_lod import __version__
 from ...crowd_lod.behaviour.walk import walks_of
 from ...crowd_lod.errors import CrowdError
-from ...crowd_lod.format import printable
+from ...crowd_lod.format import counted, printable
 from ...crowd_lod.levels.assignment import LevelPolicy
 from ...crowd_lod.planning.frame_range import evenly
 from ...crowd_lod.planning.index_cache import approach
@@ -77,7 +77,7 @@ def error(scene: bpy.types.Scene, folder: Path, repeats: int = 7) -> Generator[f
                 tables[name].append(row)
                 yield begun + (1 - begun) * min(done + share * len(tables[name]) / about, 0.99)
             done += share
-        machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {repeats} runs"
+        machine = f"{machine_name()}; {len(crowd):,} of {len(trajectory.start):,} agents, medians of {counted(repeats, 'run')}"
         for name, rows in tables.items():
             (stage / f"error_{name}.csv").write_text(f"# {machine}\n{report.to_csv(rows)}", encoding="utf-8")
         without = _plots(stage, tables, machine)

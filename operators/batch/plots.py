@@ -50,8 +50,9 @@ def _axes(axes, floor: float, x: str, y: str) -> None:
     axes.text(0.01, floor, "0 (none)", transform=axes.get_yaxis_transform(), va="bottom", fontsize=8, color="#666666")
     axes.set(xlabel=x, ylabel=y)
     axes.margins(x=0.12, y=0.08)
-    low, high = axes.get_ylim()
+    low, high = axes.dataLim.intervaly
     if high < 100 * low:  # everything lies on the floor, or near it
+        axes.set_autoscaley_on(False)  # which complains where all is the same
         axes.set_ylim(floor / 3, 1000 * floor)
     axes.grid(alpha=0.25, which="major")
 

@@ -99,7 +99,13 @@ def preview(
             *shots.notes,
             *filter(
                 None,
-                [told_unplanned(unplanned), to_make_again(stage), leaves_out(scene) and LEFT_OUT, frame_stepping.unbaked(scene)],
+                [
+                    tables.nobody_seen(row["visible"] for row in rows),
+                    told_unplanned(unplanned),
+                    to_make_again(stage),
+                    leaves_out(scene) and LEFT_OUT,
+                    frame_stepping.unbaked(scene),
+                ],
             ),
         )
         plan = yield from standing(plan_json(on, command, rows, told, notes), 0.95)

@@ -334,7 +334,7 @@ def _has_displacement(tree: bpy.types.NodeTree) -> bool:
 
 def _left_out(scene: bpy.types.Scene, rows: list[dict], wanted: Verify) -> list[str]:
     """Return sentences on what the pictures left unjudged."""
-    said = []
+    said = list(filter(None, [tables.nobody_seen(row["visible"] for row in rows)]))
     if any(row["predicted_shift"] is None for row in rows):
         said.append(
             "Silhouettes were not judged: an agent stands at the camera, a LOD is not measured, or the lens bends the picture."

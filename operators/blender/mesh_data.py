@@ -139,3 +139,17 @@ def world_polygons(evaluated: bpy.types.Object, matrix: np.ndarray) -> tuple[np.
     finally:
         evaluated.to_mesh_clear()
     return points @ matrix[:3, :3].T + matrix[:3, 3], polygons
+
+
+def key_reaches(item: bpy.types.Object) -> np.ndarray:
+    """How far each shape key at 1 moves the vertex that it moves most, (k,) metres.
+
+    Of a mesh's keys but the first.
+    """
+    found = []
+    for key in item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ():
+        at = np.empty((2, len(key.data), 3), np.float32)
+        for each, points in zip((key, key.relative_key), at, strict=True):
+            each.data.foreach_get("co", points.ravel())
+        found.append(float(np.linalg.norm(at[0] - at[1], axis=1).max(initial=0)))
+    return np.array(found)

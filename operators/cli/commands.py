@@ -16,7 +16,7 @@ from ...crowd_lod.format import counted, printable
 from ...crowd_lod.planning.budget import Budget
 from ...crowd_lod.planning.frame_range import parse_frames
 from ...crowd_lod.progress import share
-from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams
+from ...crowd_lod.reporting import files, interrupt, plan_comparison, plan_file, standard_streams, tables
 from ...crowd_lod.validation import extreme_cases
 from ...crowd_lod.validation.render_proof import to_text
 from ..batch import error_report, shot_plan
@@ -303,6 +303,7 @@ def _build(args, command: list[str]) -> dict:
             view_layers.show_in(scene, args.view_layer)
         points = {name: len(item.data.vertices) for name, item in render_setup.points_of(scene.crowd_lod.build).items()}
         told = render_setup.told_of_cast(scene, cast), told_of_characters(scene), args.bake and frame_stepping.unbaked(scene)
+        told = tables.nobody_seen(points.values()), *told
         if args.render_only:
             told = *told, bake.keep_what_renders(scene)
         save(part, path, compress=True)

@@ -16,10 +16,11 @@ def simulated(args, command: list[str]) -> dict:
     tracks = path.with_suffix(".sqlite")
     with files.staged(path.parent, path.name, tracks.name) as hidden:
         settings = open_scene(args.scene).crowd_lod
-        for name, value, least in (("count", args.agents, 0), ("seed", args.seed, 0), ("simulated_seconds", args.seconds, 0.1)):
+        for option, name, least in (("agents", "count", 1), ("seed", "seed", 0), ("seconds", "simulated_seconds", 0.1)):
+            value = getattr(args, option)
             if value is not None:
                 if not least <= value < 2**31:
-                    raise CrowdError(f"The {name.rpartition('_')[2]} is {value}; give a number from {least} on.")
+                    raise CrowdError(f"--{option} is {value:g}: give a number from {least:g} on.")
                 setattr(settings, name, value)
         steps = simulate.simulating_crowd(settings.id_data, 0, hidden / tracks.name)
         said = finish(steps, f"simulation of {stem}", args.quiet)

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ..blender.ownership import OWNED
 
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh: what it was made of, as text
@@ -121,7 +122,8 @@ def _shape(item: bpy.types.Object, matrix: np.ndarray) -> Iterator[tuple]:
         wrong = int((~np.isfinite(points).all(axis=1)).sum())
         if wrong:
             raise CrowdError(
-                f"The object {item.name} has {wrong} vertices at NaN or infinity: mend its mesh or its modifiers, then press Populate."
+                f"The object {item.name} has {counted(wrong, 'vertex', 'vertices')} at NaN or infinity: mend its mesh or its "
+                "modifiers, then press Populate."
             )
         flipped = np.linalg.det(matrix[:3, :3]) < 0
         yield item.original, mesh, points @ matrix[:3, :3].T + matrix[:3, 3], triangles[:, ::-1] if flipped else triangles

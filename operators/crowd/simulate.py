@@ -6,6 +6,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ...crowd_lod.crowd.agents import check_counts
 from ...crowd_lod.crowd.outlines import section
 from ...crowd_lod.crowd.state_machine import StateMachine
 from ...crowd_lod.errors import CrowdError
@@ -50,6 +51,7 @@ def _wanted(scene: bpy.types.Scene, index: int) -> Wanted:
         raise CrowdError(f"There is no crowd {index}: the scene {scene.name} has {len(crowds)}, counted from 0.")
     crowd = crowds[index]
     stored_values.check(crowd)
+    check_counts(crowd.count)
     machine = machine_of(crowd)
     walls = _named(machine, "Walls", crowd.wall_labels, "wall")
     goals = _named(machine, "Goals", crowd.goal_labels, "exit")

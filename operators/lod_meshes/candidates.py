@@ -53,7 +53,7 @@ REACH = "reach"
 PLAIN = {"ARMATURE", "BEVEL", "DECIMATE", "EDGE_SPLIT", "MIRROR", "SOLIDIFY", "SUBSURF", "TRIANGULATE", "WEIGHTED_NORMAL", "WELD"}
 # see Ladder.lost: less than most LODs do, for what is guessed to deviate too much is never tried
 USUALLY_LOST = 4.0
-VERSION = 20  # of the code that makes LOD meshes: another one makes them anew
+VERSION = 21  # of the code that makes LOD meshes: another one makes them anew
 
 
 def _untouched(home: bpy.types.Collection) -> bool:

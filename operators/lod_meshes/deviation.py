@@ -10,6 +10,7 @@ from ...crowd_lod.crowd.agents import Group
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
 from ...crowd_lod.progress import share
+from ...crowd_lod.simplification import thin_parts
 from ...crowd_lod.simplification.hausdorff import Moving, interval
 from ..blender import cleanup, mesh_data
 from ..blender.material_colors import Looks
@@ -31,6 +32,7 @@ AXES = np.array([(0, 0, 0, 1), (1, 0, 0, 1), (0, 1, 0, 1), (0, 0, 1, 1)], np.flo
 LOOKED_AT = 240  # frames of an action at which its joints are looked at, at most
 JOINTS = 500  # points of a mesh by which its poses are told apart
 BETWEEN = 0.03  # part that is added to the bound of an action, for the poses between those looked at
+LOST_IN = 3  # poses in which thin parts that a LOD has lost are looked at, about
 SAMPLES = 5_000  # points of each surface whose root mean square distance is told
 
 Shape = tuple[np.ndarray, np.ndarray]  # points (n, 3) float64 metres, triangles (m, 3)
@@ -147,7 +149,7 @@ def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance:
         rigs, items = armatures_of(objects), [item.copy() for item in objects]
         for item in (*rigs, *items):
             stage.collection.objects.link(item)
-        reaches = [_reaches(item) for item in items]
+        reaches = [mesh_data.key_reaches(item) for item in items]
         for item in items:
             item.hide_viewport = False
             item.modifiers.clear()  # from here on only where it is matters
@@ -172,20 +174,6 @@ def _joints(objects: Sequence[bpy.types.Object], times: np.ndarray, performance:
             values = np.array([key.value for keys in moved for key in keys.key_blocks[1:]])
             keyed = np.outer(values * np.concatenate([[], *reaches]), (1.0, 0.0, 0.0))
             found.append(np.concatenate([places - places.mean(axis=0), keyed]))
-    return np.array(found)
-
-
-def _reaches(item: bpy.types.Object) -> np.ndarray:
-    """How far each shape key at 1 moves the vertex that it moves most, (k,) metres.
-
-    Of a mesh's keys but the first.
-    """
-    found = []
-    for key in item.data.shape_keys.key_blocks[1:] if item.type == "MESH" and item.data.shape_keys else ():
-        at = np.empty((2, len(key.data), 3), np.float32)
-        for each, points in zip((key, key.relative_key), at, strict=True):
-            each.data.foreach_get("co", points.ravel())
-        found.append(float(np.linalg.norm(at[0] - at[1], axis=1).max(initial=0)))
     return np.array(found)
 
 
@@ -269,6 +257,7 @@ class _Acting:
     def __init__(self, shapes: Sequence[Shape]):
         self.shapes, self.runs = shapes, []
         self._moving: dict[tuple[int, ...], Moving | None] = {}
+        self._samples: dict[int, thin_parts.Samples] = {}
         for k, (points, triangles) in enumerate(shapes):
             for run in self.runs:
                 if len(points) == len(shapes[run[0]][0]) and same_faces(shapes[run[0]][1], triangles):
@@ -291,6 +280,13 @@ class _Acting:
             self._moving[key] = moving([self.shapes[k][0] for k in poses], self.shapes[poses[0]][1])
         return self._moving[key]
 
+    def samples(self, pose: int) -> thin_parts.Samples:
+        """Return points of the surface in the pose, and how thick it is there. It must have a face."""
+        if pose not in self._samples:
+            surface = _surface(*self.shapes[pose])
+            self._samples[pose] = thin_parts.samples(surface.points, surface.triangles, surface.through)
+        return self._samples[pose]
+
 
 def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tuple[float, float, float, float] | None:
     """(deviation, bound, root mean square, frame of the worst pose) of a LOD.
@@ -307,15 +303,29 @@ def _measured(character: _Acting, other: _Acting, frames: Sequence[float]) -> tu
                 found.append((0.0, 0.0, frames[poses[0]]))
                 continue
             own = interval(*pair)
-            pose = poses[own.pose]
-            found.append(
-                (own.measured, spread(*(_surface(*each.shapes[pose]) for each in (character, other)), SAMPLES), frames[pose])
-            )
-            bound = max(bound, own.bound)
+            pose, lost = poses[own.pose], _unseen(character, other, poses, own.bound)
+            rms = spread(*(_surface(*each.shapes[pose]) for each in (character, other)), SAMPLES)
+            found.append((max(own.measured, lost), rms, frames[pose]))
+            bound = max(bound, own.bound, lost)
     if not found:
         return None
     most, rms, frame = max(found)
     return most, float(bound) * (1 + BETWEEN * (len(frames) > 1)), rms, frame
+
+
+def _unseen(character: _Acting, other: _Acting, poses: list[int], bound: float) -> float:
+    """How far thin parts of the character are from where a LOD shows, metres: see thin_parts.unseen.
+
+    What is lost is so in all poses, and only far from what shows do some poses tell how far.
+    """
+    found = 0.0
+    for pose in poses[:: max(1, len(poses) // LOST_IN)]:
+        surface = _surface(*other.shapes[pose])
+        if surface is not None:
+            found = max(found, thin_parts.unseen(character.samples(pose), surface.facing, bound))
+        if found < 2 * bound:
+            break
+    return found
 
 
 def compare(

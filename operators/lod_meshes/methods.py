@@ -25,6 +25,8 @@ AS_SIMILAR = 0.01  # difference in similarity that tells two pictures apart
 SLACK = 1.1  # how many times the precise way's distance the fast way's may be
 # of the size, in which they may differ anyway: half a pixel of a character 1,000 pixels high
 NEAR_ENOUGH = 5e-4
+# triangles that an object keeps: with fewer a rod becomes flat, and shows nothing from some sides
+LEAST = 12
 MISSED = 1.1  # times the triangles asked for that are worth a word
 # triangles beyond which only the fast way is tried, of itself; the precise one takes seconds there
 MOST_PRECISE = 300_000
@@ -50,7 +52,8 @@ def make(source: Source, ratio: float, method: str, name: str) -> Generator[None
     method: AUTO, FAST or PRECISE. Yields between its steps and returns the Made.
     """
     triangles = source.geometry[1]
-    if max(4, round(ratio * len(triangles))) >= len(triangles):
+    ratio = max(ratio, LEAST / max(len(triangles), 1))
+    if round(ratio * len(triangles)) >= len(triangles):
         mesh = source.mesh.copy()
         mesh.name = name
         return Made(mesh, source.weights, "WHOLE", f"It keeps all of its {len(triangles):,} triangles.", 0.0)

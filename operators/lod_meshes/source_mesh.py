@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ...crowd_lod.errors import CrowdError
+from ...crowd_lod.format import counted
 from ...crowd_lod.simplification.pose_deformation import Skin
 from ..blender import mesh_data
 from ..blender.rig_dependencies import armatures_of, curves_of, movers_of
@@ -206,7 +207,8 @@ def _read(item: bpy.types.Object, twin: bpy.types.Object) -> Source:
     if wrong.any():
         bpy.data.meshes.remove(mesh)
         raise CrowdError(
-            f"The object {item.name} has {int(wrong.sum())} vertices at NaN or infinity: mend its mesh or its modifiers."
+            f"The object {item.name} has {counted(int(wrong.sum()), 'vertex', 'vertices')} at NaN or infinity: mend its "
+            "mesh or its modifiers."
         )
     if not offsets:
         drop_flat_parts(mesh)

@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
+from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 from ...crowd_lod.simplification.components import areas
@@ -19,6 +20,7 @@ NEAR = 5e-5  # of the surface's size: what it may err by
 # divided
 CLOSER, HALVED = 400, 5
 FARTHEST = 50  # triangles whose sides are looked at where that is roughly known
+LAYERS = 8  # of clothes about a body, at most, that a way through a surface passes
 SILHOUETTE = 256  # pixels across a surface's silhouette
 FLAT = 1e-6  # a triangle's height as part of its longest side, up to which nothing of it shows
 
@@ -103,6 +105,32 @@ class Surface:
             hit = hit if hit[3] is not None else find(point)
             most = hit[3] * (1 + ROUNDED)
             yield hit
+
+    def through(self, points: np.ndarray, ways: np.ndarray) -> np.ndarray:
+        """Return how far it is from `points` (k, 3) inside the surface, or on it, to the outside: (k,) metres.
+
+        ways: (k, 3), of unit length. They end at the first triangle seen from its back; infinite where there is none. Triangles
+        seen from their front lie inside, as a body does in its clothes.
+        """
+        found, step, cast = np.full(len(points), np.inf), ROUNDED * float(np.ptp(self.points, axis=0).max()), self.tree.ray_cast
+        for k, (start, way) in enumerate(zip(points - self.middle, ways, strict=True)):
+            at, way, far = Vector(start), Vector(way), 0.0
+            for _ in range(LAYERS):
+                at, far = at + step * way, far + step
+                hit, normal, _, length = cast(at, way)
+                if hit is None:
+                    break
+                at, far = hit, far + length
+                if normal.dot(way) > 0:
+                    found[k] = far
+                    break
+        return found
+
+    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the surface's nearest points to `points`, and its normals there: both (k, 3), metres and of unit length."""
+        at, triangle, _ = self.nearest(points)
+        a, b, c = (self.points[self.triangles[triangle, i]] for i in range(3))
+        return at, np.cross(b - a, c - a) / self.area[triangle, None]
 
     @cached_property
     def area(self) -> np.ndarray:

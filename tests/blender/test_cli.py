@@ -234,9 +234,9 @@ BAD_SCENES = {
     empty_collection: "Nobody is empty",
     empty_group: "ghosts in People holds no mesh",
     missing_image: "map.png has no pixels",
-    nan_in_detail_map: "painted holds 1 pixels at NaN or infinity, the first at column 5, row 3",
-    infinity_in_label_map: "painted holds 1 pixels at NaN or infinity, the first at column 5, row 3",
-    nan_in_height_map: "painted holds 1 pixels at NaN or infinity, the first at column 5, row 3",
+    nan_in_detail_map: "painted holds 1 pixel at NaN or infinity, the first at column 5, row 3",
+    infinity_in_label_map: "painted holds 1 pixel at NaN or infinity, the first at column 5, row 3",
+    nan_in_height_map: "painted holds 1 pixel at NaN or infinity, the first at column 5, row 3",
     heights_beyond_all: "The ground of the height map painted lies up to 1e+68 m",
     ground_far_away: "The crowd's ground lies up to 2e+06 m",
     ground_too_wide: "stays within 1,000,000 m",
@@ -425,3 +425,25 @@ def test_ctrl_c_leaves_the_folder_as_it_was(levelled, tmp_path):
         finally:
             run.kill()
     assert run.returncode == 130 and "stopped" in said and os.listdir(folder) == []
+
+
+def test_nobody_in_a_scene_or_in_sight_is_one_sentence_in_a_folder_of_any_name(levelled, tmp_path, capfd):
+    folder = tmp_path / "ein Ordner – 群衆 é"
+    folder.mkdir()
+    empty, away = folder / "niemand ü.blend", folder / "weg ü.blend"
+    levelled.camera.location.z = 1e4
+    bpy.ops.wm.save_as_mainfile(filepath=str(away), copy=True)
+    levelled.crowd_lod.count = 0
+    bpy.ops.wm.save_as_mainfile(filepath=str(empty), copy=True)
+    before = sorted(os.listdir(folder))
+    for command in ("preview", "plan", "build", "verify", "export"):
+        capfd.readouterr()
+        assert run(command, empty, "--quiet", "--out", folder / {"build": "x.blend", "export": "x.usdc"}.get(command, "out")) == 1
+        said = capfd.readouterr().err
+        assert said == "crowd-lod: The crowd has 0 agents: set Agents to a number from 1 to 10,000,000.\n", command
+        assert sorted(os.listdir(folder)) == before
+    assert run("build", away, "--bake", "--frames", "1", "--quiet", "--out", folder / "gebaut é.blend") == 0
+    assert "The camera sees no agent: turn it, or move the crowd by its Center." in capfd.readouterr().out
+    assert (folder / "gebaut é.blend").is_file()
+    assert run("export", away, "--frames", "1", "--quiet", "--out", folder / "x.usdc") == 1
+    assert "The camera sees no agent in frame 1: there is nothing to export." in capfd.readouterr().err

@@ -289,7 +289,7 @@ WRONG = {
         lambda s: setattr(s.crowd_lod, "terrain_object", add(s, "Wall", [(0, 0, 0), (1, 0, 0), (1, 0, 1)], [(0, 1, 2)])),
         "no face that one can stand on",
     ),
-    "terrain at nan": (lambda s: setattr(s.crowd_lod, "terrain_object", nan(s)), "Waves.001 has 1 vertices at NaN or infinity"),
+    "terrain at nan": (lambda s: setattr(s.crowd_lod, "terrain_object", nan(s)), "Waves.001 has 1 vertex at NaN or infinity"),
     "no object": (lambda s: setattr(s.crowd_lod, "start_on", "SURFACE"), "starts on an object, and has none"),
     "off the map": (away, "None of the 300 places .* lies on the label map"),
 }  # fmt: skip

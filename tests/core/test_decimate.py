@@ -61,7 +61,7 @@ def test_empty_and_nan_meshes_are_named():
         decimate((np.zeros((3, 3)), np.zeros((0, 3), int)), 0.5, "ghost")
     points, triangles = torus()
     points[7, 1] = np.nan
-    with pytest.raises(CrowdError, match="torus has 1 vertices at NaN"):
+    with pytest.raises(CrowdError, match="torus has 1 vertex at NaN"):
         decimate((points, triangles), 0.5, "torus")
 
 

@@ -25,7 +25,7 @@ def test_painted_colors_become_labels():
 def test_strange_colors_are_named_with_count_and_place():
     pixels = COLORS[[[0, 1], [1, 1]]].copy()
     pixels[1, 0] = (1, 2, 3)
-    with pytest.raises(CrowdError, match=r"m\.png.*#010203 \(1 pixels\).*column 0, row 1.*ground #808080"):
+    with pytest.raises(CrowdError, match=r"m\.png.*#010203 \(1 pixel\).*column 0, row 1.*ground #808080"):
         labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
 
 
@@ -52,7 +52,7 @@ def test_up_to_a_hundredth_of_strange_pixels_become_the_first_label():
     found, strays = labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
     assert (found == labels).all() and sorted(map(tuple, strays.tolist())) == sorted(odd)
     pixels[39, 39] = (40, 200, 41)
-    with pytest.raises(CrowdError, match=r"#28c828 \(16 pixels\), #28c829 \(1 pixels\), the first at column 6, row 12"):
+    with pytest.raises(CrowdError, match=r"#28c828 \(16 pixels\), #28c829 \(1 pixel\), the first at column 6, row 12"):
         labels_from_colors(pixels, COLORS, ("ground", "wall"), "m.png")
 
 

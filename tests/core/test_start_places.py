@@ -181,9 +181,9 @@ def test_bad_surfaces_and_curves_are_refused_in_a_sentence():
         with pytest.raises(CrowdError, match=told):
             in_rows(curves, 10, 1, Spacing())
     for spacing in (Spacing(1e-4), Spacing(1e-4, rows=2)):
-        with pytest.raises(CrowdError, match="agents; set a count"):
+        with pytest.raises(CrowdError, match="agents: set Agents to a number from 1 to 10,000,000"):
             on_grid(Area(0, 0, 1000, 1000), 5, 1, spacing)
-        with pytest.raises(CrowdError, match="agents; set a count"):
+        with pytest.raises(CrowdError, match="agents: set Agents to a number from 1 to 10,000,000"):
             in_rows([(SQUARE * 100, True)], 5, 1, spacing)
     with pytest.raises(CrowdError, match="200,001 edges, more than 200,000: choose a curve or a wire"):
         chains(np.zeros((200_001, 2), int), 1)

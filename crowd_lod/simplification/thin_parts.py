@@ -1,0 +1,138 @@
+"""Thin parts of a surface that another one shows from some sides alone.
+
+The Hausdorff distance of two surfaces bounds how far apart their silhouettes are only where both have a thickness. A rod may
+become a flat strip within it: no point is farther off than its radius, but seen edge on the strip covers nothing, and what the
+picture shows nearest to the rod is where the strip ends. So where the surface is thinner than the distance could hide, it is asked
+how much of the thickness the other one has; where that is too little, the distance to the nearest place that shows counts, too.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from . import settings
+from .triangle_mesh import blocks, ranges
+
+PAIRED = 1_000_000  # pairs of samples that are compared at a time
+
+# (points (k, 3), directions (k, 3) of unit length) to (k,) metres
+Through = Callable[[np.ndarray, np.ndarray], np.ndarray]
+# points (k, 3) to the points (k, 3) of a surface nearest to them, and the surface's normals (k, 3) there, of unit length
+Nearest = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Points of a surface, and how thick it is there.
+
+    at: (n, 3) metres; inwards: (n, 3), against the normal, of unit length; thickness: (n,) metres, how long the way inwards is to
+    where it leaves the inside, infinite where it does not.
+    through(points, directions): how far it is from points inside the surface, or on it, to where they leave the inside.
+    """
+
+    at: np.ndarray
+    inwards: np.ndarray
+    thickness: np.ndarray
+    through: Through
+
+
+def samples(points: np.ndarray, triangles: np.ndarray, through: Through) -> Samples:
+    """Sample a surface: points (n, 3) metres; triangles (m, 3), with area; through: see Samples.
+
+    Each triangle has one sample, and large ones have a grid of them, along their longest side.
+    """
+    spacing = settings.CURRENT.thin_spacing * float(np.ptp(points, axis=0).max())
+    corners = points[triangles]
+    sides = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2)
+    order = (sides.argmax(axis=1)[:, None] + np.arange(3)) % 3
+    a, b, c = (corners[np.arange(len(corners)), order[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    area, length = np.linalg.norm(normals, axis=1), sides.max(axis=1)
+    along, up = (np.ceil(each / spacing).astype(np.intp).clip(1) for each in (length, area / length))
+    face, number = np.repeat(np.arange(len(corners)), along * up), ranges(np.zeros(len(corners), np.intp), along * up)
+    x, y = ((number % along[face] + 0.5) / along[face])[:, None], ((number // along[face] + 0.5) / up[face])[:, None]
+    foot = np.einsum("md,md->m", c - a, b - a)[face, None] / length[face, None] ** 2
+    rising, falling = x / np.maximum(foot, x), (1 - x) / (1 - np.minimum(foot, x))
+    top = np.where(x < foot, a[face] + rising * (c - a)[face], b[face] + falling * (c - b)[face])
+    base = a[face] + x * (b - a)[face]
+    at, inwards = base + y * (top - base), -(normals / area[:, None])[face]
+    return Samples(at, inwards, through(at, inwards), through)
+
+
+@dataclass
+class _Comparison:
+    """What of the samples of a surface another one shows, whose Hausdorff distance is `deviation` metres.
+
+    normals: (n, 3), of the other surface where a sample is narrow along it, else 0; lost: (n,) bool.
+    """
+
+    thin: Samples
+    nearest: Nearest
+    deviation: float
+
+    def __post_init__(self) -> None:
+        self.normals, self.lost = np.zeros_like(self.thin.at), np.zeros(len(self.thin.at), bool)
+
+    @property
+    def most(self) -> float:
+        """Metres: what is thicker has points of the other surface on either side of its middle, far enough apart."""
+        return 2 * self.deviation / (1 - settings.CURRENT.thin_shown)
+
+    def look(self, some: np.ndarray) -> None:
+        """Compare the samples `some` (k,) with the other surface, both along that one's normal."""
+        thin, now = self.thin, settings.CURRENT
+        normals = self.nearest(thin.at[some])[1]
+        middle = thin.at[some] + np.minimum(thin.thickness[some], self.most)[:, None] / 2 * thin.inwards[some]
+        ends = [middle + side * thin.through(middle, side * normals)[:, None] * normals for side in (1, -1)]
+        known = np.isfinite(ends).all(axis=(0, 2))
+        some, normals, ends = some[known], normals[known], [end[known] for end in ends]
+        width, left = (np.einsum("kd,kd->k", a - b, normals) for a, b in (ends, [self.nearest(end)[0] for end in ends]))
+        narrow = (width < self.most) & (width > now.thin_least * self.deviation)
+        self.normals[some[narrow]] = normals[narrow]
+        self.lost[some[narrow & (left < now.thin_shown * width)]] = True
+
+    def beside(self, some: np.ndarray) -> np.ndarray:
+        """Which of the samples `some` (k,) are no farther from a lost one than `most`: (j,)."""
+        near, lost = np.full(len(some), np.inf), np.flatnonzero(self.lost)
+        for block in blocks(len(lost), max(1, PAIRED // max(len(some), 1))):
+            near = np.minimum(near, _squares(self.thin.at[lost[block]], self.thin.at[some]).min(axis=0))
+        return some[near <= self.most**2]
+
+    def farthest(self) -> float:
+        """How far a lost sample is, at most, from where the other surface shows in the same views."""
+        at, normals, lost, shown = self.thin.at, self.normals, np.flatnonzero(self.lost), np.flatnonzero(~self.lost)
+        size, found = float(np.linalg.norm(np.ptp(at, axis=0))), 0.0
+        if not len(shown):
+            return size
+        everywhere = ~normals[shown].any(axis=1)
+        for block in blocks(len(lost), max(1, PAIRED // len(shown))):
+            some = lost[block]
+            away = _squares(at[some], at[shown])
+            away[~everywhere & (np.abs(normals[some] @ normals[shown].T) < settings.CURRENT.thin_alike)] = np.inf
+            far = np.linalg.norm(at[some] - self.nearest(at[shown[away.argmin(axis=1)]])[0], axis=1)
+            found = max(found, float(np.where(np.isfinite(away.min(axis=1)), far, size).max()))
+        return found
+
+
+def unseen(thin: Samples, nearest: Nearest, deviation: float) -> float:
+    """How far the surface is, at most, from where another one shows: metres, 0 where that shows all of it.
+
+    nearest: of the other surface; deviation: the Hausdorff distance of the two, metres.
+
+    The other surface covers least in views along itself. There its own width counts, against that of the surface: both along the
+    normal of the other. Where the surface is thicker than twice the distance, the other has points on either side of its middle,
+    and so shows in all views. Where it is thinner and shows, it does so in views along the same normal.
+    """
+    found = _Comparison(thin, nearest, deviation)
+    thick = (thin.thickness > found.most) | (thin.thickness < settings.CURRENT.thin_least * deviation)
+    found.look(np.flatnonzero(~thick))
+    if not found.lost.any():
+        return 0.0
+    found.look(found.beside(np.flatnonzero(thick)))  # the end of a rod is as thick as the rod is long
+    return found.farthest()
+
+
+def _squares(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the squared distances (k, j) of points (k, 3) and (j, 3)."""
+    return np.sum([(one[:, d, None] - other[:, d]) ** 2 for d in range(3)], axis=0)
