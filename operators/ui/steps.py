@@ -9,6 +9,7 @@ from ..build.render_setup import BAKED
 from ..crowd import crowd_sources, needs
 from ..lod_meshes.made_for import forecast, outdated
 from ..overlay import viewport_overlay
+from ..overlay.appearance import missing_groups
 
 LABELS = {
     "crowd_lod.characters_from_selection": "Characters from Selection",
@@ -26,7 +27,7 @@ def following(scene: bpy.types.Scene) -> str:
     settings, frame = scene.crowd_lod, viewport_overlay.latest(scene)
     done = {
         "crowd_lod.characters_from_selection": settings.characters is not None,
-        "crowd_lod.populate": len(settings.groups) > 0,
+        "crowd_lod.populate": len(settings.groups) > 0 and not missing_groups(settings),
         "crowd_lod.make_levels": settings.levels is not None and not outdated(scene),
         "crowd_lod.plan_shot": bool(settings.shot_plan) and not (frame and frame.unplanned),
         _built_by(settings): settings.build is not None and not staleness.changed(scene),

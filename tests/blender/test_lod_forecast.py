@@ -86,6 +86,7 @@ def test_lods_that_lack_what_the_settings_ask_for_are_to_be_made_again(scene):
         assert not told_of(scene)
     settings.groups.add().name = "new"
     assert "character groups 2 (now 3)" in told_of(scene)
+    assert steps.following(scene) == "crowd_lod.populate"  # no such character is there
 
 
 @pytest.mark.parametrize("spoilt", ["", "[]", "[1]", "{", 7, '{"ratios": 3}'])
