@@ -84,7 +84,8 @@ class _Comparison:
         thin, now = self.thin, settings.CURRENT
         normals = self.nearest(thin.at[some])[1]
         middle = thin.at[some] + np.minimum(thin.thickness[some], self.most)[:, None] / 2 * thin.inwards[some]
-        ends = [middle + side * thin.through(middle, side * normals)[:, None] * normals for side in (1, -1)]
+        with np.errstate(invalid="ignore"):  # where the way inwards never ends
+            ends = [middle + side * thin.through(middle, side * normals)[:, None] * normals for side in (1, -1)]
         known = np.isfinite(ends).all(axis=(0, 2))
         some, normals, ends = some[known], normals[known], [end[known] for end in ends]
         width, left = (np.einsum("kd,kd->k", a - b, normals) for a, b in (ends, [self.nearest(end)[0] for end in ends]))
