@@ -131,8 +131,11 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
         casting.told += (end.value.told,) if end.value.told else ()
         casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
     except Exception as error:
-        traceback.print_exc()
         casting.characters, casting.baking, casting.ready = (), None, True
+        if isinstance(error, CrowdError):  # what the user can mend, such as a state that names no action of the file
+            casting.told = (str(error),)
+            return
+        traceback.print_exc()
         casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for details.",)
 
 

@@ -110,6 +110,10 @@ def test_a_state_that_raised_once_is_drawn(window, name):
     window.draw([(name,), ("set", "settings", 0, "choice", "BY_TOLERANCE"), ("undo",)])
 
 
+def test_a_state_that_names_an_action_that_the_file_lacks_is_drawn(window):
+    window.draw([("redo",), ("set", "editor", 1, "action", "nowhere"), ("popover", "CROWDLOD_PT_crowd")])
+
+
 def test_every_state_is_drawn(window):
     @settings(max_examples=STATES)
     @given(st.lists(changes(window.knows), min_size=1, max_size=8))
