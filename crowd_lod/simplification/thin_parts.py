@@ -76,7 +76,7 @@ class _Comparison:
 
     @property
     def most(self) -> float:
-        """Metres: what is thicker has points of the other surface on either side of its middle, far enough apart."""
+        """Metres beyond which a part shows: the other surface has points on either side of its middle."""
         return 2 * self.deviation / (1 - settings.CURRENT.thin_shown)
 
     def look(self, some: np.ndarray) -> None:

@@ -95,20 +95,14 @@ def preview(
         rows, unplanned = [each["row"] for each in found], [tuple(each["unplanned"]) for each in found]
         if sharing.part is not None:
             return {"frames": rows}
-        notes = (
-            *shots.notes,
-            *filter(
-                None,
-                [
-                    tables.nobody_seen(row["visible"] for row in rows),
-                    told_unplanned(unplanned),
-                    to_make_again(stage),
-                    leaves_out(scene) and LEFT_OUT,
-                    frame_stepping.unbaked(scene),
-                ],
-            ),
+        said = (
+            tables.nobody_seen(row["visible"] for row in rows),
+            told_unplanned(unplanned),
+            to_make_again(stage),
+            leaves_out(scene) and LEFT_OUT,
+            frame_stepping.unbaked(scene),
         )
-        plan = yield from standing(plan_json(on, command, rows, told, notes), 0.95)
+        plan = yield from standing(plan_json(on, command, rows, told, (*shots.notes, *filter(None, said))), 0.95)
         if planned is not None:
             plan |= {key: value for key, value in shot_json(planned).items() if key in ("made_for", "shot")}
         plan["seconds"] = round(clock.perf_counter() - started, 3)

@@ -48,7 +48,10 @@ def is_stepped(scene: bpy.types.Scene) -> bool:
 
 @contextmanager
 def _at_rest(scene: bpy.types.Scene) -> Iterator[None]:
-    """Hide the scene's build in viewports for a while: Blender then does not evaluate its hundreds of rigs."""
+    """Hide the scene's build in viewports for a while.
+
+    Blender then does not evaluate its hundreds of rigs.
+    """
     build = scene.crowd_lod.build
     if build is None or build.hide_viewport:
         yield

@@ -124,6 +124,12 @@ def world_triangles(evaluated: bpy.types.Object) -> tuple[np.ndarray, np.ndarray
     return points @ matrix[:3, :3].T + matrix[:3, 3], triangles
 
 
+def some_vertices(mesh: bpy.types.Mesh, about: int) -> list[tuple[float, float, float]]:
+    """Return where roughly `about` of the mesh's vertices are, evenly chosen; all of a small one."""
+    count = len(mesh.vertices)
+    return [tuple(mesh.vertices[k].co) for k in range(0, count, max(1, count // about))]
+
+
 def world_polygons(evaluated: bpy.types.Object, matrix: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
     """Return (points, faces) of an evaluated object's mesh, placed by `matrix`.
 

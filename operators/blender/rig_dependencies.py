@@ -39,6 +39,11 @@ def armatures_of(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
     return list(found)
 
 
+def places(curve: bpy.types.FCurve) -> bool:
+    """Return whether an object's own F-curve, or that of a driver, moves the object as a whole."""
+    return curve.data_path in (*PLACE, *DELTAS)
+
+
 def action_range(objects: list[bpy.types.Object]) -> tuple[float, float]:
     """Return the first and last frame of the animation that moves `objects`.
 

@@ -16,7 +16,7 @@ from ..blender.performance import digest, group_performance
 from ..crowd.scene_crowd import characters_of, policy_of, trajectory_of
 from ..crowd.scene_world import bias_of
 from ..crowd.shot_reference import changes, made_for, reference
-from ..lod_meshes.cast_digest import cast_digest
+from ..lod_meshes.cast_digest import look_again
 from ..lod_meshes.source_mesh import text_digest
 from .change_detection import cameras_digest
 from .render_setup import BAKED, CAMERAS
@@ -68,13 +68,12 @@ def _now(scene: bpy.types.Scene) -> dict[str, str]:
     settings, render, trajectory = scene.crowd_lod, scene.render, trajectory_of(scene)
     bias = bias_of(settings)
     known = made_for(settings, trajectory, policy_of(settings), bias)
-    cast = {name: objects for name, objects, _ in characters_of(scene)}
-    items = [item for objects in cast.values() for item in objects]
+    cast, looks = {name: objects for name, objects, _ in characters_of(scene)}, look_again(scene)
     acts = [(group, cast[group.name]) for group in trajectory.groups if group.actions and group.name in cast]
     named = [digest(group_performance(g, own).parts) for g, own in acts]
     mirrors = settings.mirrors and settings.mirrors.name
     known |= {
-        "the characters": text_digest(cast_digest(items), *named) if named else cast_digest(items),
+        "the characters": text_digest(looks, *named) if named else looks,
         "the settings": text_digest(mirrors, *(getattr(settings, name) for name in SETTINGS)),
         "the frame rate": text_digest(render.fps, render.fps_base, render.frame_map_old, render.frame_map_new),
         "the shot plan": text_digest(reference(settings)[1:]),

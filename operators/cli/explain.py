@@ -25,7 +25,7 @@ def explain(scene: bpy.types.Scene, agent: int, number: int) -> Generator[float,
     yield from share(ready(scene), 0.0, 0.5)
     trajectory, time = trajectory_of(scene), scene_data.remapped(scene.render, number)
     yield from share(approach(trajectory, time), 0.5, 0.9)
-    with frame_stepping.stepped(scene) as at:
+    with frame_stepping.stepped(scene, rest=False) as at:
         eyes, around, shutter = lights.read_moment(scene, time, at)
         frame = frame_of(scene, at((), time), time, eyes, trajectory, around, shutter)
     yield 1.0

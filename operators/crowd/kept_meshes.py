@@ -13,6 +13,7 @@ import numpy as np
 
 from ...crowd_lod.errors import CrowdError
 from ...crowd_lod.format import counted
+from ..blender import mesh_data
 from ..blender.ownership import OWNED
 
 MADE_OF = "crowd_lod_made_of"  # custom property of such a mesh: what it was made of, as text
@@ -56,9 +57,8 @@ def _marks(item: bpy.types.Object) -> tuple:
     data = item.data
     shape: tuple = (data and data.name_full,)
     if item.type == "MESH":
-        count = len(data.vertices)
-        some = [tuple(data.vertices[k].co) for k in range(0, count, max(1, count // SAMPLED))]
-        shape = *shape, count, len(data.polygons), np.array(some, np.float32).tobytes()
+        some = np.array(mesh_data.some_vertices(data, SAMPLED), np.float32)
+        shape = *shape, len(data.vertices), len(data.polygons), some.tobytes()
     elif item.type == "CURVE":
         shape = *shape, [[tuple(p.co) for p in (*spline.points, *spline.bezier_points)] for spline in data.splines]
     return item.name_full, np.array(item.matrix_world).round(5).tolist(), shape, [_modifier(m) for m in item.modifiers]

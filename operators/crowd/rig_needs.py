@@ -7,7 +7,7 @@ import numpy as np
 
 from ...crowd_lod.crowd.agents import Group
 from ..blender.performance import Performance, group_performance
-from ..blender.rig_dependencies import DELTAS, PLACE, armatures_of
+from ..blender.rig_dependencies import armatures_of, places
 
 SIMULATED = {"CLOTH", "SOFT_BODY", "FLUID", "DYNAMIC_PAINT", "OCEAN", "PARTICLE_SYSTEM", "COLLISION", "EXPLODE"}
 Characters = Sequence[tuple[str, list[bpy.types.Object], tuple]]  # see characters_of
@@ -83,10 +83,10 @@ def _carried(item: bpy.types.Object | None, act: Performance) -> bool:
 def _placed(item: bpy.types.Object, act: Performance) -> bool:
     """Return whether drivers or curves that vary place the object."""
     data = item.animation_data
-    if data is not None and any(driver.data_path.startswith((*PLACE, *DELTAS)) for driver in data.drivers):
+    if data is not None and any(map(places, data.drivers)):
         return True
     steady = {(path, index) for part in act.parts for path, index, _ in part.travels if part.player is item}
-    placing = (curve for curve in act.curves_on(item) if curve.data_path.startswith((*PLACE, *DELTAS)))
+    placing = filter(places, act.curves_on(item))
     return any((curve.data_path, curve.array_index) not in steady and _varies(curve) for curve in placing)
 
 

@@ -48,7 +48,7 @@ def exemptions_of(
     if not asked:
         return ()
     names, found = [group.name for group in trajectory.groups], {}
-    with frame_stepping.stepped(scene) as at:
+    with frame_stepping.stepped(scene, rest=False) as at:
         # in the order of time, in which the crowd is known soonest
         for index in sorted(range(len(asked)), key=lambda index: asked[index][2] or 0):
             entry, choose, begin = asked[index]

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 import bpy
 import numpy as np
 
-from ..blender import scene_cache
-from ..blender.rig_dependencies import DELTAS, PLACE, curves_of, players_of
+from ..blender import mesh_data, scene_cache
+from ..blender.rig_dependencies import curves_of, places, players_of
 from ..crowd.scene_crowd import characters_of
 from .source_mesh import text_digest
 
@@ -47,14 +47,11 @@ def _moves(item: bpy.types.Object) -> bool:
     """Return whether the object's own place is animated, and so tells the frame."""
     data = item.animation_data
     curves = [*data.drivers, *(curve for player in players_of([item]) for curve in curves_of(player))] if data is not None else []
-    return any(curve.data_path in (*PLACE, *DELTAS) for curve in curves)
+    return any(map(places, curves))
 
 
 def _sampled(item: bpy.types.Object) -> list:
-    if item.type != "MESH" or not len(item.data.vertices):
-        return []
-    vertices = item.data.vertices
-    return [tuple(vertices[k].co) for k in range(0, len(vertices), max(1, len(vertices) // SAMPLED))]
+    return mesh_data.some_vertices(item.data, SAMPLED) if item.type == "MESH" else []
 
 
 def holds(item: bpy.types.Object, still: bool = True) -> tuple:

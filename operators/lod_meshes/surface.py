@@ -127,7 +127,10 @@ class Surface:
         return found
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the surface's nearest points to `points`, and its normals there: both (k, 3), metres and of unit length."""
+        """Return the surface's nearest points to `points`, and its normals there.
+
+        Both are (k, 3): metres, and of unit length.
+        """
         at, triangle, _ = self.nearest(points)
         a, b, c = (self.points[self.triangles[triangle, i]] for i in range(3))
         return at, np.cross(b - a, c - a) / self.area[triangle, None]

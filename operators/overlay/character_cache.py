@@ -48,6 +48,10 @@ class Casting:
     ready: bool = False
     told: tuple[str, ...] = ()
 
+    def give_up(self, why: str) -> None:
+        """Bake no more, and show no characters."""
+        self.characters, self.baking, self.ready, self.told = (), None, True, (why,)
+
 
 _castings: dict[int, Casting] = scene_cache.kept({}, by_scene=True)
 
@@ -130,13 +134,11 @@ def _bake_on(scene: bpy.types.Scene, casting: Casting) -> None:
         casting.characters += (end.value,)
         casting.told += (end.value.told,) if end.value.told else ()
         casting.baking, casting.progress, casting.ready = None, (number + 1) / of, number + 1 == of
+    except CrowdError as error:  # what the user can mend, such as a state that names no action of the file
+        casting.give_up(str(error))
     except Exception as error:
-        casting.characters, casting.baking, casting.ready = (), None, True
-        if isinstance(error, CrowdError):  # what the user can mend, such as a state that names no action of the file
-            casting.told = (str(error),)
-            return
         traceback.print_exc()
-        casting.told = (f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for details.",)
+        casting.give_up(f"The overlay cannot draw the LOD meshes of {name} ({error}): see the console for details.")
 
 
 def _homes(scene: int, number: int) -> list[bpy.types.Collection]:
